@@ -1,0 +1,97 @@
+#pragma once
+
+#include <cmath>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+namespace lumo {
+
+/// Base of everything that lumo throws. The text is one line: what, value, limit, unit.
+class Error : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// The caller broke a contract: an argument out of its range, not finite, or of the wrong shape.
+class InvalidArgument : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A design outside its space; names the broken constraint and by how much it is broken.
+class InfeasibleDesign : public Error {
+ public:
+  InfeasibleDesign(std::string constraint, double value, double limit, std::string unit, const std::string& text)
+      : Error(text), constraint_(std::move(constraint)), value_(value), limit_(limit), unit_(std::move(unit)) {}
+
+  const std::string& constraint() const { return constraint_; }
+  double value() const { return value_; }
+  double limit() const { return limit_; }
+  const std::string& unit() const { return unit_; }
+  /// How far beyond the limit, in `unit()`; NaN where the value is not a number.
+  double excess() const { return std::abs(value_ - limit_); }
+
+ private:
+  std::string constraint_;
+  double value_;
+  double limit_;
+  std::string unit_;
+};
+
+/// A surface that cannot be meshed, or a mesh that fails a quality gate.
+class MeshError : public Error {
+ public:
+  enum class Reason {
+    not_finite,         ///< a coordinate is NaN, infinite or absurdly large
+    bad_index,          ///< a facet names a vertex that is not there
+    degenerate,         ///< a facet without area, or a body without volume
+    duplicate,          ///< two vertices at one place
+    open,               ///< an edge without a partner
+    not_manifold,       ///< an edge with more than two facets, or facets of opposite orientation
+    self_intersecting,  ///< facets that cross
+    crashed,            ///< the mesher died
+    timed_out,          ///< the mesher ran out of time
+    out_of_memory,      ///< the mesher ran out of memory
+    inverted,           ///< an element whose Jacobian is not positive everywhere
+    inaccurate          ///< the mesh's volume or surface is not the body's
+  };
+  MeshError(Reason reason, const std::string& text) : Error(text), reason_(reason) {}
+  Reason reason() const { return reason_; }
+
+ private:
+  Reason reason_;
+};
+
+/// A file or stream that cannot be read or written, or says what makes no sense.
+class InputError : public Error {
+ public:
+  using Error::Error;
+};
+
+namespace detail {
+
+/// Joins its arguments into one line of text.
+template <class... Args>
+std::string text(const Args&... args) {
+  std::ostringstream out;
+  out.precision(10);
+  (out << ... << args);
+  return out.str();
+}
+
+}  // namespace detail
+
+/// Throws InvalidArgument unless `value` is finite and lies in [low, high].
+inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
+  if (std::isfinite(value) && value >= low && value <= high) return;
+  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+}
+
+/// Throws InvalidArgument unless `value` is finite and positive.
+inline void require_positive(const char* what, double value, const char* unit) {
+  if (std::isfinite(value) && value > 0.0) return;
+  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
+}
+
+}  // namespace lumo

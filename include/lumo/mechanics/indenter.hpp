@@ -1,0 +1,44 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+
+#include <concepts>
+
+namespace lumo {
+
+/// Signed distance to a rigid surface with its first and second derivatives by the point.
+struct DistanceSample {
+  double distance;   ///< [m], negative inside
+  Vec3 gradient;     ///< unit outward normal
+  Mat3 hessian;      ///< [1/m]
+};
+
+/// A rigid tool, given by its signed distance field in its own frame (origin at its centre).
+/// Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives match finite differences.
+template <class T>
+concept Indenter = requires(const T& tool, const Vec3& p) {
+  { tool.distance(p) } -> std::convertible_to<double>;
+  { tool.sample(p) } -> std::convertible_to<DistanceSample>;
+  { tool.radius_m() } -> std::convertible_to<double>;
+  validate(tool);
+};
+
+/// Rigid sphere.
+struct Sphere {
+  double diameter_m = 10e-3;
+
+  double radius_m() const { return 0.5 * diameter_m; }
+  double distance(const Vec3& p) const { return p.norm() - radius_m(); }
+  DistanceSample sample(const Vec3& p) const {
+    const double r = p.norm();
+    const Vec3 n = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::UnitZ());
+    return {r - radius_m(), n, (Mat3::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
+  }
+};
+
+inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, 0.1, 1000.0, "mm"); }
+
+static_assert(Indenter<Sphere>);
+
+}  // namespace lumo

@@ -1,0 +1,41 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/mechanics/indenter.hpp"
+
+#include <cmath>
+#include <vector>
+
+namespace lumo {
+
+/// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
+/// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
+template <Indenter Tool = Sphere>
+struct Scenario {
+  Tool indenter;
+  double angle_rad = 0.0;                                    ///< approach angle from the pad normal, in the x–z plane
+  double y_m = 0.0;                                          ///< place along the finger [m]
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
+
+  /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
+  Vec3 direction() const { return {-std::sin(angle_rad), 0.0, -std::cos(angle_rad)}; }
+};
+
+/// Throws InvalidArgument when an angle, place or load makes no sense.
+template <Indenter Tool>
+void validate(const Scenario<Tool>& s) {
+  validate(s.indenter);
+  require_in_range("approach angle", s.angle_rad * 180.0 / pi, -80.0, 80.0, "deg");
+  require_in_range("contact place y", s.y_m * 1e3, -1e4, 1e4, "mm");
+  if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
+  double last = 0.0;
+  for (double load : s.loads_N) {
+    require_in_range("load", load, 1e-6, 1e4, "N");
+    if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
+    last = load;
+  }
+}
+
+}  // namespace lumo

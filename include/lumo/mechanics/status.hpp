@@ -1,0 +1,33 @@
+#pragma once
+
+#include <string_view>
+
+namespace lumo {
+
+/// How a solve ended. Only `converged` is scored (and `held` where a problem says so).
+enum class Status {
+  converged,               ///< equilibrium, residual certified, stable
+  held,                    ///< a dynamic solver ran its sweeps; no statement about equilibrium
+  max_iterations,          ///< residual still too large after the allowed iterations
+  line_search,             ///< no step along the search direction lowers the energy
+  inverted,                ///< an element is turned inside out
+  not_positive_definite,   ///< equilibrium, but unstable: the body would buckle away from it
+  non_finite,              ///< NaN or infinity in the state or in a factor
+  time_limit               ///< stopped by the caller's time limit
+};
+
+constexpr std::string_view to_string(Status s) {
+  switch (s) {
+    case Status::converged: return "converged";
+    case Status::held: return "held";
+    case Status::max_iterations: return "max_iterations";
+    case Status::line_search: return "line_search";
+    case Status::inverted: return "inverted";
+    case Status::not_positive_definite: return "not_positive_definite";
+    case Status::non_finite: return "non_finite";
+    case Status::time_limit: return "time_limit";
+  }
+  return "non_finite";
+}
+
+}  // namespace lumo

@@ -1,0 +1,35 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+#include "lumo/morphology/body.hpp"
+
+#include <array>
+#include <concepts>
+#include <functional>
+#include <vector>
+
+namespace lumo {
+
+/// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
+struct MeshInput {
+  std::vector<Vec3> vertices;                    ///< [m] or any unit: the mesher is scale-free
+  std::vector<Facet> facets;                     ///< closed, manifold, counter-clockwise seen from outside
+  std::function<double(const Vec3&)> edge;       ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                     ///< do not split the given facets
+};
+
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry their facet's patch.
+struct LinearTets {
+  std::vector<Vec3> vertices;
+  std::vector<std::array<int, 4>> tets;          ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 3>> faces;
+  std::vector<int> patches;                      ///< one per face
+};
+
+/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
+template <class M>
+concept Mesher = requires(const M& mesher, const MeshInput& input) {
+  { mesher.fill(input) } -> std::same_as<LinearTets>;
+};
+
+}  // namespace lumo

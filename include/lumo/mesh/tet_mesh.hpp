@@ -1,0 +1,31 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+
+#include <array>
+#include <vector>
+
+namespace lumo {
+
+/// Boundary triangle of a tetrahedral mesh, counter-clockwise seen from outside.
+/// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
+struct BoundaryFace {
+  std::array<int, 6> nodes;
+  int patch;        ///< index into Body::patches
+};
+
+/// Tetrahedral mesh of the *whole* body in its reference configuration.
+/// Tet nodes: corners 0…3 (positive orientation), then the middles of edges 01, 12, 02, 03, 13, 23 (−1 in a linear mesh).
+struct TetMesh {
+  int order = 2;                                 ///< 1 linear, 2 quadratic
+  std::vector<Vec3> nodes;                       ///< [m]
+  std::vector<std::array<int, 10>> tets;
+  std::vector<BoundaryFace> faces;               ///< the closed boundary, patch by patch
+  Symmetry symmetry;                             ///< planes in which the mesh is its own exact mirror image
+  std::vector<int> mirror_x, mirror_y;           ///< node → its mirror image in x = 0 and y = 0 (empty without symmetry)
+
+  int nodes_per_tet() const { return order == 2 ? 10 : 4; }
+  int nodes_per_face() const { return order == 2 ? 6 : 3; }
+};
+
+}  // namespace lumo

@@ -1,0 +1,66 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+#include "lumo/morphology/optical_data.hpp"
+#include "lumo/morphology/shape.hpp"
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace lumo {
+
+/// A part of a body's closed surface on which all tags are the same.
+struct Patch {
+  std::string name;
+  Shape shape = Plane{};                  ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;                    ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;               ///< the indenter may touch it
+  bool meets_carrier = false;             ///< may come to rest on the carrier
+  SurfaceOptics optics = Dielectric{};
+};
+
+/// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
+struct Facet {
+  std::vector<int> loop;
+  int patch = -1;                         ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
+};
+
+/// A rigid axis-aligned box that the silicone can come to rest on.
+struct RigidBox {
+  Vec3 center = Vec3::Zero();             ///< [m]
+  Vec3 half = Vec3::Ones();               ///< half edges [m]
+};
+
+/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
+struct Sizing {
+  std::function<double(const Vec3&)> edge;  ///< across y [m]
+  double stretch_y = 1.0;                   ///< edges along y are this much longer
+};
+
+/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
+/// SI units, finger frame (x lateral, y along the finger, z outward normal).
+struct Body {
+  static constexpr int mirror_patch = -1;
+
+  std::string name;
+  std::vector<Patch> patches;
+  std::vector<Vec3> vertices;               ///< of the boundary of the meshed sector [m]
+  std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
+  Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
+  Sizing sizing;
+  double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
+
+  std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
+  Vec3 pivot = Vec3::Zero();                ///< approach directions turn about this point (shifted along y) [m]
+
+  Medium medium;                            ///< inside
+  Medium surroundings;                      ///< outside (air)
+  std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
+  std::vector<RectangleEmitter> emitters;
+  int regions = 0;                          ///< number of readout regions
+  /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
+  std::function<int(const Vec3& position, const Vec3& normal)> region;
+};
+
+}  // namespace lumo

@@ -1,0 +1,106 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+
+#include <cmath>
+#include <concepts>
+#include <limits>
+#include <variant>
+
+namespace lumo {
+
+/// An exact surface that a patch of a body lies on.
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+template <class S>
+concept SurfaceShape = requires(const S& shape, const Vec3& p) {
+  { shape.closest_point(p) } -> std::convertible_to<Vec3>;
+  { shape.normal(p) } -> std::convertible_to<Vec3>;
+};
+
+/// The plane through `point` with outward unit normal `direction`.
+struct Plane {
+  Vec3 point = Vec3::Zero();
+  Vec3 direction = Vec3::UnitZ();
+
+  Vec3 closest_point(const Vec3& p) const { return p - direction.dot(p - point) * direction; }
+  Vec3 normal(const Vec3&) const { return direction; }
+};
+
+/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
+struct EllipticCylinder {
+  Vec3 center = Vec3::Zero();
+  double semi_x = 1.0;
+  double semi_z = 1.0;
+
+  Vec3 closest_point(const Vec3& p) const;
+  Vec3 normal(const Vec3& p) const;
+};
+
+/// Sphere of `radius` [m] about `center`; the body is inside.
+struct SphereShape {
+  Vec3 center = Vec3::Zero();
+  double radius = 1.0;
+
+  Vec3 closest_point(const Vec3& p) const { return center + radius * normal(p); }
+  Vec3 normal(const Vec3& p) const {
+    const Vec3 d = p - center;
+    const double r = d.norm();
+    return r > 0.0 ? Vec3(d / r) : Vec3(Vec3::UnitZ());
+  }
+};
+
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+
+inline Vec3 closest_point(const Shape& shape, const Vec3& p) {
+  return std::visit([&](const auto& s) -> Vec3 { return s.closest_point(p); }, shape);
+}
+inline Vec3 outward_normal(const Shape& shape, const Vec3& p) {
+  return std::visit([&](const auto& s) -> Vec3 { return s.normal(p); }, shape);
+}
+
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
+// monotone function, bracketed and bisected, so that it converges for every aspect ratio and every point.
+inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
+  const double px = std::abs(p.x() - center.x());
+  const double pz = std::max(0.0, p.z() - center.z());
+  const double side = p.x() < center.x() ? -1.0 : 1.0;
+  const bool x_major = semi_x >= semi_z;
+  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
+  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
+  double fu = 0.0, fv = 0.0;
+  if (v > 0.0) {
+    if (u > 0.0) {
+      const double r = (a / b) * (a / b), zu = u / a, zv = v / b;
+      double low = zv - 1.0, high = std::hypot(r * zu, zv) - 1.0;
+      for (int i = 0; i < 200 && low < high; ++i) {
+        const double t = 0.5 * (low + high);
+        if (t == low || t == high) break;
+        const double g = std::pow(r * zu / (t + r), 2) + std::pow(zv / (t + 1.0), 2) - 1.0;
+        (g > 0.0 ? low : high) = t;
+      }
+      const double t = 0.5 * (low + high);
+      fu = r * u / (t + r);
+      fv = v / (t + 1.0);
+    } else {
+      fv = b;
+    }
+  } else {
+    const double c = a * a - b * b;
+    if (a * u < c) {
+      fu = a * a * u / c;
+      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
+    } else {
+      fu = a;
+    }
+  }
+  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
+}
+
+inline Vec3 EllipticCylinder::normal(const Vec3& p) const {
+  const Vec3 foot = closest_point(p) - center;
+  return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
+}
+
+static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+
+}  // namespace lumo
