@@ -1,0 +1,61 @@
+#pragma once
+
+#include "lumo/mechanics/contact_set.hpp"
+#include "lumo/mechanics/press_system.hpp"
+#include "lumo/mechanics/state.hpp"
+
+namespace lumo {
+
+/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
+/// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
+                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement) {
+  std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
+  for (const auto& t : mesh.tets) {
+    std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
+    std::array<Mat3, std::size_t(Element::points)> F;
+    std::array<double, std::size_t(Element::points)> volume;
+    double whole = 0.0, changed = 0.0;
+    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
+      const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
+      Mat3 reference = Mat3::Zero();
+      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+      slope[q] = reference.transpose().partialPivLu().solve(by_xi);
+      F[q] = Mat3::Identity();
+      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
+      volume[q] = Element::weight(int(q)) * reference.determinant();
+      whole += volume[q];
+      changed += volume[q] * F[q].determinant();
+    }
+    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
+      const double J = F[q].determinant();
+      const double seen = element.mean_dilatation ? changed / whole : J;
+      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * F[q].inverse().transpose();
+      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * slope[q].col(a));
+    }
+  }
+  Positions x(3, Eigen::Index(mesh.nodes.size()));
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + displacement[k];
+  const Carrier carrier{body.carrier};
+  double push = 0.0;
+  const auto press = [&](const ContactSurface& surface, const auto& rigid, bool is_indenter) {
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (const SurfacePoint& p : surface.points(f)) {
+        const DistanceSample d = rigid.sample(surface.position(f, p, x));
+        const Vec3 traction = contact.respond(d.distance).pressure * d.gradient;
+        if (is_indenter) push += p.area_m2 * traction.dot(direction);
+        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.area_m2 * p.shape[k] * traction;
+      }
+  };
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }), Moving<Tool>{&tool, origin, direction}, true);
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }), Moving<Carrier>{&carrier, Vec3::Zero(), direction}, false);
+  for (const BoundaryFace& f : mesh.faces)
+    if (body.patches[std::size_t(f.patch)].bonded)
+      for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
+  double sum = (push - load_N) * (push - load_N);
+  for (const Vec3& f : force) sum += f.squaredNorm();
+  return std::sqrt(sum);
+}
+
+}  // namespace lumo

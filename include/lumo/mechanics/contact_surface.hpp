@@ -1,0 +1,195 @@
+#pragma once
+
+#include "lumo/mechanics/contact_handler.hpp"
+#include "lumo/mechanics/equations.hpp"
+#include "lumo/mechanics/indenter.hpp"
+#include "lumo/mechanics/solid.hpp"
+#include "lumo/morphology/body.hpp"
+
+#include <algorithm>
+#include <vector>
+
+namespace lumo {
+
+/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference area.
+struct SurfacePoint {
+  std::array<double, 6> shape;
+  double area_m2;
+  int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
+  std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
+};
+
+/// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+inline const std::array<std::array<int, 3>, 4>& face_parts() {
+  static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
+  return parts;
+}
+
+/// Part of a mesh's surface that may come into contact, with its quadrature.
+class ContactSurface {
+ public:
+  /// Faces of the patches for which `chosen` holds.
+  template <class Choose>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
+    for (const BoundaryFace& f : mesh.faces)
+      if (chosen(body.patches[std::size_t(f.patch)])) add(f);
+  }
+
+  std::size_t size() const { return faces_.size(); }
+  const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
+  const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
+
+  Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
+    Vec3 at = Vec3::Zero();
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
+    return at;
+  }
+
+  /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
+  std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
+    const auto& n = faces_[f].nodes;
+    const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
+    const Vec3 middle = (a + b + c) / 3.0;
+    double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
+    if (mesh_->order == 2)
+      for (std::size_t k = 0; k < 3; ++k)
+        r = std::max(r, (2.0 * x.col(n[3 + k]) - 0.5 * x.col(n[k]) - 0.5 * x.col(n[(k + 1) % 3]) - middle).norm());
+    return {middle, r};
+  }
+
+  int nodes_per_face() const { return mesh_->nodes_per_face(); }
+
+ private:
+  void add(const BoundaryFace& face);
+
+  const TetMesh* mesh_;
+  std::vector<BoundaryFace> faces_;
+  std::vector<std::vector<SurfacePoint>> points_;
+};
+
+/// Contact energy, forces and stiffness between a surface and one rigid thing, for a given signed distance.
+struct ContactSums {
+  double energy = 0.0;        ///< [J]
+  double push_N = 0.0;        ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
+  double push_stiffness = 0.0;///< ∂²energy/∂advance² [N/m]
+  double penetration_m = 0.0; ///< largest overlap
+};
+
+inline void ContactSurface::add(const BoundaryFace& face) {
+  const int order = mesh_->order;
+  std::vector<SurfacePoint> points;
+  // Corners of the sub-triangles in (u, v); each is quartered once more and takes the three-point rule there.
+  const std::array<std::array<double, 2>, 6> uv = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
+  const std::array<std::array<double, 3>, 6> quarter = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
+  const int parts = order == 2 ? 4 : 1;
+  for (int part = 0; part < parts; ++part) {
+    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+    for (const auto& small : face_parts())
+      for (int q = 0; q < 3; ++q) {
+        SurfacePoint p{};
+        p.part = part;
+        for (std::size_t k = 0; k < 3; ++k)
+          for (std::size_t m = 0; m < 3; ++m) p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
+        double u = 0.0, v = 0.0;
+        for (std::size_t m = 0; m < 3; ++m) u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        p.shape = face_shape(u, v, order);
+        const auto d = face_shape_derivatives(u, v, order);
+        Vec3 by_u = Vec3::Zero(), by_v = Vec3::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
+          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
+          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
+        }
+        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        points.push_back(p);
+      }
+  }
+  faces_.push_back(face);
+  points_.push_back(std::move(points));
+}
+
+namespace detail {
+
+// Calls visit(face, point, position, distance sample) for every surface point closer to the rigid thing than `reach`.
+// `sample(p)` gives a DistanceSample; `distance(p)` only the distance.
+template <class Distance, class Visit>
+void for_points_within(const ContactSurface& surface, const Positions& x, double reach, const Distance& distance, Visit&& visit) {
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    const auto [middle, radius] = surface.ball(f, x);
+    if (distance(middle) > radius + reach) continue;
+    for (const SurfacePoint& p : surface.points(f)) visit(f, p, surface.position(f, p, x));
+  }
+}
+
+}  // namespace detail
+
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+template <class Tool>
+struct Moving {
+  const Tool* tool;
+  Vec3 origin;      ///< of the tool's frame, now [m]
+  Vec3 direction;   ///< of its advance, unit
+
+  double distance(const Vec3& p) const { return tool->distance(p - origin); }
+  DistanceSample sample(const Vec3& p) const { return tool->sample(p - origin); }
+};
+
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x.
+template <ContactHandler Contact, class Tool>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force) {
+  ContactSums sums;
+  detail::for_points_within(surface, x, 0.0, [&](const Vec3& p) { return rigid.distance(p); }, [&](std::size_t f, const SurfacePoint& p, const Vec3& at) {
+    const double gap = rigid.distance(at);
+    if (gap >= 0.0) return;
+    const ContactResponse r = contact.respond(gap);
+    sums.energy += p.area_m2 * r.energy;
+    sums.penetration_m = std::max(sums.penetration_m, -gap);
+    const Vec3 n = rigid.sample(at).gradient;
+    sums.push_N += p.area_m2 * r.pressure * n.dot(rigid.direction);
+    if (!force) return;
+    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) force->col(surface.face(f).nodes[k]) -= p.area_m2 * r.pressure * p.shape[k] * n;
+  });
+  return sums;
+}
+
+/// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
+template <ContactHandler Contact, class Tool>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
+                                double* values, Eigen::VectorXd* coupling) {
+  ContactSums sums;
+  const std::size_t nodes = std::size_t(surface.nodes_per_face());
+  Eigen::Matrix<double, 18, 18> K;
+  std::size_t open = std::size_t(-1);
+  const auto flush = [&] {
+    if (open == std::size_t(-1)) return;
+    const auto& n = surface.face(open).nodes;
+    for (std::size_t j = 0; j < 3 * nodes; ++j)
+      for (std::size_t i = 0; i < 3 * nodes; ++i) {
+        const int row = eq.of[3 * std::size_t(n[i / 3]) + i % 3], column = eq.of[3 * std::size_t(n[j / 3]) + j % 3];
+        if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
+      }
+  };
+  detail::for_points_within(surface, x, 0.0, [&](const Vec3& p) { return rigid.distance(p); }, [&](std::size_t f, const SurfacePoint& p, const Vec3& at) {
+    if (rigid.distance(at) >= 0.0) return;
+    if (f != open) {
+      flush();
+      open = f;
+      K.setZero();
+    }
+    const DistanceSample d = rigid.sample(at);
+    const ContactResponse r = contact.respond(d.distance);
+    const Mat3 block = p.area_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
+    for (std::size_t a = 0; a < nodes; ++a) {
+      for (std::size_t b = 0; b < nodes; ++b)
+        K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
+      if (!coupling) continue;
+      const Vec3 c = -p.shape[a] * (block * rigid.direction);
+      for (std::size_t i = 0; i < 3; ++i)
+        if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0) (*coupling)[row] += c[Eigen::Index(i)];
+    }
+  });
+  flush();
+  return sums;
+}
+
+}  // namespace lumo

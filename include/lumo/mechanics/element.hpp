@@ -1,0 +1,82 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+
+#include <array>
+#include <concepts>
+
+namespace lumo {
+
+/// A tetrahedral finite element: shape functions and quadrature on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1.
+/// Laws: shape functions sum to one, reproduce every polynomial of their order, and the weights sum to 1/6.
+template <class E>
+concept TetElement = requires(const E& element, const Vec3& xi) {
+  requires E::order == 1 || E::order == 2;
+  requires E::nodes == (E::order == 1 ? 4 : 10);
+  requires E::points >= 1;
+  { E::point(0) } -> std::convertible_to<Vec3>;
+  { E::weight(0) } -> std::convertible_to<double>;
+  { element.mean_dilatation } -> std::convertible_to<bool>;
+};
+
+/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures locking near
+/// incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
+struct QuadraticTet {
+  static constexpr int order = 2;
+  static constexpr int nodes = 10;
+  static constexpr int points = 4;
+  bool mean_dilatation = true;
+
+  static Vec3 point(int q) {
+    constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
+    return {q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b};
+  }
+  static double weight(int) { return 1.0 / 24.0; }
+};
+
+/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes that use it.
+struct LinearTet {
+  static constexpr int order = 1;
+  static constexpr int nodes = 4;
+  static constexpr int points = 1;
+  bool mean_dilatation = false;
+
+  static Vec3 point(int) { return Vec3::Constant(0.25); }
+  static double weight(int) { return 1.0 / 6.0; }
+};
+
+static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
+
+/// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
+template <int Nodes>
+Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3& xi) {
+  Eigen::Matrix<double, 3, 4> corner;
+  corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
+  if constexpr (Nodes == 4) {
+    return corner;
+  } else {
+    const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
+    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+    Eigen::Matrix<double, 3, Nodes> g;
+    for (int k = 0; k < 4; ++k) g.col(k) = (4.0 * l[std::size_t(k)] - 1.0) * corner.col(k);
+    for (int e = 0; e < 6; ++e)
+      g.col(4 + e) = 4.0 * (l[std::size_t(ends[e][1])] * corner.col(ends[e][0]) + l[std::size_t(ends[e][0])] * corner.col(ends[e][1]));
+    return g;
+  }
+}
+
+/// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
+inline std::array<double, 6> face_shape(double u, double v, int order) {
+  const double w = 1.0 - u - v;
+  if (order == 1) return {w, u, v, 0.0, 0.0, 0.0};
+  return {w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w};
+}
+
+/// Derivatives of face_shape by u and v.
+inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, double v, int order) {
+  if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
+  const double w = 1.0 - u - v;
+  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u}, {-4 * v, 4 * (w - v)}}};
+}
+
+}  // namespace lumo

@@ -1,0 +1,163 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/mechanics/element.hpp"
+#include "lumo/mechanics/equations.hpp"
+#include "lumo/mechanics/material.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+
+#include <cmath>
+#include <vector>
+
+namespace lumo {
+
+/// Deformed node positions, 3 × nodes [m].
+using Positions = Eigen::Matrix3Xd;
+
+inline Positions positions_of(const TetMesh& mesh) {
+  Positions x(3, Eigen::Index(mesh.nodes.size()));
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
+  return x;
+}
+
+/// The elastic energy of a tetrahedral mesh with its first and second derivatives.
+template <HyperelasticMaterial Material, TetElement Element>
+class Solid {
+ public:
+  static constexpr int N = Element::nodes;
+  using Gradients = Eigen::Matrix<double, 3, N>;
+
+  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element) {
+    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
+    gradients_.reserve(mesh.tets.size() * Element::points);
+    for (const auto& t : mesh.tets)
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients by_xi = shape_gradients<N>(Element::point(q));
+        Mat3 jacobian = Mat3::Zero();
+        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        weights_.push_back(Element::weight(q) * jacobian.determinant());
+      }
+  }
+
+  /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
+  double energy(const Positions& x) const {
+    double sum = 0.0;
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
+      for (int q = 0; q < Element::points; ++q) {
+        sum += weight(e, q) * material_.distortion_energy(s.F[std::size_t(q)]);
+        if (!element_.mean_dilatation) sum += weight(e, q) * material_.volumetric(s.J[std::size_t(q)]).energy;
+      }
+      if (element_.mean_dilatation) sum += s.volume * material_.volumetric(s.mean_J).energy;
+      if (!std::isfinite(sum)) return std::numeric_limits<double>::infinity();
+    }
+    return sum;
+  }
+
+  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes).
+  void add_forces(const Positions& x, Positions& force) const {
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
+      const double mean_stress = element_.mean_dilatation ? material_.volumetric(s.mean_J).stress : 0.0;
+      Gradients f = Gradients::Zero();
+      for (int q = 0; q < Element::points; ++q) f += weight(e, q) * stress(s, q, mean_stress) * gradient(e, q);
+      for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
+    }
+  }
+
+  /// Adds the tangent ∂²energy/∂x² [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
+  void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values) const {
+    constexpr int size = 3 * N;
+    Eigen::Matrix<double, size, size> K;
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      element_tangent(e, x, K);
+      for (std::size_t k = 0; k < systems.size(); ++k) {
+        const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
+        double* v = values[k];
+        for (int j = 0; j < size; ++j)
+          for (int i = j; i < size; ++i, ++slot)
+            if (*slot >= 0) v[*slot] += K(i, j);
+      }
+    }
+  }
+
+  /// Smallest det F over all quadrature points.
+  double smallest_J(const Positions& x) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (double J : state(e, x).J) least = std::min(least, J);
+    return least;
+  }
+
+  const Material& material() const { return material_; }
+
+ private:
+  struct ElementState {
+    std::array<Mat3, std::size_t(Element::points)> F;
+    std::array<double, std::size_t(Element::points)> J;
+    double volume = 0.0;
+    double mean_J = 0.0;
+  };
+
+  int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
+  double weight(std::size_t e, int q) const { return weights_[e * Element::points + std::size_t(q)]; }
+  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * Element::points + std::size_t(q)]; }
+
+  ElementState state(std::size_t e, const Positions& x) const {
+    Eigen::Matrix<double, 3, N> local;
+    for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
+    ElementState s;
+    for (int q = 0; q < Element::points; ++q) {
+      const std::size_t k = std::size_t(q);
+      s.F[k].noalias() = local * gradient(e, q).transpose();
+      s.J[k] = s.F[k].determinant();
+      s.volume += weight(e, q);
+      s.mean_J += weight(e, q) * s.J[k];
+    }
+    s.mean_J /= s.volume;
+    return s;
+  }
+
+  Mat3 stress(const ElementState& s, int q, double mean_stress) const {
+    const Mat3& F = s.F[std::size_t(q)];
+    const double p = element_.mean_dilatation ? mean_stress : material_.volumetric(s.J[std::size_t(q)]).stress;
+    return material_.distortion_stress(F) + p * cofactor(F);
+  }
+
+  void element_tangent(std::size_t e, const Positions& x, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+    const ElementState s = state(e, x);
+    const VolumetricSample mean = element_.mean_dilatation ? material_.volumetric(s.mean_J) : VolumetricSample{};
+    Eigen::Matrix<double, 3 * N, 1> dJ = Eigen::Matrix<double, 3 * N, 1>::Zero();  // V ∂(mean J)/∂x
+    K.setZero();
+    for (int q = 0; q < Element::points; ++q) {
+      const Mat3& F = s.F[std::size_t(q)];
+      const Gradients& g = gradient(e, q);
+      const Mat3 c = cofactor(F);
+      Mat9 A;
+      if (element_.mean_dilatation) {
+        A = material_.distortion_tangent(F) + mean.stress * determinant_hessian(F);
+        Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
+      } else {
+        A = elasticity_tangent(material_, F);
+      }
+      A *= weight(e, q);
+      for (int a = 0; a < N; ++a) {
+        Eigen::Matrix<double, 9, 3> T = A.template leftCols<3>() * g(0, a);
+        T += A.template middleCols<3>(3) * g(1, a);
+        T += A.template rightCols<3>() * g(2, a);
+        for (int b = a; b < N; ++b)
+          K.template block<3, 3>(3 * b, 3 * a) += g(0, b) * T.template topRows<3>() + g(1, b) * T.template middleRows<3>(3) + g(2, b) * T.template bottomRows<3>();
+      }
+    }
+    if (element_.mean_dilatation) K.template selfadjointView<Eigen::Lower>().rankUpdate(dJ, mean.stiffness / s.volume);
+  }
+
+  const TetMesh* mesh_;
+  Material material_;
+  Element element_;
+  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;  // per tet and point
+  std::vector<double> weights_;                                           // volumes [m³]
+};
+
+}  // namespace lumo

@@ -1,0 +1,98 @@
+#pragma once
+
+#include "lumo/mesh/mesher.hpp"
+#include "lumo/mesh/mirror.hpp"
+#include "lumo/mesh/quality.hpp"
+#include "lumo/morphology/body.hpp"
+
+#include <map>
+#include <set>
+
+namespace lumo {
+
+/// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
+/// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
+/// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+template <Mesher M>
+TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
+
+namespace detail {
+
+// Patches that meet at each vertex or edge of the sector's boundary.
+using PatchSet = std::set<int>;
+
+inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double tiny) {
+  for (int round = 0; round < 2; ++round)
+    for (int patch : patches)
+      if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
+  if (body.symmetry.x && std::abs(p.x()) < tiny) p.x() = 0.0;
+  if (body.symmetry.y && std::abs(p.y()) < tiny) p.y() = 0.0;
+  return p;
+}
+
+inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+  static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+  std::map<std::pair<int, int>, int> middle;
+  const auto middle_of = [&](int a, int b) {
+    const std::pair<int, int> key = std::minmax(a, b);
+    const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
+    if (fresh) {
+      const Vec3 half = 0.5 * (mesh.nodes[std::size_t(a)] + mesh.nodes[std::size_t(b)]);
+      const auto on_surface = boundary_edges.find(key);
+      mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
+    }
+    return it->second;
+  };
+  for (auto& t : mesh.tets)
+    for (std::size_t k = 0; k < 6; ++k) t[4 + k] = middle_of(t[std::size_t(ends[k][0])], t[std::size_t(ends[k][1])]);
+  for (BoundaryFace& f : mesh.faces)
+    for (std::size_t k = 0; k < 3; ++k) f.nodes[3 + k] = middle_of(f.nodes[k], f.nodes[(k + 1) % 3]);
+  mesh.order = 2;
+}
+
+}  // namespace detail
+
+template <Mesher M>
+TetMesh mesh_body(const Body& body, const M& mesher, int order) {
+  if (order != 1 && order != 2) throw InvalidArgument(detail::text("mesh order is ", order, ", must be 1 or 2"));
+  const double stretch = body.sizing.stretch_y;
+  require_positive("mesh stretch along y", stretch, "");
+  MeshInput input;
+  input.facets = body.facets;
+  // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away from zero.
+  for (const Vec3& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
+  if (body.sizing.edge)
+    input.edge = [&body, stretch](const Vec3& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3(p.x(), p.y() * stretch, p.z())); };
+  const LinearTets filled = mesher.fill(input);
+
+  TetMesh mesh;
+  mesh.order = 1;
+  for (const Vec3& v : filled.vertices) mesh.nodes.emplace_back(1e-3 * v.x(), 1e-3 * v.y() * stretch, 1e-3 * v.z());
+  double size = 0.0;
+  for (const Vec3& v : body.vertices) size = std::max(size, v.lpNorm<Eigen::Infinity>());
+  const double tiny = 1e-9 * size;
+  for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
+
+  std::map<int, detail::PatchSet> vertex_patches;
+  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
+  for (std::size_t f = 0; f < filled.faces.size(); ++f) {
+    const auto& face = filled.faces[f];
+    const int patch = filled.patches[f];
+    for (std::size_t k = 0; k < 3; ++k) {
+      vertex_patches[face[k]].insert(patch);
+      edge_patches[std::minmax(face[k], face[(k + 1) % 3])].insert(patch);
+    }
+    if (patch != Body::mirror_patch) mesh.faces.push_back({{face[0], face[1], face[2], -1, -1, -1}, patch});
+  }
+  for (const auto& [vertex, patches] : vertex_patches)
+    mesh.nodes[std::size_t(vertex)] = detail::snapped(body, patches, mesh.nodes[std::size_t(vertex)], tiny);
+  if (order == 2) detail::make_quadratic(body, mesh, edge_patches, tiny);
+  if (body.symmetry.x) mesh = mirrored(mesh, 0);
+  if (body.symmetry.y) mesh = mirrored(mesh, 1);
+  std::stable_sort(mesh.faces.begin(), mesh.faces.end(), [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+  // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact volume.
+  require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
+  return mesh;
+}
+
+}  // namespace lumo

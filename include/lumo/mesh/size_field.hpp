@@ -1,0 +1,116 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+namespace lumo::detail {
+
+/// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each leaf.
+/// Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance` (relative) and are
+/// larger than half the wanted length, down to `max_depth`, with at most `max_cells` cells in all.
+struct SizeField {
+  struct Cell {
+    std::array<double, 8> corners;  ///< wanted length at (x + 2 y + 4 z), each 0 or 1
+    int child = -1;                 ///< first of eight children, or −1
+    int unused = 0;                 ///< keeps the bytes defined
+  };
+
+  Vec3 low = Vec3::Zero();
+  double side = 0.0;                ///< of the root cube
+  std::vector<Cell> cells;          ///< empty: no wish
+
+  static constexpr int min_depth = 3;
+  static constexpr int max_depth = 9;
+  static constexpr std::size_t max_cells = 60000;
+  static constexpr double tolerance = 0.05;
+
+  static SizeField sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high);
+
+  double operator()(const Vec3& point) const {
+    Vec3 local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
+    int cell = 0;
+    while (cells[static_cast<std::size_t>(cell)].child >= 0) {
+      int octant = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        local[axis] *= 2.0;
+        if (local[axis] >= 1.0) {
+          local[axis] -= 1.0;
+          octant |= 1 << axis;
+        }
+      }
+      cell = cells[static_cast<std::size_t>(cell)].child + octant;
+    }
+    return trilinear(cells[static_cast<std::size_t>(cell)].corners, local);
+  }
+
+  static double trilinear(const std::array<double, 8>& c, const Vec3& t) {
+    const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
+    return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()), mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
+  }
+};
+
+/// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
+/// what `edge` itself throws passes through.
+inline SizeField SizeField::sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high) {
+  SizeField field;
+  if (!edge) return field;
+  field.side = (high - low).maxCoeff();
+  field.low = 0.5 * (low + high) - Vec3::Constant(0.5 * field.side);
+  const auto value = [&](const Vec3& at) {
+    const Vec3 point = at.cwiseMax(low).cwiseMin(high);
+    const double length = edge(point);
+    if (std::isfinite(length) && length > 0.0) return length;
+    throw MeshError(MeshError::Reason::not_finite, text("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+                                                        ", must be finite and > 0, in the unit of the coordinates"));
+  };
+  struct Task {
+    int cell;
+    int depth;
+    Vec3 low;
+    double side;
+  };
+  const auto corner = [](int i) { return Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1); };
+  Cell root;
+  for (int i = 0; i < 8; ++i) root.corners[static_cast<std::size_t>(i)] = value(field.low + field.side * corner(i));
+  field.cells.push_back(root);
+  std::vector<Task> tasks{{0, 0, field.low, field.side}};
+  for (std::size_t next = 0; next < tasks.size(); ++next) {  // breadth first: if cells run out, they run out evenly
+    const Task task = tasks[next];
+    const bool outside = (task.low.array() > high.array()).any() || (task.low.array() + task.side < low.array()).any();
+    if (outside || task.depth >= max_depth || field.cells.size() + 8 > max_cells) continue;
+    const std::array<double, 8> corners = field.cells[static_cast<std::size_t>(task.cell)].corners;
+    std::array<double, 27> grid;
+    double error = 0.0;
+    double least = corners[0];
+    for (int i = 0; i < 27; ++i) {
+      const Vec3 local = 0.5 * Vec3(i % 3, (i / 3) % 3, i / 9);
+      const double exact = value(task.low + task.side * local);
+      error = std::max(error, std::abs(exact - trilinear(corners, local)) / exact);
+      least = std::min(least, exact);
+      grid[static_cast<std::size_t>(i)] = exact;
+    }
+    if (task.depth >= min_depth && (error <= tolerance || task.side <= 0.5 * least)) continue;
+    const int first = static_cast<int>(field.cells.size());
+    field.cells[static_cast<std::size_t>(task.cell)].child = first;
+    for (int octant = 0; octant < 8; ++octant) {
+      Cell cell;
+      for (int i = 0; i < 8; ++i) {
+        const int x = (octant & 1) + (i & 1);
+        const int y = ((octant >> 1) & 1) + ((i >> 1) & 1);
+        const int z = ((octant >> 2) & 1) + ((i >> 2) & 1);
+        cell.corners[static_cast<std::size_t>(i)] = grid[static_cast<std::size_t>(x + 3 * y + 9 * z)];
+      }
+      field.cells.push_back(cell);
+      tasks.push_back({first + octant, task.depth + 1, task.low + 0.5 * task.side * corner(octant), 0.5 * task.side});
+    }
+  }
+  return field;
+}
+
+}  // namespace lumo::detail

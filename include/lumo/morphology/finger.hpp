@@ -1,0 +1,154 @@
+#pragma once
+
+#include "lumo/morphology/body.hpp"
+#include "lumo/morphology/section.hpp"
+#include "lumo/morphology/silicone.hpp"
+
+namespace lumo {
+
+/// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
+struct FingerOptions {
+  /// Mesh size [m]; the defaults come from the refinement study (docs).
+  struct Mesh {
+    double contact_edge = 1.6e-3;     ///< on the surface that an indenter can touch
+    double coarsest_edge = 6.0e-3;    ///< at depth
+    double growth = 0.45;             ///< edge length gained per length of depth
+    double stretch_y = 1.25;          ///< edges along y are this much longer
+    double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
+  };
+  /// The five LEDs, lengths in m.
+  struct Leds {
+    int count = 5;
+    double pitch = 11.0e-3;
+    double length_y = 1.6e-3;
+    double width_x = 0.8e-3;
+    double power_W = 1.0;             ///< of all together
+  };
+  /// Readout regions on the outer surface.
+  struct Readout {
+    int bins = 11;
+    double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
+    double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
+  };
+
+  Twin twin = Twin::none;
+  PadDimensions pad;
+  Mesh mesh;
+  Leds leds;
+  Readout readout;
+  double carrier_albedo = 0.8;
+};
+
+/// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
+/// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
+
+namespace detail {
+
+inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
+  const bool supported = s.twin != Twin::unsupported_base;
+  const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
+  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  switch (tag) {
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3::Zero(), -Vec3::UnitZ()}, supported, false, false, wall};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3::UnitX()}, false, true, false, Dielectric{}};
+    default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
+  }
+}
+
+inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
+  const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
+  const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
+  if (s.twin == Twin::unsupported_base) return;
+  body.carrier.push_back({{0, 0, -thick}, {w, half_length, thick}});
+  if (s.twin == Twin::bonded_base) return;
+  body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
+  if (s.design.w_v <= 0.0) return;
+  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  const auto face = [&](std::string name, Vec3 a, Vec3 b, Vec3 c, Vec3 d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
+  const double l = half_length;
+  face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
+  face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
+  face("base +x", {stem, -l, 0}, {outer, -l, 0}, {outer, l, 0}, {stem, l, 0});
+  face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
+}
+
+inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
+  body.medium = silicone.medium();
+  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
+  const auto& led = o.leds;
+  for (int k = 0; k < led.count; ++k) {
+    const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
+    body.emitters.push_back({{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
+  }
+  const auto r = o.readout;
+  body.regions = r.bins;
+  body.region = [r](const Vec3& p, const Vec3& n) {
+    if (std::abs(n.x()) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
+    return std::clamp(int(bin), 0, r.bins - 1);
+  };
+}
+
+}  // namespace detail
+
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
+  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  const HalfSection s = half_section(design, o.twin, o.mesh.contact_edge, o.mesh.max_turn_rad, o.pad);
+  const double half_length = 0.5e-3 * o.pad.length;
+  Body body;
+  body.name = "finger";
+  body.symmetry = {true, true};
+  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * half_length;
+  body.pivot = {0, 0, 1e-3 * s.design.h_fp};
+  detail::add_carrier(body, s, o);
+  detail::add_light(body, s, silicone, o);
+
+  const int n = int(s.x.size());
+  for (int k = 0; k < n; ++k) {
+    body.vertices.emplace_back(s.x[std::size_t(k)], 0.0, s.z[std::size_t(k)]);
+    body.vertices.emplace_back(s.x[std::size_t(k)], half_length, s.z[std::size_t(k)]);
+  }
+  std::vector<int> patch_of(std::size_t(SectionTag::dome) + 1, -2);
+  for (int k = 0; k < n; ++k) {
+    const SectionTag tag = s.tag[std::size_t(k)];
+    int& patch = patch_of[std::size_t(tag)];
+    if (tag == SectionTag::mirror) patch = Body::mirror_patch;
+    if (patch == -2) {
+      patch = int(body.patches.size());
+      body.patches.push_back(detail::finger_patch(tag, s, o));
+    }
+    const int next = (k + 1) % n;
+    body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
+  }
+  Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  for (int k = 0; k < n; ++k) {
+    middle.loop.push_back(2 * k);
+    end.loop.push_back(2 * (n - 1 - k) + 1);
+  }
+  body.facets.push_back(middle);
+  body.facets.push_back(end);
+
+  const auto mesh = o.mesh;
+  std::vector<Shape> touchable;
+  for (const Patch& p : body.patches)
+    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
+  body.sizing.stretch_y = mesh.stretch_y;
+  body.sizing.edge = [mesh, touchable](const Vec3& p) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
+    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
+  };
+  return body;
+}
+
+}  // namespace lumo

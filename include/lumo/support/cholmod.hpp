@@ -1,0 +1,149 @@
+#pragma once
+
+// Adapter to SuiteSparse's CHOLMOD (its supernodal part is GPL-2+). Link with -lcholmod and a BLAS; OpenBLAS is much the fastest.
+
+#include "lumo/core/error.hpp"
+#include "lumo/mechanics/linear_solver.hpp"
+
+#include <memory>
+#include <suitesparse/cholmod.h>
+#include <utility>
+
+// Present only when the program is linked with OpenBLAS or an OpenMP run time.
+extern "C" {
+__attribute__((weak)) void openblas_set_num_threads(int threads);
+__attribute__((weak)) void omp_set_max_active_levels(int levels);
+__attribute__((weak)) int omp_get_max_active_levels();
+}
+
+namespace lumo {
+
+namespace detail {
+
+struct FreeFactor {
+  cholmod_common* common = nullptr;
+  void operator()(cholmod_factor* f) const { cholmod_free_factor(&f, common); }
+};
+
+// Debian's CHOLMOD opens OpenMP teams of four for every small front; scenarios run side by side, so one factor gets one thread.
+class WithoutOpenMp {
+ public:
+  WithoutOpenMp() {
+    if (omp_set_max_active_levels && omp_get_max_active_levels) levels_ = omp_get_max_active_levels(), omp_set_max_active_levels(0);
+  }
+  ~WithoutOpenMp() {
+    if (levels_ >= 0) omp_set_max_active_levels(levels_);
+  }
+  WithoutOpenMp(const WithoutOpenMp&) = delete;
+  WithoutOpenMp& operator=(const WithoutOpenMp&) = delete;
+
+ private:
+  int levels_ = -1;
+};
+
+}  // namespace detail
+
+/// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008), nested dissection or minimum degree as CHOLMOD
+/// finds best. One object per thread; copies carry the symbolic analysis along.
+class Cholmod {
+ public:
+  Cholmod() : common_(new cholmod_common, &finish) {
+    cholmod_start(common_.get());
+    common_->print = 0;
+    common_->supernodal = CHOLMOD_SUPERNODAL;
+    common_->error_handler = nullptr;
+    // One thread per factor: scenarios run side by side, and threads inside BLAS would change the order of sums.
+    if (openblas_set_num_threads) openblas_set_num_threads(1);
+  }
+  Cholmod(const Cholmod& other) : Cholmod() { copy_symbolic(other); }
+  Cholmod& operator=(const Cholmod& other) {
+    if (this != &other) copy_symbolic(other);
+    return *this;
+  }
+  Cholmod(Cholmod&&) = default;
+  Cholmod& operator=(Cholmod&& other) noexcept {  // by exchange: a factor must be freed before the common block that made it
+    std::swap(common_, other.common_);
+    std::swap(symbolic_, other.symbolic_);
+    std::swap(factor_, other.factor_);
+    return *this;
+  }
+
+  void analyze(const SparseLower& lower) {
+    cholmod_sparse view = view_of(lower);
+    symbolic_ = own(cholmod_analyze(&view, common_.get()));
+    if (!symbolic_) throw Error(detail::text("symbolic factorisation of ", lower.rows(), " unknowns failed: out of memory"));
+    factor_ = nullptr;
+  }
+
+  FactorStatus factorize(const SparseLower& lower) {
+    // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    cholmod_sparse view = view_of(lower);
+    if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
+    common_->status = CHOLMOD_OK;
+    const detail::WithoutOpenMp one_thread;
+    cholmod_factorize(&view, factor_.get(), common_.get());
+    if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
+    if (common_->status == CHOLMOD_OUT_OF_MEMORY) throw Error(detail::text("factorisation of ", lower.rows(), " unknowns failed: out of memory"));
+    return FactorStatus::not_positive_definite;
+  }
+
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
+    cholmod_dense b{};
+    b.nrow = std::size_t(rhs.rows());
+    b.ncol = std::size_t(rhs.cols());
+    b.nzmax = b.nrow * b.ncol;
+    b.d = b.nrow;
+    b.x = const_cast<double*>(rhs.data());
+    b.xtype = CHOLMOD_REAL;
+    b.dtype = CHOLMOD_DOUBLE;
+    const detail::WithoutOpenMp one_thread;
+    cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
+    if (!x) throw Error("linear solve failed: out of memory");
+    Eigen::MatrixXd result = Eigen::Map<Eigen::MatrixXd>(static_cast<double*>(x->x), rhs.rows(), rhs.cols());
+    cholmod_free_dense(&x, common_.get());
+    return result;
+  }
+
+  /// Non-zeros of the factor.
+  double factor_nonzeros() const { return common_->lnz; }
+
+ private:
+  using Common = std::unique_ptr<cholmod_common, void (*)(cholmod_common*)>;
+  using Factor = std::unique_ptr<cholmod_factor, detail::FreeFactor>;
+
+  static void finish(cholmod_common* c) {
+    cholmod_finish(c);
+    delete c;
+  }
+  Factor own(cholmod_factor* f) { return Factor(f, detail::FreeFactor{common_.get()}); }
+  void copy_symbolic(const Cholmod& other) {
+    factor_ = nullptr;
+    symbolic_ = nullptr;
+    if (other.symbolic_) symbolic_ = own(cholmod_copy_factor(other.symbolic_.get(), common_.get()));
+  }
+  static cholmod_sparse view_of(const SparseLower& lower) {
+    cholmod_sparse a{};
+    a.nrow = std::size_t(lower.rows());
+    a.ncol = std::size_t(lower.cols());
+    a.nzmax = std::size_t(lower.nonZeros());
+    a.p = const_cast<int*>(lower.outerIndexPtr());
+    a.i = const_cast<int*>(lower.innerIndexPtr());
+    a.x = const_cast<double*>(lower.valuePtr());
+    a.stype = -1;
+    a.itype = CHOLMOD_INT;
+    a.xtype = CHOLMOD_REAL;
+    a.dtype = CHOLMOD_DOUBLE;
+    a.sorted = 1;
+    a.packed = 1;
+    return a;
+  }
+
+  Common common_;
+  Factor symbolic_;
+  Factor factor_;
+};
+
+static_assert(LinearSolver<Cholmod>);
+
+}  // namespace lumo
