@@ -28,6 +28,8 @@ concept Indenter = requires(const T& tool, const Vec3& p) {
 struct Sphere {
   double diameter_m = 10e-3;
 
+  bool operator==(const Sphere&) const = default;
+
   double radius_m() const { return 0.5 * diameter_m; }
   double distance(const Vec3& p) const { return p.norm() - radius_m(); }
   DistanceSample sample(const Vec3& p) const {

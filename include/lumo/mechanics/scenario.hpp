@@ -19,6 +19,8 @@ struct Scenario {
   double y_m = 0.0;                                          ///< place along the finger [m]
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
 
+  bool operator==(const Scenario&) const = default;
+
   /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
   Vec3 direction() const { return {-std::sin(angle_rad), 0.0, -std::cos(angle_rad)}; }
 };

@@ -61,6 +61,13 @@ struct Body {
   int regions = 0;                          ///< number of readout regions
   /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3& position, const Vec3& normal)> region;
+  std::vector<int> region_image_x, region_image_y;  ///< region → its mirror image in x = 0 and y = 0; empty: itself
 };
+
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
+inline Vec3 outward_normal(const Body& body, int patch, const Vec3& p) {
+  const Vec3 fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
+  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
+}
 
 }  // namespace lumo

@@ -88,6 +88,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   }
   const auto r = o.readout;
   body.regions = r.bins;
+  for (int b = 0; b < r.bins; ++b) body.region_image_y.push_back(r.bins - 1 - b);
   body.region = [r](const Vec3& p, const Vec3& n) {
     if (std::abs(n.x()) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;

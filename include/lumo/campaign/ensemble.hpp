@@ -1,0 +1,82 @@
+#pragma once
+
+#include "lumo/core/units.hpp"
+#include "lumo/mechanics/scenario.hpp"
+
+#include <cmath>
+#include <vector>
+
+namespace lumo {
+
+/// All combinations of diameters, approach angles and places along the finger, at the same loads.
+struct Ensemble {
+  std::vector<double> diameters_m = {10e-3, 15e-3, 20e-3, 30e-3};
+  std::vector<double> angles_rad = {0.0};
+  std::vector<double> places_m = {-22e-3, -11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3, 22e-3};
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+
+  std::vector<Scenario<Sphere>> scenarios() const {
+    std::vector<Scenario<Sphere>> all;
+    for (double d : diameters_m)
+      for (double a : angles_rad)
+        for (double y : places_m) all.push_back({Sphere{d}, a, y, loads_N});
+    return all;
+  }
+};
+
+/// The paper's pad-normal contacts: 4 diameters × 7 places.
+inline Ensemble flat_ensemble() { return {}; }
+
+/// The paper's contacts under five approach angles: 4 × 5 × 7.
+inline Ensemble curved_ensemble() {
+  Ensemble e;
+  e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
+  return e;
+}
+
+/// Which scenarios have to be solved when mirror images are solved once.
+struct ContactPlan {
+  struct Solve {
+    Scenario<Sphere> scenario;   ///< with angle ≥ 0 and y ≥ 0 where the body is symmetric
+    std::size_t place;           ///< index into `places`
+  };
+  struct Image {
+    std::size_t solve;           ///< which solve it comes from
+    bool mirror_x, mirror_y;     ///< by which reflections
+  };
+  /// Contacts at one angle and place share a mesh.
+  struct Place {
+    double angle_rad, y_m;
+    std::vector<std::size_t> solves;
+  };
+  std::vector<Solve> solves;
+  std::vector<Image> images;     ///< one per scenario of the ensemble
+  std::vector<Place> places;
+};
+
+/// `mirror_once` false: every scenario is solved for itself.
+inline ContactPlan plan_contacts(const std::vector<Scenario<Sphere>>& scenarios, Symmetry symmetry, bool mirror_once = true) {
+  ContactPlan plan;
+  for (const Scenario<Sphere>& s : scenarios) {
+    validate(s);
+    const bool mx = mirror_once && symmetry.x && s.angle_rad < 0.0, my = mirror_once && symmetry.y && s.y_m < 0.0;
+    Scenario<Sphere> canonical = s;
+    canonical.angle_rad = mx ? -s.angle_rad : s.angle_rad;
+    canonical.y_m = my ? -s.y_m : s.y_m;
+    std::size_t k = 0;
+    while (k < plan.solves.size() && !(mirror_once && plan.solves[k].scenario == canonical)) ++k;
+    if (k == plan.solves.size()) {
+      // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
+      const double angle = symmetry.x ? std::abs(canonical.angle_rad) : canonical.angle_rad, y = symmetry.y ? std::abs(canonical.y_m) : canonical.y_m;
+      std::size_t place = 0;
+      while (place < plan.places.size() && !(plan.places[place].angle_rad == angle && plan.places[place].y_m == y)) ++place;
+      if (place == plan.places.size()) plan.places.push_back({angle, y, {}});
+      plan.places[place].solves.push_back(k);
+      plan.solves.push_back({canonical, place});
+    }
+    plan.images.push_back({k, mx, my});
+  }
+  return plan;
+}
+
+}  // namespace lumo
