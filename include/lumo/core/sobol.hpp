@@ -17,9 +17,7 @@ constexpr std::uint64_t mix64(std::uint64_t x) {
 }
 
 /// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
-  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
-}
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) { return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1)); }
 
 /// A number in (0, 1) from a key.
 constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }

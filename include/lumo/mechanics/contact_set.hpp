@@ -84,6 +84,7 @@ void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&
 struct EdgeSample {
   Vec3 point;
   Vec3 outward;
+  double spacing;   // of the nodes about it
 };
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
@@ -122,19 +123,19 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const double spread = gg - g * g / w;
     const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
     const double start = std::max((s - bend * g) / w, 0.25 * s / w), here = std::max(start + bend * f.power, 0.25 * s / w);
-    samples.push_back({f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward});
+    samples.push_back({f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
   }
   return samples;
 }
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3& p, double reach) {
+inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3& p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
   for (const EdgeSample& s : samples) {
     const Vec3 d = s.point - p;
-    const double t = d.squaredNorm() / (reach * reach);
+    const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
     if (t >= 1.0) continue;
     const double k = std::pow(1.0 - t, 4);
     w += k;
@@ -184,8 +185,12 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
   for (std::size_t k = 0; k < n; ++k) {
     if (area[k] <= 0.0) continue;
-    const double far = gap[k] > tolerance ? -gap[k] : spacing[k];
-    c.field[k] = overlap > 0.0 ? detail::distance_to_edge(edge, x.col(Eigen::Index(k)), 4.0 * spacing[k]).value_or(far) : -gap[k];
+    const bool open = gap[k] > tolerance;
+    const double far = open ? -gap[k] : spacing[k];
+    double& field = c.field[k];
+    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
+    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
+    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
   }
   return c;
 }

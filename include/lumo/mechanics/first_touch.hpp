@@ -68,9 +68,19 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
           if (s < nearest) nearest = s, seed = q;
         }
       }
-      if (!std::isfinite(nearest)) continue;
+      if (!(low.array() <= high.array()).all()) continue;
       const double slack = 1e-12 * size;
       const auto inside = [&](const Vec3& p) { return (p.array() >= low.array() - slack).all() && (p.array() <= high.array() + slack).all(); };
+      // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
+      for (double s = 0.0; s < 2.0 * reach;) {
+        const Vec3 center = fold(start + s * direction);
+        const Vec3 q = closest_point(body.patches[patch].shape, center.cwiseMax(low).cwiseMin(high));
+        const double apart = (q - center).norm();
+        if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
+          if (const double t = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
+        s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
+      }
+      if (!std::isfinite(nearest)) continue;
       // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
       for (double step = 0.1 * (high - low).norm(); step > 1e-9; step *= 0.5)
         for (bool moved = true; moved;) {

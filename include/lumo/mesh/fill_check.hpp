@@ -99,12 +99,20 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
     i = end;
   }
   std::sort(boundary.begin(), boundary.end());
+  std::vector<Vec3> normals;
+  for (const Facet& facet : input.facets) normals.push_back(polygon_normal(input.vertices, facet.loop).normalized());
+  const double reach = 1e-6 * (surface.high - surface.low).norm();
   double area = 0.0;
   for (const auto& [side, facet] : boundary) {
     const auto& tet = mesh.tets[static_cast<std::size_t>(side / 4)];
     const auto& local = outward_faces[static_cast<std::size_t>(side % 4)];
     const std::array<int, 3> face{tet[static_cast<std::size_t>(local[0])], tet[static_cast<std::size_t>(local[1])], tet[static_cast<std::size_t>(local[2])]};
     area += 0.5 * (at(face[1]) - at(face[0])).cross(at(face[2]) - at(face[0])).norm();
+    const Vec3& normal = normals[static_cast<std::size_t>(facet)];
+    const Vec3& origin = at(input.facets[static_cast<std::size_t>(facet)].loop[0]);
+    for (int vertex : face)
+      if (const double height = std::abs(normal.dot(at(vertex) - origin)); height > reach)
+        throw MeshError(Reason::inaccurate, text("boundary vertex ", vertex, " is ", height, " off facet ", facet, ", at most ", reach));
     mesh.faces.push_back(face);
     mesh.patches.push_back(input.facets[static_cast<std::size_t>(facet)].patch);
   }

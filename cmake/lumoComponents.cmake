@@ -1,0 +1,68 @@
+# Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package alike.
+# LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
+set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite)
+set(LUMO_PACKAGE_tetgen libtet1.5-dev)
+set(LUMO_PACKAGE_embree libembree-dev)
+set(LUMO_PACKAGE_cholmod libsuitesparse-dev)
+set(LUMO_PACKAGE_tbb libtbb-dev)
+set(LUMO_PACKAGE_opencv libopencv-dev)
+set(LUMO_PACKAGE_sqlite libsqlite3-dev)
+
+macro(lumo_component name includes)  # further arguments: libraries
+  if(NOT TARGET lumo::${name})
+    add_library(lumo::${name} INTERFACE IMPORTED GLOBAL)
+    set_target_properties(lumo::${name} PROPERTIES INTERFACE_LINK_LIBRARIES "lumo::lumo;${ARGN}")
+    if(NOT "${includes}" STREQUAL "")
+      set_target_properties(lumo::${name} PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${includes}")
+    endif()
+  endif()
+endmacro()
+
+find_package(Threads QUIET)
+
+find_path(LUMO_TETGEN_INCLUDE tetgen.h)
+find_library(LUMO_TETGEN_LIBRARY NAMES tet tetgen)
+mark_as_advanced(LUMO_TETGEN_INCLUDE LUMO_TETGEN_LIBRARY)
+if(LUMO_TETGEN_INCLUDE AND LUMO_TETGEN_LIBRARY)
+  lumo_component(tetgen "${LUMO_TETGEN_INCLUDE}" "${LUMO_TETGEN_LIBRARY}")
+  file(STRINGS ${LUMO_TETGEN_INCLUDE}/tetgen.h LUMO_VERSION_tetgen REGEX "Version [0-9.]+" LIMIT_COUNT 1)
+  string(REGEX MATCH "[0-9]+(\\.[0-9]+)+" LUMO_VERSION_tetgen "${LUMO_VERSION_tetgen}")
+endif()
+
+find_path(LUMO_EMBREE_INCLUDE NAMES embree4/rtcore.h embree3/rtcore.h)
+find_library(LUMO_EMBREE_LIBRARY NAMES embree4 embree3)
+mark_as_advanced(LUMO_EMBREE_INCLUDE LUMO_EMBREE_LIBRARY)
+if(LUMO_EMBREE_INCLUDE AND LUMO_EMBREE_LIBRARY)
+  lumo_component(embree "${LUMO_EMBREE_INCLUDE}" "${LUMO_EMBREE_LIBRARY}")
+endif()
+
+# CHOLMOD calls a BLAS; the first one in link order wins, and the reference BLAS is many times slower than OpenBLAS.
+find_path(LUMO_CHOLMOD_INCLUDE cholmod.h PATH_SUFFIXES suitesparse)
+find_library(LUMO_CHOLMOD_LIBRARY cholmod)
+find_library(LUMO_SUITESPARSECONFIG_LIBRARY suitesparseconfig)
+find_library(LUMO_OPENBLAS_LIBRARY openblas)
+mark_as_advanced(LUMO_CHOLMOD_INCLUDE LUMO_CHOLMOD_LIBRARY LUMO_SUITESPARSECONFIG_LIBRARY LUMO_OPENBLAS_LIBRARY)
+if(LUMO_CHOLMOD_INCLUDE AND LUMO_CHOLMOD_LIBRARY AND LUMO_SUITESPARSECONFIG_LIBRARY)
+  set(lumo_libraries "${LUMO_CHOLMOD_LIBRARY};${LUMO_SUITESPARSECONFIG_LIBRARY}")
+  if(LUMO_OPENBLAS_LIBRARY)
+    # No program calls OpenBLAS itself, so a linker that drops unused libraries would drop it.
+    list(PREPEND lumo_libraries "-Wl,--push-state,--no-as-needed" "${LUMO_OPENBLAS_LIBRARY}" "-Wl,--pop-state")
+  endif()
+  lumo_component(cholmod "${LUMO_CHOLMOD_INCLUDE}" ${lumo_libraries})
+  unset(lumo_libraries)
+endif()
+
+find_package(TBB CONFIG QUIET)
+if(TARGET TBB::tbb AND TARGET Threads::Threads)
+  lumo_component(tbb "" TBB::tbb Threads::Threads)
+endif()
+
+find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs videoio)
+if(OpenCV_FOUND)
+  lumo_component(opencv "${OpenCV_INCLUDE_DIRS}" ${OpenCV_LIBS})
+endif()
+
+find_package(SQLite3 QUIET)
+if(TARGET SQLite::SQLite3)
+  lumo_component(sqlite "" SQLite::SQLite3)
+endif()

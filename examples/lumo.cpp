@@ -1,0 +1,99 @@
+// The command-line program: reads the options, runs one command, writes its result, and turns errors into one line and an exit code.
+#include "program/commands.hpp"
+#include "program/doctor.hpp"
+#include "program/interrupt.hpp"
+#include "program/options.hpp"
+#include "program/output.hpp"
+#include "program/present.hpp"
+#include "program/progress.hpp"
+
+#include <algorithm>
+#include <iostream>
+#include <new>
+
+namespace {
+
+using namespace lumo::program;
+
+enum ExitCode { ok = 0, fault = 1, usage = 2, infeasible = 3, numerical = 4, bad_file = 5 };
+
+int complain(std::string text, ExitCode code) {
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  std::cerr << "lumo: " << text << std::endl;
+  return code;
+}
+
+void print(const std::string& text) {
+  std::cout << text << std::flush;
+  if (!std::cout) throw lumo::InputError("cannot write to standard output");
+}
+
+/// Shows the result even where a solve went wrong, for the states before it are sound; files are for good results only.
+template <class Result>
+int deliver(const Options& options, const Result& result, const std::vector<ScenarioReport>& scenarios, Output& files, Progress& progress) {
+  const std::string text = present(options, result, files);
+  progress.finish();
+  for (const auto& s : scenarios)
+    if (s.status != "converged") {
+      print(text);
+      return complain(lumo::detail::text("solve ended '", s.status, "' for the sphere of ", s.diameter_mm, " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"), numerical);
+    }
+  const auto paths = files.write();
+  print(text);
+  for (const auto& path : paths) progress.note("wrote " + path);
+  return ok;
+}
+
+int run(const Options& options) {
+  if (options.command == Command::doctor) {
+    print(doctor(options.json));
+    return ok;
+  }
+  check_design(options);
+  Output files(options.out);
+  Progress progress(options.quiet);
+  switch (options.command) {
+    case Command::section: return deliver(options, make_section(options), {}, files, progress);
+    case Command::mesh: return deliver(options, make_mesh(options, progress), {}, files, progress);
+    case Command::press: {
+      const auto result = make_press(options, progress);
+      return deliver(options, result, {result.scenario}, files, progress);
+    }
+    case Command::trace: {
+      const auto result = make_trace(options, progress);
+      return deliver(options, result, {result.scenario}, files, progress);
+    }
+    default: {
+      const auto result = make_evaluation(options, progress);
+      return deliver(options, result, result.scenarios, files, progress);
+    }
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  stop_on_interrupt();
+  single_threaded_blas();
+  try {
+    std::string text;
+    const auto options = parse({argv, std::size_t(argc)}, text);
+    if (options) return run(*options);
+    print(text);
+    return ok;
+  } catch (const UsageError& e) {
+    return complain(e.what(), usage);
+  } catch (const lumo::InvalidArgument& e) {
+    return complain(e.what(), usage);
+  } catch (const lumo::InfeasibleDesign& e) {
+    return complain(e.what(), infeasible);
+  } catch (const lumo::MeshError& e) {
+    return complain(e.what(), numerical);
+  } catch (const lumo::InputError& e) {
+    return complain(e.what(), bad_file);
+  } catch (const std::bad_alloc&) {
+    return complain("out of memory", numerical);
+  } catch (const std::exception& e) {
+    return complain(e.what(), fault);
+  }
+}

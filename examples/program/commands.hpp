@@ -1,0 +1,21 @@
+#pragma once
+
+#include "program/options.hpp"
+#include "program/progress.hpp"
+#include "program/report.hpp"
+#include "program/section_drawing.hpp"
+
+/// What each command computes. This is where the program meets the library's stages; nothing here reads options or writes files.
+/// All throw lumo's errors; a solve that ends badly is a status in the result.
+namespace lumo::program {
+
+/// Throws InfeasibleDesign; cheap, called before everything else.
+void check_design(const Options& options);
+
+SectionDrawing make_section(const Options& options);
+MeshResult make_mesh(const Options& options, Progress& progress);
+PressResult make_press(const Options& options, Progress& progress);
+TraceResult make_trace(const Options& options, Progress& progress);
+EvaluationResult make_evaluation(const Options& options, Progress& progress);
+
+}  // namespace lumo::program

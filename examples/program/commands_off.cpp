@@ -1,0 +1,17 @@
+// Takes the place of commands.cpp where a component is missing, so that `lumo doctor` can still say which.
+#include "program/commands.hpp"
+
+namespace lumo::program {
+
+namespace {
+
+[[noreturn]] void off(Command command) { throw Error("'" + std::string(name(command)) + "' was built without a library that it needs; run 'lumo doctor'"); }
+
+}  // namespace
+
+MeshResult make_mesh(const Options& options, Progress&) { off(options.command); }
+PressResult make_press(const Options& options, Progress&) { off(options.command); }
+TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
+EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
+
+}  // namespace lumo::program

@@ -1,0 +1,66 @@
+#pragma once
+
+#include "program/options.hpp"
+#include "program/report.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include <cmath>
+#include <span>
+
+namespace lumo::program {
+
+/// Keeps keys in the order of writing.
+using Json = nlohmann::ordered_json;
+
+/// A number, or null where it is not defined: JSON has no NaN.
+inline Json number(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
+
+inline Json numbers(std::span<const double> values) {
+  Json a = Json::array();
+  for (const double v : values) a.push_back(number(v));
+  return a;
+}
+
+inline Json json(const StateReport& s) {
+  return {{"load_N", number(s.load_N)},
+          {"force_N", number(s.force_N)},
+          {"depth_mm", number(s.depth_mm)},
+          {"contact_area_mm2", number(s.contact_area_mm2)},
+          {"reference_area_mm2", number(s.reference_area_mm2)},
+          {"residual_N", number(s.residual_N)},
+          {"response", s.response.empty() ? Json(nullptr) : numbers(s.response)}};
+}
+
+inline Json json(const ScenarioReport& s) {
+  Json states = Json::array();
+  for (const auto& state : s.states) states.push_back(json(state));
+  return {{"diameter_mm", number(s.diameter_mm)}, {"angle_deg", number(s.angle_deg)}, {"y_mm", number(s.y_mm)},     {"status", s.status},
+          {"q_form", number(s.q_form)},           {"q_stable", number(s.q_stable)},   {"q_stiff", number(s.q_stiff)}, {"states", states}};
+}
+
+inline Json json(const MeshReport& m) { return {{"nodes", m.nodes}, {"elements", m.elements}}; }
+
+inline Json json(const Seconds& s) {
+  return {{"mesh", number(s.mesh)}, {"mechanics", number(s.mechanics)}, {"optics", number(s.optics)}, {"total", number(s.total)}};
+}
+
+inline Json json(const Ledger& l) {
+  return {{"emitted", number(l.emitted)},
+          {"regions", number(l.regions)},
+          {"to_indenter", number(l.to_indenter)},
+          {"elsewhere", number(l.elsewhere)},
+          {"absorbed_medium", number(l.absorbed_medium)},
+          {"absorbed_carrier", number(l.absorbed_carrier)},
+          {"sampling", number(l.sampling)},
+          {"lost", number(l.lost)}};
+}
+
+/// The design that a result belongs to; the first keys of every result.
+inline Json heading(const Options& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
+
+inline void append(Json& to, const Json& from) {
+  for (const auto& [key, value] : from.items()) to[key] = value;
+}
+
+}  // namespace lumo::program

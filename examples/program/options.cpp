@@ -1,0 +1,206 @@
+#include "program/options.hpp"
+
+#include "lumo/mechanics/scenario.hpp"
+#include "program/version.hpp"
+
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <thread>
+
+namespace lumo::program {
+
+namespace {
+
+/// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
+struct Typed {
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble;
+};
+
+std::vector<std::string_view> split(std::string_view s) {
+  std::vector<std::string_view> fields;
+  while (true) {
+    const std::size_t comma = s.find(',');
+    fields.push_back(s.substr(0, comma));
+    if (comma == std::string_view::npos) return fields;
+    s.remove_prefix(comma + 1);
+  }
+}
+
+/// Control characters would break the one line of a message.
+std::string printable(std::string_view s) {
+  std::string out;
+  for (const char c : s) out += static_cast<unsigned char>(c) < 32 || c == 127 ? '?' : c;
+  return out.size() > 80 ? out.substr(0, 77) + "..." : out;
+}
+
+std::string in_quotes(std::string_view s) { return "'" + printable(s) + "'"; }
+
+double number(const char* option, std::string_view typed, const char* unit) {
+  const auto value = parse_number(typed);
+  if (!value) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a number [", unit, "]"));
+  if (!std::isfinite(*value)) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a finite number [", unit, "]"));
+  return *value;
+}
+
+int whole_number(const char* option, std::string_view typed, int low, int high) {
+  int value = 0;
+  const auto [end, error] = std::from_chars(typed.data(), typed.data() + typed.size(), value);
+  if (typed.empty() || error != std::errc{} || end != typed.data() + typed.size() || value < low || value > high)
+    throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a whole number from ", low, " to ", high));
+  return value;
+}
+
+std::string one_of(const char* option, const std::string& typed, std::initializer_list<const char*> choices) {
+  std::string list;
+  for (const char* c : choices) {
+    if (typed == c) return typed;
+    list += (list.empty() ? "" : " or ") + std::string(c);
+  }
+  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be ", list));
+}
+
+/// Not a number and infinity are read: they are values, and whether a value is feasible is the design space's to say.
+std::array<double, 5> read_theta(std::string_view typed) {
+  const auto fields = split(typed);
+  const char* wanted = ", must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]";
+  if (fields.size() != 5) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", fields.size(), fields.size() == 1 ? " field)" : " fields)", wanted));
+  std::array<double, 5> theta{};
+  for (std::size_t i = 0; i < 5; ++i) {
+    const auto value = parse_number(fields[i]);
+    if (!value) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", in_quotes(fields[i]), " is not a number)", wanted));
+    theta[i] = *value;
+  }
+  return theta;
+}
+
+void read(Options& o, const Typed& t) {
+  if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
+  if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
+  if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
+  o.threads = t.threads.empty() ? std::clamp(int(std::thread::hardware_concurrency()), 1, 1024) : whole_number("--threads", t.threads, 1, 1024);
+  if (!t.out.empty()) o.out = t.out;
+  if (!t.diameter.empty()) o.diameter_mm = number("--diameter", t.diameter, "mm");
+  if (!t.angle.empty()) o.angle_deg = number("--angle", t.angle, "deg");
+  if (!t.y.empty()) o.y_mm = number("--y", t.y, "mm");
+  if (!t.loads.empty()) {
+    o.loads_N.clear();
+    for (const auto field : split(t.loads)) o.loads_N.push_back(number("--loads", field, "N"));
+  }
+  if (o.command == Command::press || o.command == Command::trace) {
+    try {
+      validate(Scenario<Sphere>{{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N});
+    } catch (const InvalidArgument& e) {
+      throw UsageError(e.what());
+    }
+  }
+}
+
+CLI::Option* text_option(CLI::App* app, const std::string& flag, std::string& into, const std::string& help, const std::string& kind) {
+  auto* option = app->add_option(flag, into, help)->type_name(kind);
+  // An empty value would be taken for an absent one.
+  option->each([flag](const std::string& value) {
+    if (value.empty()) throw CLI::ValidationError(flag + " is empty");
+  });
+  return option;
+}
+
+std::string one_line(std::string s) {
+  std::replace(s.begin(), s.end(), '\n', ' ');
+  return s;
+}
+
+}  // namespace
+
+std::optional<double> parse_number(std::string_view s) {
+  if (s.starts_with('+') && s.size() > 1 && s[1] != '-' && s[1] != '+') s.remove_prefix(1);
+  double value = 0.0;
+  const auto [end, error] = std::from_chars(s.data(), s.data() + s.size(), value);
+  if (s.empty() || end != s.data() + s.size()) return std::nullopt;
+  if (error == std::errc::result_out_of_range) return std::strtod(std::string(s).c_str(), nullptr);  // 0 or infinite; the locale is always "C" here
+  if (error != std::errc{}) return std::nullopt;
+  return value;
+}
+
+std::string_view name(Command command) {
+  static constexpr std::array<std::string_view, 6> names = {"section", "mesh", "press", "trace", "evaluate", "doctor"};
+  return names[std::size_t(command)];
+}
+
+std::string_view name(Ensemble ensemble) { return ensemble == Ensemble::flat ? "flat" : "curved"; }
+
+std::optional<Options> parse(std::span<char* const> arguments, std::string& text) {
+  Options o;
+  Typed t;
+  CLI::App app("Mechanics, optics and design of soft lit finger pads.", "lumo");
+  app.set_version_flag("--version", std::string("lumo ") + version);
+  app.require_subcommand(0, 1);
+  app.footer("Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 bad file, 130 interrupted.\n"
+             "Results go to standard output, progress to standard error.");
+
+  const auto common = [&](CLI::App* c) {
+    c->add_flag("--json", o.json, "Print the result as JSON");
+    c->add_flag("--quiet", o.quiet, "No progress on standard error");
+    c->allow_extras();   // unknown words are reported below, with the nearest known one
+    c->prefix_command(false);
+  };
+  const auto design = [&](CLI::App* c) {
+    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME");
+    text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N");
+    text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
+    common(c);
+  };
+  const auto scenario = [&](CLI::App* c) {
+    text_option(c, "--diameter", t.diameter, "Sphere's diameter [mm], default 10", "N");
+    text_option(c, "--angle", t.angle, "Approach angle from the pad normal [deg], default 0", "N");
+    text_option(c, "--y", t.y, "Place along the finger [mm], default 0", "N");
+    text_option(c, "--loads", t.loads, "Increasing loads [N], default 1,2,5,10,15", "N,N,...");
+  };
+  struct Entry {
+    Command command;
+    const char* help;
+  };
+  for (const Entry& e : {Entry{Command::section, "Draw the cross-section with its dimensions (SVG)"}, Entry{Command::mesh, "Make the tetrahedral mesh (VTU with --out)"},
+                         Entry{Command::press, "Press a sphere on the pad: force, depth, contact"}, Entry{Command::trace, "Press, then trace light: response of each region"},
+                         Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::doctor, "What was found, which version, and what is off"}}) {
+    CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
+    if (e.command == Command::doctor) common(c);
+    else design(c);
+    if (e.command == Command::press || e.command == Command::trace) scenario(c);
+    if (e.command == Command::evaluate) text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");
+    c->parse_complete_callback([&o, command = e.command] { o.command = command; });
+  }
+  app.allow_extras();
+
+  std::vector<std::string> words;
+  for (std::size_t i = arguments.size(); i-- > 1;) words.emplace_back(arguments[i]);   // CLI11 wants them reversed
+  try {
+    app.parse(words);
+  } catch (const CLI::CallForHelp&) {
+    const auto chosen = app.get_subcommands();
+    text = chosen.empty() ? app.help() : chosen.front()->help("lumo", CLI::AppFormatMode::Normal);
+    return std::nullopt;
+  } catch (const CLI::CallForVersion& e) {
+    text = std::string(e.what()) + "\n";
+    return std::nullopt;
+  } catch (const CLI::ParseError& e) {
+    throw UsageError(printable(one_line(e.what())) + " (see lumo --help)");
+  }
+  const auto chosen = app.get_subcommands();
+  const std::string help = "lumo " + (chosen.empty() ? "" : chosen.front()->get_name() + " ") + "--help";
+  const auto extras = app.remaining(true);
+  if (!extras.empty()) {
+    const std::string& word = extras.front();
+    const char* kind = word.starts_with('-') && word.size() > 1 ? "unknown option " : chosen.empty() ? "unknown command " : "unexpected argument ";
+    throw UsageError(kind + in_quotes(word) + " (see " + help + ")");
+  }
+  if (chosen.empty()) throw UsageError("no command given (see lumo --help)");
+  read(o, t);
+  return o;
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,48 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <array>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace lumo::program {
+
+enum class Command { section, mesh, press, trace, evaluate, doctor };
+enum class Ensemble { flat, curved };
+
+/// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
+struct Options {
+  Command command = Command::doctor;
+  std::array<double, 5> theta_mm = {6.0, 6.0, 8.0, 5.0, 0.0};
+  std::string material = "DS";
+  bool json = false;
+  bool quiet = false;
+  int threads = 1;
+  std::optional<std::string> out;
+  double diameter_mm = 10.0;
+  double angle_deg = 0.0;
+  double y_mm = 0.0;
+  std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+  Ensemble ensemble = Ensemble::flat;
+};
+
+/// The command line makes no sense.
+class UsageError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// Reads a command line. Empty when it asked for help or the version, which are then in `text`. Throws UsageError.
+std::optional<Options> parse(std::span<char* const> arguments, std::string& text);
+
+std::string_view name(Command command);
+std::string_view name(Ensemble ensemble);
+
+/// The number that the whole of `s` spells, the same in every locale; nothing otherwise. May be NaN or infinite.
+std::optional<double> parse_number(std::string_view s);
+
+}  // namespace lumo::program

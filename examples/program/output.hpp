@@ -1,0 +1,26 @@
+#pragma once
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo::program {
+
+/// The files of one command. They are collected first and appear together, complete, under their names, or not at all.
+class Output {
+ public:
+  /// Throws InputError when `directory` cannot be written to; makes nothing yet, so that a long run does not end in vain.
+  explicit Output(std::optional<std::string> directory);
+
+  bool wanted() const { return directory_.has_value(); }
+  void add(std::string name, std::string contents);
+  /// Writes all files and returns their paths. Throws InputError and leaves no file of this run behind.
+  std::vector<std::string> write();
+
+ private:
+  std::optional<std::string> directory_;
+  std::vector<std::pair<std::string, std::string>> files_;
+};
+
+}  // namespace lumo::program

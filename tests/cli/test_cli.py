@@ -1,0 +1,169 @@
+"""The program from outside: exit codes, messages, and what is written where.
+
+usage: test_cli.py path/to/lumo
+"""
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+import xml.etree.ElementTree
+
+LUMO = ""
+USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
+DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
+
+
+def run(*arguments, **options):
+    environment = dict(os.environ, LC_ALL=options.pop("locale", "C"))
+    return subprocess.run([LUMO, *arguments], capture_output=True, text=True, timeout=options.pop("timeout", 60), env=environment, **options)
+
+
+class Refusals(unittest.TestCase):
+    """Every malformed request: its exit code, one line on standard error that names the culprit, nothing on standard output, no files."""
+
+    def refused(self, code, words, *arguments):
+        with self.subTest(" ".join(arguments)), tempfile.TemporaryDirectory() as folder:
+            done = run(*arguments, cwd=folder)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertEqual(done.stdout, "")
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            self.assertTrue(done.stderr.startswith("lumo: "), done.stderr)
+            for word in words:
+                self.assertIn(word, done.stderr)
+            self.assertEqual(os.listdir(folder), [])
+
+    def test_commands(self):
+        self.refused(USAGE, ["command"])
+        self.refused(USAGE, ["pres", "unknown command"], "pres")
+        self.refused(USAGE, ["--frobnicate"], "--frobnicate")
+        for command in DESIGN_COMMANDS + ["doctor"]:
+            self.refused(USAGE, ["--frobnicate", "unknown option", f"lumo {command} --help"], command, "--frobnicate")
+            self.refused(USAGE, ["'extra'"], command, "extra")
+        self.refused(USAGE, ["--theta"], "doctor", "--theta", "6,6,8,5,0")
+        self.refused(USAGE, ["--diameter"], "evaluate", "--diameter", "10")
+        self.refused(USAGE, ["--ensemble"], "press", "--ensemble", "flat")
+
+    def test_theta_is_five_numbers(self):
+        for text in ["6", "6,6,8,5", "6,6,8,5,0,1", "a,b,c,d,e", "6,6,8,5,", ",6,8,5,0", "6;6;8;5;0", "6 6 8 5 0", "6,6,8,5,0x", "6,6,8,5,0 ", "0x6,6,8,5,0", "6,6,8,5,1e", "6,6,8,5,--1", "6,6,8,5,+-1", "6.,6,8,5,0.5.5", "--json"]:
+            self.refused(USAGE, ["--theta", "five numbers"], "section", "--theta", text)
+        self.refused(USAGE, ["--theta"], "section", "--theta", "")
+        self.refused(USAGE, ["--theta"], "section", "--theta=")
+        self.refused(USAGE, ["--theta"], "section", "--theta")
+        self.refused(USAGE, ["--theta"], "section", "--theta", "6,6,8,5,0", "--theta", "6,6,8,5,0")
+        self.refused(USAGE, ["--theta"], "section", "--theta", "6,6,8,5\n,0,1")
+
+    def test_infeasible_designs(self):
+        for command in DESIGN_COMMANDS:
+            self.refused(INFEASIBLE, ["h_fp", "6.25", "0.5", "mm"], command, "--theta", "6.25,6,8,5,0")
+        for text, words in [
+            ("nan,6,8,5,0", ["h_fp"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
+            ("1.5,6,8,5,0", ["h_fp", "1.5", "2", "mm"]), ("29.5,1,8,5,0", ["h_fp", "29.5", "29"]), ("6,6,8,5,-0.5", ["w_v", "-0.5", "0"]),
+            ("12,9,8,5,0", ["h_fp + h_ep", "21", "20"]), ("10,8,8,5,6", ["w_s + 2 w_v", "20", "19.5"]), ("2,6,8,5,0", ["t_min", "5"]),
+        ]:
+            self.refused(INFEASIBLE, words, "section", "--theta", text)
+
+    def test_usage_comes_before_feasibility(self):
+        self.refused(USAGE, ["--threads"], "section", "--theta", "nan,6,8,5,0", "--threads", "0")
+
+    def test_threads(self):
+        for text in ["0", "-1", "1025", "1.5", "two", "", "1e3", "99999999999999999999", " 2", "nan"]:
+            self.refused(USAGE, ["--threads"] + (["1024"] if text else []), "evaluate", "--threads", text)
+
+    def test_names(self):
+        for text in ["ds", "Dragon", "", "DS "]:
+            self.refused(USAGE, ["--material"], "press", "--material", text)
+        for text in ["round", "", "Flat"]:
+            self.refused(USAGE, ["--ensemble"], "evaluate", "--ensemble", text)
+
+    def test_scenario(self):
+        for command in ["press", "trace"]:
+            for option, unit, texts in [
+                ("--diameter", "mm", ["0", "-10", "nan", "inf", "ten", "10mm", "10,5", "1e9", "", "1001"]),
+                ("--angle", "deg", ["nan", "inf", "81", "-80.5", "x", ""]),
+                ("--y", "mm", ["nan", "-inf", "1e6", "0,0", ""]),
+                ("--loads", "N", ["0", "-1", "nan", "inf", "5,2", "1,1", "1,,2", "1,2,", "one", "1e9", ""]),
+            ]:
+                for text in texts:
+                    word = {"--diameter": "diameter", "--angle": "angle", "--y": "y", "--loads": "load"}[option]
+                    self.refused(USAGE, [word] + ([unit] if text else []), command, option, text)
+
+    def test_out(self):
+        with tempfile.NamedTemporaryFile() as file:
+            for command in DESIGN_COMMANDS:
+                self.refused(BAD_FILE, [file.name, "not a directory"], command, "--out", file.name)
+                self.refused(BAD_FILE, ["not a directory"], command, "--out", file.name + "/below")
+        self.refused(USAGE, ["--out"], "section", "--out", "")
+
+    @unittest.skipIf(os.geteuid() == 0, "root may write anywhere")
+    def test_out_without_rights(self):
+        self.refused(BAD_FILE, ["Permission denied"], "section", "--out", "/proc/1/lumo")
+
+    def test_infeasible_comes_before_out(self):
+        self.refused(INFEASIBLE, ["h_fp"], "section", "--theta", "1,6,8,5,0", "--out", "/dev/null/x")
+
+    def test_messages_stay_one_line_whatever_is_typed(self):
+        self.refused(USAGE, ["--theta"], "section", "--theta", "a\nb\tc\x1b[31m")
+        self.refused(USAGE, [], "x" * 5000)
+
+
+class Answers(unittest.TestCase):
+    def test_help_and_version(self):
+        for arguments in [["--help"], ["press", "--help"], ["doctor", "-h"], ["--version"]]:
+            done = run(*arguments)
+            self.assertEqual((done.returncode, done.stderr), (0, ""))
+            self.assertTrue(done.stdout.strip())
+        self.assertIn("--diameter", run("press", "--help").stdout)
+
+    def test_standard_output_must_hold(self):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run([LUMO, "doctor"], stdout=full, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(done.returncode, BAD_FILE)
+        self.assertEqual(done.stderr, "lumo: cannot write to standard output\n")
+
+    def test_doctor(self):
+        done = run("doctor", "--json")
+        self.assertEqual(done.returncode, 0)
+        report = json.loads(done.stdout)
+        names = [c["name"] for c in report["components"]]
+        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "CLI11", "nlohmann-json"]:
+            self.assertIn(name, names)
+        off = [c for c in report["components"] if not c["on"]]
+        self.assertEqual(len(off), len(report["off"]))
+        for component in report["components"]:
+            self.assertTrue(component["package"])
+            self.assertEqual(component["version"] is not None, component["on"], component)
+        self.assertIn("Eigen", run("doctor").stdout)
+
+    def test_section(self):
+        done = run("section", "--theta", "5,10,10,6,3")
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        drawing = xml.etree.ElementTree.fromstring(done.stdout)
+        words = [t.text for t in drawing.iter("{http://www.w3.org/2000/svg}text")]
+        for label in ["h_fp = 5 mm", "h_ep = 10 mm", "w_s = 10 mm", "h_s = 6 mm", "w_v = 3 mm", "W = 29.5 mm"]:
+            self.assertIn(label, words)
+        report = json.loads(run("section", "--json", "--theta", "+5,1e1,10,6.0,3").stdout)
+        self.assertEqual(report["theta_mm"], [5, 10, 10, 6, 3])
+        self.assertEqual(report["dimensions_mm"]["W"], 29.5)
+
+    def test_exact_wall_is_feasible(self):
+        self.assertEqual(run("section", "--theta", "10,8,4.5,4,7.5").returncode, 0)
+
+    def test_out_is_made_and_complete(self):
+        with tempfile.TemporaryDirectory() as folder:
+            out = pathlib.Path(folder) / "new" / "deeper"
+            done = run("section", "--out", str(out))
+            self.assertEqual(done.returncode, 0)
+            self.assertEqual(os.listdir(out), ["section.svg"])
+            self.assertIn("section.svg", done.stderr)
+            self.assertEqual(run("section", "--out", str(out), "--quiet").stderr, "")
+
+    def test_numbers_do_not_follow_the_locale(self):
+        self.assertEqual(run("section", "--json", "--theta", "6,6,8,5,0.5", locale="de_DE.UTF-8").stdout, run("section", "--json", "--theta", "6,6,8,5,0.5").stdout)
+
+
+if __name__ == "__main__":
+    LUMO = os.path.abspath(sys.argv.pop(1))
+    unittest.main()

@@ -1,0 +1,147 @@
+"""What the commands compute, seen from outside: every promised key, sound files, one answer for any number of threads, a clean stop.
+
+usage: test_results.py path/to/lumo [quick|long]
+"""
+import base64
+import json
+import math
+import os
+import pathlib
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import xml.etree.ElementTree
+
+LUMO, LONG = "", False
+STATE = ["load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2", "residual_N", "response"]
+SCENARIO = ["diameter_mm", "angle_deg", "y_mm", "status", "q_form", "q_stable", "q_stiff", "states"]
+EVALUATION = ["theta_mm", "material", "ensemble", "J_contact", "J_contact_err", "J_obs", "J_obs_err", "worst_contact", "worst_observation",
+              "unloaded_response", "scenarios", "ledger", "mesh", "seconds"]
+
+
+def run(*arguments, timeout=900):
+    return subprocess.run([LUMO, *arguments], capture_output=True, text=True, timeout=timeout)
+
+
+def strict(text):
+    """JSON without the NaN that Python would let pass."""
+    def refuse(word):
+        raise ValueError(f"{word} is not JSON")
+    return json.loads(text, parse_constant=refuse)
+
+
+def read_arrays(path):
+    """Sizes and name → numbers of a .vtu file: UInt64 byte count, then little-endian values, all in one base64 piece."""
+    formats = {"Float64": "d", "Int64": "q", "UInt8": "B"}
+    piece = xml.etree.ElementTree.parse(path).getroot().find("UnstructuredGrid/Piece")
+    arrays = {}
+    for array in piece.iter("DataArray"):
+        data = base64.b64decode(array.text, validate=True)
+        (size,) = struct.unpack("<Q", data[:8])
+        if size != len(data) - 8:
+            raise ValueError(f"{array.get('Name')}: {size} bytes announced, {len(data) - 8} found")
+        code = formats[array.get("type")]
+        arrays[array.get("Name")] = struct.unpack(f"<{size // struct.calcsize(code)}{code}", data[8:])
+    return int(piece.get("NumberOfPoints")), int(piece.get("NumberOfCells")), arrays
+
+
+def without_times(report):
+    report.pop("seconds", None)
+    return report
+
+
+class Quick(unittest.TestCase):
+    def good(self, *arguments):
+        done = run(*arguments)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return done
+
+    def test_mesh(self):
+        with tempfile.TemporaryDirectory() as folder:
+            report = strict(self.good("mesh", "--json", "--out", folder).stdout)
+            points, cells, arrays = read_arrays(pathlib.Path(folder) / "mesh.vtu")
+        self.assertEqual((points, cells), (report["mesh"]["nodes"], report["mesh"]["elements"]))
+        self.assertEqual(len(arrays["position_m"]), 3 * points)
+        self.assertEqual(set(arrays["types"]), {24})
+        self.assertEqual(len(arrays["connectivity"]), 10 * cells)
+        self.assertEqual((min(arrays["connectivity"]), max(arrays["connectivity"])), (0, points - 1))
+        # Straight or curved, an edge's middle node lies near the middle of its ends: the node order is VTK's.
+        node = lambda i: arrays["position_m"][3 * i: 3 * i + 3]
+        for cell in range(0, cells, max(1, cells // 200)):
+            nodes = arrays["connectivity"][10 * cell: 10 * cell + 10]
+            for k, (a, b) in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]):
+                ends, middle = (node(nodes[a]), node(nodes[b])), node(nodes[4 + k])
+                self.assertLess(math.dist(middle, [(p + q) / 2 for p, q in zip(*ends)]), 0.25 * math.dist(*ends))
+
+    def test_press(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = self.good("press", "--json", "--loads", "1,2", "--out", folder)
+            report = strict(done.stdout)
+            written = set(os.listdir(folder))
+            points, _, arrays = read_arrays(pathlib.Path(folder) / "press_2.vtu")
+            for picture in ["force_depth.svg", "contact.svg"]:
+                xml.etree.ElementTree.parse(pathlib.Path(folder) / picture)
+        self.assertEqual(written, {"force_depth.svg", "contact.svg", "press.csv", "press.pvd", "press_1.vtu", "press_2.vtu"})
+        for key in SCENARIO:
+            self.assertIn(key, report)
+        self.assertEqual([s["load_N"] for s in report["states"]], [1, 2])
+        for state in report["states"]:
+            self.assertEqual(set(state), set(STATE))
+            self.assertIsNone(state["response"])
+            self.assertAlmostEqual(state["force_N"], state["load_N"], delta=1e-3 * state["load_N"])
+        depths = [s["depth_mm"] for s in report["states"]]
+        self.assertLess(depths[0], depths[1])
+        self.assertIsNone(report["q_stiff"])   # needs loads that were not given
+        self.assertEqual(len(arrays["displacement_m"]), 3 * points)
+        lowest = min(arrays["displacement_m"][2::3])
+        self.assertLess(lowest, -0.5e-3 * depths[1])
+
+    def test_trace_does_not_depend_on_threads(self):
+        one, two = (without_times(strict(self.good("trace", "--json", "--loads", "1", "--threads", n).stdout)) for n in ("1", "2"))
+        self.assertEqual(one, two)
+        self.assertEqual(len(one["unloaded_response"]), 11)
+        self.assertEqual(len(one["states"][0]["response"]), 11)
+        ledger = one["ledger"]
+        self.assertAlmostEqual(ledger["emitted"], sum(v for k, v in ledger.items() if k != "emitted"), delta=1e-6)
+
+    def test_interrupt_is_clean(self):
+        with tempfile.TemporaryDirectory() as folder:
+            out = os.path.join(folder, "out")
+            process = subprocess.Popen([LUMO, "trace", "--angle", "20", "--y", "5.5", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            time.sleep(1)
+            process.send_signal(signal.SIGINT)
+            stdout, stderr = process.communicate(timeout=20)
+            self.assertEqual(process.returncode, 130)
+            self.assertEqual(stdout, "")
+            self.assertIn("lumo: interrupted\n", stderr)
+            self.assertEqual(os.listdir(folder), [])
+
+
+class Long(unittest.TestCase):
+    def test_evaluate(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = run("evaluate", "--json", "--out", folder, timeout=3600)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            report = strict(done.stdout)
+            self.assertEqual(strict((pathlib.Path(folder) / "evaluation.json").read_text()), report)
+        self.assertEqual(list(report), EVALUATION)
+        self.assertEqual(len(report["scenarios"]), 28)
+        self.assertEqual(len(report["unloaded_response"]), 11)
+        for scenario in report["scenarios"]:
+            self.assertEqual(list(scenario), SCENARIO)
+            self.assertEqual(scenario["status"], "converged")
+            self.assertEqual([s["load_N"] for s in scenario["states"]], [1, 2, 5, 10, 15])
+            for state in scenario["states"]:
+                self.assertEqual(len(state["response"]), 11)
+        qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
+        self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
+
+
+if __name__ == "__main__":
+    LUMO = os.path.abspath(sys.argv.pop(1))
+    LONG = len(sys.argv) > 1 and sys.argv.pop(1) == "long"
+    unittest.main(defaultTest="Long" if LONG else "Quick")

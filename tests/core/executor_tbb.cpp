@@ -1,0 +1,29 @@
+#include "executor_laws.hpp"
+
+#include "lumo/support/tbb.hpp"
+
+#include <mutex>
+#include <set>
+#include <thread>
+
+TEST_CASE("TbbExecutor obeys the laws of an executor") {
+  for (const int threads : {1, 2, 8}) {
+    INFO("threads " << threads);
+    check_executor_laws(lumo::TbbExecutor{threads});
+  }
+  check_executor_laws(lumo::TbbExecutor{});
+}
+
+TEST_CASE("TbbExecutor uses no more threads than it may") {
+  std::set<std::thread::id> seen;
+  std::mutex mutex;
+  lumo::TbbExecutor{1}.for_each(1000, [&](std::size_t) {
+    const std::lock_guard lock(mutex);
+    seen.insert(std::this_thread::get_id());
+  });
+  CHECK(seen.size() == 1);
+}
+
+TEST_CASE("TbbExecutor refuses absurd numbers of threads") {
+  for (const int threads : {0, -1, 1025}) CHECK_THROWS_AS(lumo::TbbExecutor{threads}.for_each(1, [](std::size_t) {}), lumo::InvalidArgument);
+}

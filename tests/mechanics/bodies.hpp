@@ -1,0 +1,107 @@
+#pragma once
+
+#include "lumo/mesh/mirror.hpp"
+#include "lumo/mesh/quality.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+#include "lumo/morphology/body.hpp"
+
+#include <map>
+
+// A block [0, size] cut into n × n × n cells of six tetrahedra, and bodies to go with it: no mesher needed.
+namespace lumo::test {
+
+/// Patches of a block body: 0 bottom (bonded), 1 top (contactable), 2 sides.
+inline Body block_body(const Vec3& size) {
+  Body b;
+  b.name = "block";
+  b.patches = {{"bottom", Plane{Vec3::Zero(), -Vec3::UnitZ()}, true, false, false, Lambertian{}},
+               {"top", Plane{{0, 0, size.z()}, Vec3::UnitZ()}, false, true, false, Dielectric{}},
+               {"side", Plane{{size.x(), 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}}};
+  b.exact_volume_m3 = size.prod();
+  b.pivot = {0, 0, size.z()};
+  return b;
+}
+
+/// Places of the grid lines along one direction, as fractions.
+inline std::vector<double> even(int n) {
+  std::vector<double> x;
+  for (int i = 0; i <= n; ++i) x.push_back(double(i) / n);
+  return x;
+}
+
+/// Quadratic (or linear) tetrahedra on a grid. Faces in the planes x = 0 and y = 0 are left out when `quarter`.
+inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order, bool quarter) {
+  TetMesh m;
+  m.order = 1;
+  const int nx = int(gx.size()) - 1, ny = int(gy.size()) - 1, nz = int(gz.size()) - 1;
+  const auto id = [&](int i, int j, int k) { return i + (nx + 1) * (j + (ny + 1) * k); };
+  for (int k = 0; k <= nz; ++k)
+    for (int j = 0; j <= ny; ++j)
+      for (int i = 0; i <= nx; ++i) m.nodes.emplace_back(size.x() * gx[std::size_t(i)], size.y() * gy[std::size_t(j)], size.z() * gz[std::size_t(k)]);
+  static constexpr int paths[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+  for (int k = 0; k < nz; ++k)
+    for (int j = 0; j < ny; ++j)
+      for (int i = 0; i < nx; ++i)
+        for (const auto& path : paths) {
+          std::array<int, 3> at{i, j, k};
+          std::array<int, 10> t;
+          t.fill(-1);
+          t[0] = id(at[0], at[1], at[2]);
+          for (int s = 0; s < 3; ++s) {
+            ++at[std::size_t(path[s])];
+            t[std::size_t(s + 1)] = id(at[0], at[1], at[2]);
+          }
+          const auto& x = m.nodes;
+          const auto p = [&](int q) { return x[std::size_t(t[std::size_t(q)])]; };
+          if ((p(1) - p(0)).cross(p(2) - p(0)).dot(p(3) - p(0)) < 0) std::swap(t[1], t[2]);
+          m.tets.push_back(t);
+        }
+  std::map<std::array<int, 3>, std::array<int, 3>> open;
+  static constexpr int sides[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
+  for (const auto& t : m.tets)
+    for (const auto& s : sides) {
+      const std::array<int, 3> f{t[std::size_t(s[0])], t[std::size_t(s[1])], t[std::size_t(s[2])]};
+      auto key = f;
+      std::sort(key.begin(), key.end());
+      if (!open.emplace(key, f).second) open.erase(key);
+    }
+  for (const auto& [key, f] : open) {
+    const auto all = [&](int axis, double value) {
+      for (int n : f)
+        if (std::abs(m.nodes[std::size_t(n)][axis] - value) > 1e-12) return false;
+      return true;
+    };
+    if (quarter && (all(0, 0.0) || all(1, 0.0))) continue;
+    m.faces.push_back({{f[0], f[1], f[2], -1, -1, -1}, all(2, 0.0) ? 0 : all(2, size.z()) ? 1 : 2});
+  }
+  if (order == 2) {
+    std::map<std::pair<int, int>, int> middle;
+    const auto mid = [&](int a, int b) {
+      const auto [it, fresh] = middle.try_emplace(std::minmax(a, b), int(m.nodes.size()));
+      if (fresh) m.nodes.push_back(0.5 * (m.nodes[std::size_t(a)] + m.nodes[std::size_t(b)]));
+      return it->second;
+    };
+    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+    for (auto& t : m.tets)
+      for (std::size_t e = 0; e < 6; ++e) t[4 + e] = mid(t[std::size_t(ends[e][0])], t[std::size_t(ends[e][1])]);
+    for (auto& f : m.faces)
+      for (std::size_t e = 0; e < 3; ++e) f.nodes[3 + e] = mid(f.nodes[e], f.nodes[(e + 1) % 3]);
+    m.order = 2;
+  }
+  return m;
+}
+
+/// A block 2a × 2b × h about the z axis as the mirrored quarter a × b × h, and its body.
+inline std::pair<Body, TetMesh> symmetric_block(const Vec3& half, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order = 2) {
+  Body b = block_body(half);
+  b.symmetry = {true, true};
+  b.exact_volume_m3 = 4.0 * half.prod();
+  return {b, mirrored(mirrored(block_mesh(half, gx, gy, gz, order, true), 0), 1)};
+}
+
+/// A smooth displacement of a few percent, for derivative tests.
+inline Vec3 wavy(const Vec3& x, double size) {
+  return 0.03 * size * Vec3(std::sin(3 * x.y() / size + x.z() / size), std::cos(2 * x.x() / size) - 1.0 + x.z() / size, std::sin(2 * x.x() / size + x.y() / size));
+}
+
+}  // namespace lumo::test
