@@ -1,0 +1,151 @@
+#pragma once
+
+#include "lumo/core/sobol.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/morphology/body.hpp"
+#include "lumo/optics/emitter.hpp"
+#include "lumo/optics/face_set.hpp"
+#include "lumo/optics/fresnel.hpp"
+#include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/path_tracer.hpp"
+#include "lumo/optics/ray_pattern.hpp"
+
+#include <array>
+#include <cmath>
+#include <vector>
+
+namespace lumo::detail {
+
+/// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
+/// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on carrier
+/// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
+/// Veach, thesis, 1997, ch. 5). Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+class ExitGather {
+ public:
+  ExitGather(const Body& body, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
+             const Readout& readout, int channels, const FaceSet& carrier, const FaceSet& exits, Symmetry symmetry,
+             PathTracer<Scene, Medium, Readout>& path)
+      : surface_(surface),
+        scene_(scene),
+        medium_(medium),
+        ratio_(medium.refractive_index() / outer_index),
+        readout_(readout),
+        channels_(channels),
+        carrier_(carrier),
+        exits_(exits),
+        path_(path) {
+    for (unsigned image = 0; image < 4; ++image) {
+      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
+      const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+      for (const RectangleEmitter& e : body.emitters) emitters_[image].push_back({standard(mirrored(e, m)), mirror(normal(e), m)});
+    }
+    for (std::size_t k = 0; k < carrier.size(); ++k) areas_.push_back(double(images_.size()) * carrier.area(k, surface));
+  }
+
+  /// Replaces the gathered part of the channels of `total`; `sent`: power of the carrier faces [W], their images included.
+  void run(const OwenSobol& sequence, std::uint32_t count, const std::vector<double>& sent, Tally& total) {
+    if (exits_.size() == 0) return;
+    direct_.assign(std::size_t(channels_), 0.0);
+    diffuse_ = direct_;
+    for (std::size_t k = 0; k < exits_.size(); ++k)
+      for (std::uint32_t i = 0; i < count; ++i) {
+        FaceSet::Sample x = exits_.sample(k, surface_, sequence, i, count);
+        if (surface_.in_contact(x.at)) continue;
+        x.area /= count;
+        Vec3 n = surface_.smooth_normal(x.at);
+        if (!n.allFinite()) n = x.normal;
+        gather_direct(x, n, exits_[k].mirror, sequence);
+        gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+      }
+    path_.take();  // the paths ran backwards: what they booked on their way is not power
+    for (std::size_t c = 0; c < direct_.size(); ++c) {
+      const double better = direct_[c] + diffuse_[c] - total.gathered[c];
+      total.ledger.channels[c] += better;
+      total.ledger.refinement -= better;
+      total.direct[c] += direct_[c];
+    }
+  }
+
+ private:
+  struct Source {
+    RectangleEmitter emitter;  ///< mirrored to the side of the fundamental face
+    Vec3 normal;
+  };
+
+  static Vec3 mirror(const Vec3& p, const Vec3& m) { return m.cwiseProduct(p); }
+  static RectangleEmitter standard(RectangleEmitter e) {
+    for (Vec3* h : {&e.half_u, &e.half_v}) {
+      Eigen::Index k = 0;
+      h->cwiseAbs().maxCoeff(&k);
+      if ((*h)[k] < 0.0) *h = -*h;
+    }
+    return e;
+  }
+
+  // Books `power` for every image, if the way out is free and the readout sees it.
+  void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3& out, double power) const {
+    for (unsigned image : images_) {
+      const int channel = channel_of(x, out, image);
+      if (channel >= 0 && channel < channels_) account[std::size_t(channel)] += power;
+    }
+  }
+  int channel_of(const FaceSet::Sample& x, const Vec3& out, unsigned image) const {
+    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    return readout_.channel({mirror(surface_.reference(x.at), m), mirror(x.ray.origin, m), mirror(out, m), surface_.region(x.at, image)});
+  }
+  bool seen(const FaceSet::Sample& x, const Vec3& out) const {
+    bool any = false;
+    for (unsigned image : images_) any = any || channel_of(x, out, image) >= 0;
+    return any && !scene_.first_hit(x.ray.origin, out, false);
+  }
+
+  void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence) {
+    const double u = sequence(x.index, 4), v = sequence(x.index, 5);
+    for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
+      const Vec3 from = mirror(point(s.emitter, u, v), m), way = x.ray.origin - from;
+      const double length = way.norm();
+      const Vec3 d = way / length;
+      const double leaves = d.dot(mirror(s.normal, m)), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
+      if (!(leaves > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
+      const FresnelSplit split = fresnel(cosine, ratio_);
+      if (split.reflectance >= 1.0) continue;
+      const Vec3 out = refract(d, -n, ratio_, split.cosine_behind);
+      if (out.dot(x.normal) <= 0.0 || !seen(x, out)) continue;
+      ++path_.segments;
+      const RayHit hit = scene_.first_hit(from, d, true);
+      if (!hit || hit.t < length - 1e-6 * length) continue;
+      const double power = s.emitter.power_W / pi * leaves * meets / (length * length) * x.area * (1.0 - split.reflectance);
+      book(direct_, x, out, power * medium_.transmittance(length));
+    }
+  }
+
+  void gather_diffuse(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+    const Vec3 out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
+    if (out.dot(x.normal) <= 0.0) return;
+    const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
+    if (split.reflectance >= 1.0) return;
+    x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
+    const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
+    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0) || !seen(x, out)) return;
+    const double weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    path_.run(x.ray, m, weight / double(images_.size()), false);
+    book(diffuse_, x, out, path_.collect([&](std::size_t k) { return sent[k] / areas_[k]; }));
+  }
+
+  const OpticalScene& surface_;
+  const Scene& scene_;
+  const Medium& medium_;
+  double ratio_;  ///< index inside / outside
+  const Readout& readout_;
+  int channels_;
+  const FaceSet& carrier_;
+  const FaceSet& exits_;
+  PathTracer<Scene, Medium, Readout>& path_;
+  std::vector<unsigned> images_;
+  std::array<std::vector<Source>, 4> emitters_;
+  std::vector<double> areas_;  ///< of the carrier faces with their images [m²]
+  std::vector<double> direct_, diffuse_;
+};
+
+}  // namespace lumo::detail

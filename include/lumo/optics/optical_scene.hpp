@@ -1,0 +1,328 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+#include "lumo/morphology/body.hpp"
+#include "lumo/optics/intersector.hpp"
+#include "lumo/optics/set_back.hpp"
+#include "lumo/optics/surface_optics.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace lumo {
+
+/// Where a ray met the scene.
+struct ScenePoint {
+  int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
+  int sub = 0;                ///< sub-facet of the face
+  double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
+};
+
+/// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
+/// plus the carrier faces. Knows exact normals, regions (by undeformed position), contact, and the optics of each face.
+class OpticalScene {
+ public:
+  struct Config {
+    int sub_facets = 3;            ///< each edge of a quadratic face is cut into this many; linear faces are not cut
+    double carrier_gap_m = 20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
+  };
+
+  /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
+  /// `images`: also label regions for mirror images in the planes of this symmetry.
+  /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
+  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
+               Symmetry images, const Config& config);
+
+  const std::vector<SceneTriangle>& triangles() const { return triangles_; }
+
+  /// Locates the point `p` [m] on triangle `t`.
+  ScenePoint locate(int t, const Vec3& p) const;
+  /// Unit normal of triangle `t` (flat, outward).
+  Vec3 flat_normal(int t) const;
+  /// Unit outward normal of the deformed quadratic face; not finite on a face that is crushed to nothing.
+  Vec3 smooth_normal(const ScenePoint& p) const;
+  /// Undeformed position [m].
+  Vec3 reference(const ScenePoint& p) const { return shape(faces_[std::size_t(p.face)].reference, 1.0 - p.b1 - p.b2, p.b1, p.b2); }
+  /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
+  bool in_contact(const ScenePoint& p) const;
+  /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
+  int region(const ScenePoint& p, unsigned image) const;
+  const SurfaceOptics& optics(int t, const ScenePoint& p) const {
+    if (p.face < 0) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
+    return body_->patches[std::size_t(faces_[std::size_t(p.face)].patch)].optics;
+  }
+  int triangles_per_face() const { return int(lattice_.size()); }
+  double triangle_area(int t) const;
+  double area(int face) const;      ///< of its triangles [m²]
+  bool has_region(int face) const;  ///< may a point of it lie in a region?
+  std::size_t face_count() const { return faces_.size(); }
+  /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
+  int triangle_at(int face, double b1, double b2, Vec3& point) const;
+  const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
+  /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
+  std::array<Vec3, 3> reference_corners(int face, int sub) const;
+  /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
+  Vec3 pulled_inward(int t, const Vec3& p) const;
+
+ private:
+  static constexpr int mixed = -2;
+  using Six = std::array<Vec3, 6>;
+  struct Face {
+    Six reference, deformed;
+    std::array<double, 6> contact;
+    int patch;
+    bool may_touch;
+  };
+
+  static Vec3 shape(const Six& x, double b0, double b1, double b2) {
+    return b0 * (2.0 * b0 - 1.0) * x[0] + b1 * (2.0 * b1 - 1.0) * x[1] + b2 * (2.0 * b2 - 1.0) * x[2] + 4.0 * b0 * b1 * x[3] +
+           4.0 * b1 * b2 * x[4] + 4.0 * b2 * b0 * x[5];
+  }
+  void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
+  void cut(const BoundaryFace& face, const Face& f);
+  void add_carrier(double gap_m);
+  void label(Symmetry images);
+  int evaluate_region(const Face& f, const Vec3& position, unsigned image) const;
+
+  const Body* body_;
+  int n_;                                                   ///< cuts per edge
+  std::vector<std::array<std::array<int, 2>, 3>> lattice_;  ///< (b1, b2)·n of the corners of each sub-facet
+  std::vector<Face> faces_;
+  std::vector<SceneTriangle> triangles_;
+  std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
+  std::size_t body_triangles_ = 0;
+  std::array<std::vector<int>, 4> labels_;  ///< per image and sub-facet: region, or `mixed`
+};
+
+inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
+                                  const std::vector<double>& contact_field, Symmetry images, const Config& config)
+    : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
+  require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
+  require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
+  if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(detail::text("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
+  for (const Patch& p : body.patches) validate(p.optics);
+  for (const RigidFace& f : body.rigid_faces) validate(f.optics);
+  if (body.regions > 0 && !body.region) throw InvalidArgument("optical scene: the body has regions but no region function");
+  for (int i = 0; i < n_; ++i)
+    for (int j = 0; i + j < n_; ++j) {
+      lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
+      if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
+    }
+  add_faces(mesh, displacement, contact_field);
+  body_triangles_ = triangles_.size();
+  add_carrier(config.carrier_gap_m);
+  label(images);
+}
+
+inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field) {
+  const std::size_t nodes = mesh.nodes.size();
+  if (!displacement.empty() && displacement.size() != nodes)
+    throw InvalidArgument(detail::text("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
+  if (!contact_field.empty() && contact_field.size() != nodes)
+    throw InvalidArgument(detail::text("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
+  if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
+  const double none = -std::numeric_limits<double>::infinity();
+  faces_.reserve(mesh.faces.size());
+  triangles_.reserve(mesh.faces.size() * lattice_.size());
+  for (const BoundaryFace& face : mesh.faces) {
+    if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
+      throw InvalidArgument(detail::text("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
+    Face f;
+    f.patch = face.patch;
+    const std::size_t given = mesh.order == 2 ? 6 : 3;
+    for (std::size_t k = 0; k < given; ++k) {
+      const std::size_t node = std::size_t(face.nodes[k]);
+      if (face.nodes[k] < 0 || node >= nodes)
+        throw InvalidArgument(detail::text("optical scene: face with node ", face.nodes[k], " of ", nodes));
+      f.reference[k] = mesh.nodes[node];
+      f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3(mesh.nodes[node] + displacement[node]);
+      f.contact[k] = contact_field.empty() ? none : contact_field[node];
+      if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < 1e6))
+        throw InvalidArgument(detail::text("optical scene: node ", node, " is not at a finite place below 1e6 m"));
+      if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
+        throw InvalidArgument(detail::text("optical scene: contact field of node ", node, " is ", f.contact[k]));
+    }
+    for (std::size_t k = given; k < 6; ++k) {
+      const std::size_t a = k - 3, b = (a + 1) % 3;
+      f.reference[k] = 0.5 * (f.reference[a] + f.reference[b]);
+      f.deformed[k] = 0.5 * (f.deformed[a] + f.deformed[b]);
+      f.contact[k] = 0.5 * (f.contact[a] + f.contact[b]);
+    }
+    f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
+    faces_.push_back(f);
+    cut(face, f);
+  }
+}
+
+// Points on an edge come from the edge's own three nodes in a fixed order, so that neighbours get the same bits: no cracks.
+inline void OpticalScene::cut(const BoundaryFace& face, const Face& f) {
+  const double h = 1.0 / n_;
+  const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
+    if (kb == 0) return f.deformed[a];
+    if (ka == 0) return f.deformed[b];
+    if (face.nodes[a] > face.nodes[b]) std::swap(a, b), std::swap(ka, kb);
+    const double s = ka * h, t = kb * h;
+    return Vec3(s * (2.0 * s - 1.0) * f.deformed[a] + t * (2.0 * t - 1.0) * f.deformed[b] + 4.0 * s * t * f.deformed[m]);
+  };
+  const auto at = [&](int k1, int k2) {
+    const int k0 = n_ - k1 - k2;
+    if (k2 == 0) return on_edge(0, 1, 3, k0, k1);
+    if (k0 == 0) return on_edge(1, 2, 4, k1, k2);
+    if (k1 == 0) return on_edge(2, 0, 5, k2, k0);
+    return shape(f.deformed, k0 * h, k1 * h, k2 * h);
+  };
+  for (const auto& c : lattice_) triangles_.push_back({{at(c[0][0], c[0][1]), at(c[1][0], c[1][1]), at(c[2][0], c[2][1])}, false});
+}
+
+inline void OpticalScene::add_carrier(double gap_m) {
+  std::vector<Vec3> soft;
+  for (const Face& f : faces_)
+    if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+  for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
+    const std::vector<Vec3> corner = detail::set_back(body_->rigid_faces[i], soft, gap_m);
+    for (std::size_t k = 1; k + 1 < corner.size(); ++k) {
+      triangles_.push_back({{corner[0], corner[k], corner[k + 1]}, true});
+      rigid_.push_back(int(i));
+    }
+  }
+}
+
+inline int OpticalScene::evaluate_region(const Face& f, const Vec3& position, unsigned image) const {
+  if (!body_->region) return -1;
+  const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+  const Vec3 n = outward_normal(body_->patches[std::size_t(f.patch)].shape, position);
+  const int r = body_->region(mirror.cwiseProduct(position), mirror.cwiseProduct(n));
+  return r >= 0 && r < body_->regions ? r : -1;
+}
+
+// Facets whose corners share a region need no look-up at a hit. Most of the time whole faces do.
+inline void OpticalScene::label(Symmetry images) {
+  const double h = 1.0 / n_;
+  std::vector<int> at(std::size_t((n_ + 1) * (n_ + 1)));
+  for (unsigned image = 0; image < 4; ++image) {
+    if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
+    std::vector<int>& labels = labels_[image];
+    labels.reserve(body_triangles_);
+    for (const Face& f : faces_) {
+      std::array<int, 6> r{};
+      for (std::size_t k = 0; k < 6; ++k) r[k] = evaluate_region(f, f.reference[k], image);
+      if (std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; })) {
+        labels.insert(labels.end(), lattice_.size(), r[0]);
+        continue;
+      }
+      for (int i = 0; i <= n_; ++i)
+        for (int j = 0; i + j <= n_; ++j)
+          at[std::size_t(i * (n_ + 1) + j)] = evaluate_region(f, shape(f.reference, (n_ - i - j) * h, i * h, j * h), image);
+      for (const auto& c : lattice_) {
+        const auto get = [&](std::size_t k) { return at[std::size_t(c[k][0] * (n_ + 1) + c[k][1])]; };
+        labels.push_back(get(0) == get(1) && get(1) == get(2) ? get(0) : mixed);
+      }
+    }
+  }
+}
+
+inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
+  const int known = labels_[image][std::size_t(p.face) * lattice_.size() + std::size_t(p.sub)];
+  return known != mixed ? known : evaluate_region(faces_[std::size_t(p.face)], reference(p), image);
+}
+
+inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
+  if (std::size_t(t) >= body_triangles_) return {};
+  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
+  const double f = 1.0 / n.squaredNorm();
+  const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
+  double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
+  if (const double s = u + v; s > 1.0) u /= s, v /= s;
+  ScenePoint r;
+  r.face = t / int(lattice_.size());
+  r.sub = t % int(lattice_.size());
+  const auto& l = lattice_[std::size_t(r.sub)];
+  r.b1 = (l[0][0] + u * (l[1][0] - l[0][0]) + v * (l[2][0] - l[0][0])) / n_;
+  r.b2 = (l[0][1] + u * (l[1][1] - l[0][1]) + v * (l[2][1] - l[0][1])) / n_;
+  return r;
+}
+
+inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) const {
+  const Six& x = faces_[std::size_t(face)].reference;
+  if (sub < 0) return {x[0], x[1], x[2]};
+  std::array<Vec3, 3> corners;
+  for (std::size_t k = 0; k < 3; ++k) {
+    const auto& [i, j] = lattice_[std::size_t(sub)][k];
+    corners[k] = shape(x, double(n_ - i - j) / n_, double(i) / n_, double(j) / n_);
+  }
+  return corners;
+}
+
+inline double OpticalScene::triangle_area(int t) const {
+  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  return 0.5 * (b - a).cross(c - a).norm();
+}
+
+inline double OpticalScene::area(int face) const {
+  double sum = 0.0;
+  for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
+  return sum;
+}
+
+inline bool OpticalScene::has_region(int face) const {
+  const auto begin = labels_[0].begin() + std::ptrdiff_t(face) * std::ptrdiff_t(lattice_.size());
+  return std::any_of(begin, begin + std::ptrdiff_t(lattice_.size()), [](int label) { return label != -1; });
+}
+
+inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point) const {
+  const double x = b1 * n_, y = b2 * n_;
+  int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
+  double u = x - i, v = y - j;
+  const bool upper = u + v > 1.0 && i + j + 1 < n_;
+  const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
+  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  point = upper ? Vec3((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3((1.0 - u - v) * a + u * b + v * c);
+  return t;
+}
+
+inline Vec3 OpticalScene::flat_normal(int t) const {
+  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  return (b - a).cross(c - a).normalized();
+}
+
+inline Vec3 OpticalScene::smooth_normal(const ScenePoint& p) const {
+  const Six& x = faces_[std::size_t(p.face)].deformed;
+  const double b1 = p.b1, b2 = p.b2, b0 = 1.0 - b1 - b2;
+  const Vec3 d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
+  const Vec3 d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
+  return d1.cross(d2).normalized();
+}
+
+inline bool OpticalScene::in_contact(const ScenePoint& p) const {
+  const Face& f = faces_[std::size_t(p.face)];
+  if (!f.may_touch) return false;
+  const double b1 = p.b1, b2 = p.b2, b0 = 1.0 - b1 - b2;
+  double value = 0.0;
+  const auto add = [&](double weight, std::size_t node) {
+    if (weight > 0.0) value += weight * f.contact[node];  // a weight of 0 must not meet −infinity
+  };
+  if (b0 > 0.5) {
+    add(2.0 * b0 - 1.0, 0), add(2.0 * b1, 3), add(2.0 * b2, 5);
+  } else if (b1 > 0.5) {
+    add(2.0 * b1 - 1.0, 1), add(2.0 * b0, 3), add(2.0 * b2, 4);
+  } else if (b2 > 0.5) {
+    add(2.0 * b2 - 1.0, 2), add(2.0 * b1, 4), add(2.0 * b0, 5);
+  } else {
+    add(1.0 - 2.0 * b2, 3), add(1.0 - 2.0 * b0, 4), add(1.0 - 2.0 * b1, 5);
+  }
+  return value > 0.0;
+}
+
+inline Vec3 OpticalScene::pulled_inward(int t, const Vec3& p) const {
+  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const double size = std::sqrt((b - a).cross(c - a).norm());
+  return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
+}
+
+}  // namespace lumo

@@ -1,0 +1,292 @@
+#pragma once
+
+#include "lumo/core/sobol.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/optics/beer_lambert.hpp"
+#include "lumo/optics/exit_power.hpp"
+#include "lumo/optics/face_set.hpp"
+#include "lumo/optics/fresnel.hpp"
+#include "lumo/optics/intersector.hpp"
+#include "lumo/optics/ledger.hpp"
+#include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/ray_pattern.hpp"
+#include "lumo/optics/surface_optics.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace lumo::detail {
+
+/// Where the power of some paths went: booked, or arrived on carrier faces (index, power) from where it goes on.
+struct Tally {
+  EnergyLedger ledger;
+  std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
+  std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
+  std::vector<std::pair<int, double>> arrived;
+};
+
+struct PathLimits {
+  double roulette_below;
+  int max_events;
+};
+
+/// Follows one primary ray through all its branches and books where its power goes. One object per replicate.
+/// The medium is a state of the ray, never inferred from counted hits.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+class PathTracer {
+ public:
+  /// `exchange`: collects what falls on Lambertian faces of the body from inside.
+  PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
+             int channels, const FaceSet& exchange, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
+      : surface_(surface),
+        scene_(scene),
+        medium_(medium),
+        outer_index_(outer_index),
+        readout_(readout),
+        exchange_(exchange),
+        exits_(exits),
+        limits_(limits),
+        channels_(std::size_t(channels)),
+        arrived_(exchange.size(), 0.0) {
+    for (unsigned image = 0; image < 4; ++image)
+      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
+    reset();
+  }
+
+  /// Traces `ray`, which starts inside the body as a path of the mirror image `mirror`. `from_emitter`: not from a carrier face.
+  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter) {
+    ++rays;
+    mirror_ = mirror;
+    start_ = power_W;
+    from_emitter_ = from_emitter;
+    book(ledger_.emitted, power_W);
+    Branch first;
+    first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
+    first.triangle = ray.triangle, first.direct = from_emitter;
+    stack_.push_back(first);
+    while (!stack_.empty()) {
+      const Branch b = stack_.back();
+      stack_.pop_back();
+      follow(b);
+    }
+  }
+
+  /// What was booked since the last call.
+  Tally take() {
+    Tally t{std::move(ledger_), std::move(direct_), std::move(gathered_), {}};
+    for (int k : reached_) t.arrived.emplace_back(k, arrived_[std::size_t(k)]), arrived_[std::size_t(k)] = 0.0;
+    reached_.clear();
+    reset();
+    return t;
+  }
+
+  /// Σ weight(face)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
+  template <class Weight>
+  double collect(Weight&& weight) {
+    double sum = 0.0;
+    for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
+    reached_.clear();
+    return sum;
+  }
+
+  long rays = 0, segments = 0;
+
+ private:
+  struct Branch {
+    Vec3 origin = Vec3::Zero(), direction = Vec3::Zero();
+    double power = 0.0;
+    std::uint64_t key = 0;
+    ScenePoint exit;  ///< where a ray in air left the body
+    Vec3 exit_position = Vec3::Zero();
+    int triangle = -1;  ///< that it starts on
+    int events = 0;
+    bool inside = true;
+    bool direct = true;         ///< light that was refracted out at most
+    bool carrier_last = false;  ///< in air: met the carrier since it left the body
+  };
+
+  // One traced path stands for all its mirror images.
+  void book(double& account, double power) { account += power * double(images_.size()); }
+
+  void reset() {
+    ledger_ = {};
+    ledger_.channels.assign(channels_, 0.0);
+    direct_ = gathered_ = ledger_.channels;
+  }
+
+  // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
+  bool survives(Branch& b) {
+    b.direct = false;
+    if (!(b.power > 0.0)) return false;
+    const double full = limits_.roulette_below * start_;
+    if (b.power >= full) return true;
+    if (uniform(combine(b.key, 0)) < 0.5 * b.power / full) {
+      book(ledger_.roulette, b.power - 2.0 * full);
+      b.power = 2.0 * full;
+      return true;
+    }
+    book(ledger_.roulette, b.power);
+    return false;
+  }
+
+  void escape(const Branch& b) {
+    const Vec3 reference = surface_.reference(b.exit);
+    for (unsigned image : images_) {
+      const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+      const Escape e{m.cwiseProduct(reference), m.cwiseProduct(b.exit_position), m.cwiseProduct(b.direction),
+                     surface_.region(b.exit, image)};
+      const int channel = readout_.channel(e);
+      if (channel < 0 || std::size_t(channel) >= ledger_.channels.size()) {
+        ledger_.elsewhere += b.power;
+        continue;
+      }
+      ledger_.channels[std::size_t(channel)] += b.power;
+      if (exits_.index(b.exit) >= 0 && !b.carrier_last && (b.direct || !from_emitter_))
+        gathered_[std::size_t(channel)] += b.power;
+      else if (b.direct)
+        direct_[std::size_t(channel)] += b.power;
+    }
+  }
+
+  void follow(Branch b);
+  bool meet(Branch& b, int triangle);
+  bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
+
+  const OpticalScene& surface_;
+  const Scene& scene_;
+  const Medium& medium_;
+  double outer_index_;
+  const Readout& readout_;
+  const FaceSet& exchange_;
+  const FaceSet& exits_;
+  PathLimits limits_;
+  std::size_t channels_;
+  EnergyLedger ledger_;
+  std::vector<double> direct_, gathered_;  ///< as in Tally
+  std::vector<double> arrived_;            ///< per carrier face
+  std::vector<int> reached_;               ///< carrier faces with arrived_ > 0
+  std::vector<unsigned> images_;
+  std::vector<Branch> stack_;
+  Vec3 mirror_ = Vec3::Ones();
+  double start_ = 0.0;
+  bool from_emitter_ = true;
+};
+
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
+  for (;;) {
+    RayHit hit;
+    if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
+      ++segments;
+      hit = scene_.first_hit(b.origin, b.direction, b.inside);
+      if (!hit && !b.inside) return escape(b);
+      if (!hit && b.triangle >= 0) {  // slipped out by rounding at an edge: once more from a point that is surely inside
+        b.origin = surface_.pulled_inward(b.triangle, b.origin);
+        hit = scene_.first_hit(b.origin, b.direction, b.inside);
+      }
+    }
+    if (!hit) return book(ledger_.lost, b.power);
+    const auto& corner = surface_.triangles()[std::size_t(hit.triangle)].corners;
+    const Vec3 n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+    const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
+    const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+    b.origin += path_m * b.direction;
+    if (b.inside) {
+      const double left = b.power * medium_.transmittance(path_m);
+      book(ledger_.absorbed_in_medium, b.power - left);
+      b.power = left;
+    }
+    if (!meet(b, hit.triangle)) return;
+  }
+}
+
+// What happens at a surface. True: `b` goes on.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
+  const ScenePoint at = surface_.locate(triangle, b.origin);
+  b.triangle = triangle;
+  const SurfaceOptics& optics = surface_.optics(triangle, at);
+  if (is_dielectric(optics)) {
+    if (at.face >= 0) return meet_dielectric(b, triangle, at);
+    book(ledger_.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
+    return false;
+  }
+  if (const int k = b.inside ? exchange_.index(at) : -1; k >= 0) {  // goes on with all else that falls on this face
+    if (!(arrived_[std::size_t(k)] > 0.0)) reached_.push_back(k);
+    book(arrived_[std::size_t(k)], b.power);
+    return false;
+  }
+  const Vec3 n = b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle);
+  const std::uint64_t key = combine(b.key, 1);
+  std::visit(
+      [&](const auto& s) {
+        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
+          const double kept = b.power * reflectance(s);
+          book(ledger_.absorbed_at_surfaces, b.power - kept);
+          b.power = kept;
+          b.direction = reflected(s, b.direction, n, uniform(combine(key, 2)), uniform(combine(key, 3)), mirror_);
+        }
+      },
+      optics);
+  b.key = key;
+  b.carrier_last = !b.inside;
+  return survives(b);
+}
+
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
+  const bool touched = surface_.in_contact(at);
+  if (!b.inside && touched) {  // from air: the opaque indenter is in the way
+    book(ledger_.to_indenter, b.power);
+    return false;
+  }
+  const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
+  const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
+  const Vec3 flat = side * surface_.flat_normal(triangle);
+  Vec3 n = side * surface_.smooth_normal(at);
+  FresnelSplit split{};
+  Vec3 back, on;
+  const auto turn = [&] {
+    const double cosine = std::min(1.0, -b.direction.dot(n));
+    split = fresnel(cosine, ratio);
+    back = reflect(b.direction, n);
+    on = refract(b.direction, n, ratio, split.cosine_behind);
+    return cosine > 0.0 && back.dot(flat) > 0.0 && (split.reflectance >= 1.0 || on.dot(flat) < 0.0);
+  };
+  if (!turn()) {  // at grazing angles the curved normal may contradict the facet that was hit
+    n = flat;
+    turn();
+  }
+  const double reflected_power = b.power * split.reflectance;
+  const double refracted_power = b.power - reflected_power;
+  const std::uint64_t key = b.key;
+  if (refracted_power > 0.0) {
+    if (b.inside && touched) {
+      book(ledger_.to_indenter, refracted_power);
+    } else {
+      Branch c = b;
+      c.direction = on;
+      c.power = refracted_power;
+      c.key = combine(key, 4);
+      c.inside = !b.inside;
+      if (c.inside) {
+        if (survives(c)) stack_.push_back(c);
+      } else {
+        c.exit = at;
+        c.exit_position = b.origin;
+        c.carrier_last = false;
+        stack_.push_back(c);
+      }
+    }
+  }
+  b.direction = back;
+  b.power = reflected_power;
+  b.key = combine(key, 5);
+  return survives(b);
+}
+
+}  // namespace lumo::detail

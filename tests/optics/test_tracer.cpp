@@ -1,0 +1,257 @@
+#include "../catch.hpp"
+#include "scenes.hpp"
+
+#include <thread>
+
+using namespace optics_test;
+
+namespace {
+
+using Config = Tracer<BeerLambert>::Config;
+
+Config quick() {
+  Config c;
+  c.rays_per_emitter = 1 << 11;
+  c.carrier_rays = 1 << 13;
+  c.scene.sub_facets = 2;
+  return c;
+}
+
+PadShape coarse(double gap = 2e-3) {
+  PadShape s;
+  s.cell = 4e-3;
+  s.gap = gap;
+  return s;
+}
+
+double distance(const std::vector<double>& a, const std::vector<double>& b) {
+  double worst = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, std::abs(a[i] - b[i]));
+  return worst;
+}
+
+std::vector<double> reversed(std::vector<double> a) {
+  std::reverse(a.begin(), a.end());
+  return a;
+}
+
+}  // namespace
+
+TEST_CASE("The ledger closes and nothing is lost, for dents, contact, voids and both silicones", "[tracer]") {
+  for (const lumo::Medium& medium : {lumo::Medium{1.4348, 71.3801}, lumo::Medium{1.41, 14.5063}})
+    for (double gap : {0.0, 3e-3}) {
+      PadShape s = coarse(gap);
+      s.medium = medium;
+      const Model m = pad(s);
+      const Dent d{1.5e-3, 2e-3, 4e-3, 4e-3, 3e-3};
+      const Response r = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, d.displacement(s, m.mesh), d.contact(s, m.mesh));
+      CHECK(r.ledger.emitted == Approx(1.0));
+      CHECK(r.ledger.imbalance() < 1e-9);
+      CHECK(r.ledger.lost <= 1e-6);
+      CHECK(r.ledger.to_indenter > 0.01);
+      CHECK(std::abs(r.ledger.roulette) < 0.02);
+      CHECK(r.power_W.size() == 11);
+      for (std::size_t b = 0; b < 11; ++b) CHECK((r.power_W[b] > 0.0 && r.error_W[b] > 0.0 && r.error_W[b] < r.power_W[b]));
+    }
+}
+
+TEST_CASE("The unloaded response is symmetric; quarter, half and full pattern agree", "[tracer]") {
+  const PadShape s = coarse();
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const Response quarter = tracer.trace(m.body, m.mesh);
+  const Response full = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {});
+  const Response half = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, Symmetry{true, false});
+  CHECK(distance(full.power_W, reversed(full.power_W)) < 1e-6);
+  CHECK(distance(full.power_W, quarter.power_W) < 1e-6);
+  CHECK(distance(full.power_W, half.power_W) < 1e-6);
+  CHECK(quarter.rays * 3 < full.rays);
+  CHECK(quarter.ledger.imbalance() < 1e-9);
+  CHECK(quarter.ledger.absorbed_at_surfaces == Approx(full.ledger.absorbed_at_surfaces).margin(1e-6));
+}
+
+TEST_CASE("A mirrored state has the mirrored response, replicate by replicate", "[tracer]") {
+  const PadShape s = coarse();
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const auto run = [&](double x, double y) {
+    const Dent d{1e-3, x, y, 4e-3, 2e-3};
+    return tracer.trace(m.body, m.mesh, d.displacement(s, m.mesh), d.contact(s, m.mesh));
+  };
+  const Response here = run(3e-3, 7e-3), y_image = run(3e-3, -7e-3), x_image = run(-3e-3, 7e-3);
+  CHECK(distance(here.power_W, reversed(y_image.power_W)) < 1e-6);
+  CHECK(distance(here.power_W, x_image.power_W) < 1e-6);
+  CHECK((here.replicates - y_image.replicates.rowwise().reverse()).cwiseAbs().maxCoeff() < 1e-6);
+  CHECK(distance(here.power_W, y_image.power_W) > 1e-5);
+}
+
+TEST_CASE("Same arguments, same bits, on any thread", "[tracer]") {
+  const PadShape s = coarse();
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  MechanicalState state;
+  const Dent d{1e-3, 1e-3, 5e-3, 4e-3, 2e-3};
+  state.displacement = d.displacement(s, m.mesh);
+  state.contact_field = d.contact(s, m.mesh);
+  const Response once = tracer.trace(m.body, m.mesh, state);
+  std::vector<Response> again(2);
+  std::vector<std::thread> threads;
+  for (Response& r : again) threads.emplace_back([&] { r = tracer.trace(m.body, m.mesh, state); });
+  for (std::thread& t : threads) t.join();
+  for (const Response& r : again) CHECK((r.replicates.array() == once.replicates.array()).all());
+}
+
+TEST_CASE("The stated error covers the scatter over seeds", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  const Model m = pad(s);
+  Config c = quick();
+  c.rays_per_emitter = 1 << 11;
+  std::vector<Response> runs;
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(11);
+  const int seeds = 24;
+  for (int seed = 0; seed < seeds; ++seed) {
+    c.seed = std::uint64_t(seed + 1);
+    runs.push_back(Tracer<BeerLambert>(c).trace(m.body, m.mesh));
+    mean += Eigen::Map<const Eigen::VectorXd>(runs.back().power_W.data(), 11) / seeds;
+  }
+  double scatter = 0.0, stated = 0.0, covered = 0.0;
+  for (const Response& r : runs)
+    for (std::size_t b = 0; b < 11; ++b) {
+      const double off = r.power_W[b] - mean[Eigen::Index(b)];
+      scatter += off * off * seeds / (seeds - 1.0);
+      stated += r.error_W[b] * r.error_W[b];
+      covered += std::abs(off) < 2.36 * r.error_W[b] ? 1.0 / (11.0 * seeds) : 0.0;  // Student's t, 7 degrees of freedom: 95 %
+    }
+  CHECK(scatter / stated > 0.5);
+  CHECK(scatter / stated < 2.0);
+  CHECK(covered > 0.87);
+}
+
+TEST_CASE("Gathering backwards and tracing forwards agree within their errors", "[tracer]") {
+  for (double gap : {0.0, 3e-3}) {
+    PadShape s = coarse(gap);
+    s.medium = {1.41, 14.5063};
+    const Model m = pad(s);
+    const Dent d{1.5e-3, 2e-3, 4e-3, 3e-3, 2e-3};
+    Config c = quick();
+    c.rays_per_emitter = c.carrier_rays = 1 << 15;
+    c.exit_rays = 1 << 16;
+    const auto u = d.displacement(s, m.mesh);
+    const auto phi = d.contact(s, m.mesh);
+    const Response gathered = Tracer<BeerLambert>(c).trace(m.body, m.mesh, u, phi);
+    c.exit_rays = 0;
+    c.seed = 1;
+    c.carrier_rays = 1 << 18;
+    const Response forward = Tracer<BeerLambert>(c).trace(m.body, m.mesh, u, phi);
+    double square = 0.0, sum = 0.0, error = 0.0;
+    for (std::size_t b = 0; b < 11; ++b) {
+      const double off = gathered.power_W[b] - forward.power_W[b];
+      const double e2 = std::pow(gathered.error_W[b], 2) + std::pow(forward.error_W[b], 2);
+      square += off * off / e2 / 11.0;
+      sum += off;
+      error += e2;
+    }
+    CHECK(square < 3.0);
+    CHECK(std::abs(sum) < 5.0 * std::sqrt(error) + 0.002 * forward.replicates.sum() / 8.0);
+    CHECK(forward.ledger.refinement == 0.0);
+    CHECK(std::abs(gathered.ledger.refinement) < 0.05 * forward.replicates.sum() / 8.0);
+    const double direct = gathered.direct.sum() / 8.0;
+    CHECK(direct == Approx(forward.direct.sum() / 8.0).epsilon(0.01));
+  }
+}
+
+TEST_CASE("Common rays: neighbouring states differ by far less noise than independent ones", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const auto run = [&](double depth) { return tracer.trace(m.body, m.mesh, Dent{depth, 0, 5e-3, 4e-3, 0}.displacement(s, m.mesh), {}); };
+  const Response a = run(0.2e-3), b = run(0.25e-3);
+  const auto norm = [](const std::vector<double>& v) { return Eigen::Map<const Eigen::VectorXd>(v.data(), Eigen::Index(v.size())).norm(); };
+  CHECK(norm(standard_error(a.replicates - b.replicates)) < 0.3 * norm(a.error_W));
+}
+
+TEST_CASE("A scene far from the origin gives the same response", "[tracer]") {
+  const PadShape s = coarse();
+  Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const Response near = tracer.trace(m.body, m.mesh);
+  const Vec3 far(0.0, 0.0, 64.0);
+  for (Vec3& p : m.mesh.nodes) p += far;
+  for (RectangleEmitter& e : m.body.emitters) e.center += far;
+  for (RigidFace& f : m.body.rigid_faces)
+    for (Vec3& p : f.corners) p += far;
+  for (Patch& p : m.body.patches) {
+    if (auto* plane = std::get_if<Plane>(&p.shape)) plane->point += far;
+    if (auto* cylinder = std::get_if<EllipticCylinder>(&p.shape)) cylinder->center += far;
+  }
+  const Response away = tracer.trace(m.body, m.mesh);
+  CHECK(distance(near.power_W, away.power_W) < 1e-6);
+  CHECK(away.ledger.lost < 1e-6);
+}
+
+TEST_CASE("Silicone pressed into the carrier is accounted for", "[tracer]") {
+  const PadShape s = coarse(4e-3);
+  const Model m = pad(s);
+  for (double overlap : {5e-6, 100e-6}) {
+    std::vector<Vec3> u(m.mesh.nodes.size(), Vec3::Zero());
+    for (std::size_t i = 0; i < u.size(); ++i) {  // the roof's middle comes down through the floor
+      const Vec3& p = m.mesh.nodes[i];
+      const double t = (std::abs(p.x()) - 4e-3) / 4e-3;
+      if (t > 0.0 && t < 1.0 && std::abs(p.z() - s.stem_height) < 1e-9) u[i].z() = -(s.stem_height + overlap) * 4.0 * t * (1.0 - t);
+    }
+    const Response r = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, u, {});
+    CHECK(r.ledger.imbalance() < 1e-9);
+    CHECK(r.ledger.lost < 1e-6);
+  }
+}
+
+TEST_CASE("Contact: light that leaves inside {φ > 0} goes to the indenter", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const auto run = [&](double radius) { return tracer.trace(m.body, m.mesh, {}, Dent{0, 0, 0, 1e-3, radius}.contact(s, m.mesh)); };
+  const Response none = tracer.trace(m.body, m.mesh), small = run(3e-3), large = run(6e-3);
+  CHECK(none.ledger.to_indenter == 0.0);
+  CHECK(small.ledger.to_indenter > 0.0);
+  CHECK(large.ledger.to_indenter > 2.0 * small.ledger.to_indenter);
+  CHECK(small.ledger.elsewhere + small.ledger.to_indenter == Approx(none.ledger.elsewhere).margin(1e-6));
+  std::vector<double> untouchable(m.mesh.nodes.size(), -std::numeric_limits<double>::infinity());
+  CHECK(tracer.trace(m.body, m.mesh, {}, untouchable).ledger.to_indenter == 0.0);
+}
+
+TEST_CASE("A photodiode is a readout like any other", "[tracer]") {
+  struct Photodiode {
+    int channels(const Body&) const { return 1; }
+    int channel(const Escape& e) const { return e.direction.x() > 0.9 && e.position.y() > 0.0 ? 0 : -1; }
+  };
+  static_assert(ExitReadout<Photodiode>);
+  const PadShape s = coarse(0.0);
+  const Model m = pad(s);
+  const Response r = Tracer<BeerLambert, Photodiode>().trace(m.body, m.mesh);
+  CHECK(r.power_W.size() == 1);
+  CHECK((r.power_W[0] > 0.0 && r.power_W[0] < 0.1));
+  CHECK(r.ledger.imbalance() < 1e-9);
+}
+
+TEST_CASE("Broken arguments are refused by name", "[tracer]") {
+  const PadShape s = coarse();
+  const Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const std::vector<Vec3> still(m.mesh.nodes.size(), Vec3::Zero());
+  std::vector<Vec3> broken = still;
+  broken[std::size_t(m.mesh.faces[0].nodes[0])].y() = std::nan("");
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, broken, {}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {Vec3::Zero()}, {}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, still, {1.0}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))), InvalidArgument);
+  Config c = quick();
+  c.rays_per_emitter = 1000;
+  CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
+  c = quick();
+  c.replicates = 1;
+  CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
+  Model lopsided = pad(s);
+  lopsided.body.emitters.pop_back();
+  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3>{}, {}, Symmetry{false, true}), InvalidArgument);
+  CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
+}
