@@ -1,12 +1,11 @@
 #include "program/commands.hpp"
 
+#include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
-#include "lumo/mechanics/simulator.hpp"
-#include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
-#include "lumo/morphology/finger.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
@@ -15,6 +14,15 @@
 namespace lumo::program {
 
 namespace {
+
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Light = Tracer<BeerLambert, ExitPower, Embree>;
+
+/// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
+auto pipeline_for(const Options& o) {
+  const Silicone card = silicone(o.material);
+  return Pipeline<TetgenMesher, Simulation, Light>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light{}};
+}
 
 class Stopwatch {
  public:
@@ -27,13 +35,24 @@ class Stopwatch {
 
 Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material)); }
 
-TetMesh mesh_of(const Body& body, Progress& progress, double& seconds) {
+Scenario<Sphere> scenario_of(const Options& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
+
+template <class P>
+TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
   const Stopwatch watch;
   progress.stage("mesh");
-  TetMesh mesh = mesh_body(body, TetgenMesher{});
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus);
   progress.step();
   seconds = watch.seconds();
   return mesh;
+}
+
+double value_of(const std::optional<Estimate>& e) { return e ? e->value : undefined; }
+
+void report_terms(ScenarioReport& report, const ContactTerms& terms) {
+  report.q_form = value_of(terms.form);
+  report.q_stable = value_of(terms.stable);
+  report.q_stiff = value_of(terms.stiff);
 }
 
 StateReport report(const MechanicalState& s) {
@@ -54,16 +73,16 @@ Ledger report(const EnergyLedger& e) {
 }
 
 /// The part of a press that a trace shares.
-PressResult pressed(const Options& o, const Body& body, Progress& progress) {
+template <class P>
+PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
-  result.mesh = mesh_of(body, progress, result.seconds.mesh);
+  result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
   result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
   const Stopwatch watch;
   progress.stage("press");
-  const Silicone card = silicone(o.material);
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
-  const Scenario<Sphere> scenario{{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N};
-  result.states = simulator.press(body, result.mesh, scenario);
+  const Scenario<Sphere> scenario = scenario_of(o);
+  result.states = pipeline.simulator.press(body, result.mesh, scenario);
+  report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
   progress.step();
   result.seconds.mechanics = watch.seconds();
 
@@ -81,7 +100,7 @@ PressResult pressed(const Options& o, const Body& body, Progress& progress) {
 MeshResult make_mesh(const Options& o, Progress& progress) {
   MeshResult result;
   const Body body = body_of(o);
-  result.mesh = mesh_of(body, progress, result.seconds);
+  result.mesh = mesh_of(o, body, pipeline_for(o), progress, result.seconds);
   result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
   result.boundary_faces = result.mesh.faces.size();
   const MeshQuality quality = measure(result.mesh);
@@ -94,7 +113,7 @@ MeshResult make_mesh(const Options& o, Progress& progress) {
 
 PressResult make_press(const Options& o, Progress& progress) {
   const Stopwatch watch;
-  PressResult result = pressed(o, body_of(o), progress);
+  PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seconds.total = watch.seconds();
   return result;
 }
@@ -102,16 +121,16 @@ PressResult make_press(const Options& o, Progress& progress) {
 TraceResult make_trace(const Options& o, Progress& progress) {
   const Stopwatch watch;
   const Body body = body_of(o);
-  PressResult press = pressed(o, body, progress);
+  const auto pipeline = pipeline_for(o);
+  PressResult press = pressed(o, body, pipeline, progress);
   TraceResult result{press.scenario, press.size, press.seconds, {}, {}};
   if (result.scenario.status != "converged") return result;
 
   const Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
-  const Tracer tracer;
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
   TbbExecutor{o.threads}.for_each(responses.size(), [&](std::size_t k) {
-    responses[k] = k == 0 ? tracer.trace(body, press.mesh) : tracer.trace(body, press.mesh, press.states[k - 1]);
+    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1]);
     progress.step();
   });
   result.unloaded_response = per_power(responses[0], responses[0].power_W);
@@ -130,6 +149,48 @@ TraceResult make_trace(const Options& o, Progress& progress) {
   return result;
 }
 
-EvaluationResult make_evaluation(const Options& o, Progress&) { throw Error("the command " + std::string(name(o.command)) + " is not part of this build"); }
+EvaluationResult make_evaluation(const Options& o, Progress& progress) {
+  const auto pipeline = pipeline_for(o);
+  const lumo::Ensemble ensemble = o.ensemble == Ensemble::flat ? flat_ensemble() : curved_ensemble();
+  std::string stage;
+  const Evaluation e = evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), ensemble, pipeline, {}, TbbExecutor{o.threads},
+                                [&](std::string_view now, int, int total) {
+                                  if (now != stage) progress.stage(stage = now, total);
+                                  progress.step();
+                                });
+  const Observations& seen = e.observations;
+  EvaluationResult result;
+  const auto record = [](const std::optional<Estimate>& j, double& value, double& error) {
+    if (j) value = j->value, error = j->error;
+  };
+  record(e.J_contact, result.J_contact, result.J_contact_err);
+  record(e.J_obs, result.J_obs, result.J_obs_err);
+  for (const ScenarioRecord& s : seen.scenarios) {
+    ScenarioReport report;
+    report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
+    report.status = std::string(to_string(s.status));
+    report_terms(report, s.terms);
+    for (const StateRecord& k : s.states) {
+      StateReport state{k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
+      state.response = k.response;
+      if (k.change.size() > 0) state.change_error = standard_error(k.change);
+      report.states.push_back(std::move(state));
+    }
+    result.scenarios.push_back(std::move(report));
+  }
+  if (e.worst_contact) {
+    const ScenarioReport& s = result.scenarios[*e.worst_contact];
+    result.worst_contact = WorstContact{s.diameter_mm, s.angle_deg, s.y_mm, result.J_contact};
+  }
+  if (e.worst_observation) {
+    const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
+    result.worst_observation = WorstObservation{1e3 * a.diameter_m, a.angle_rad * 180.0 / pi, a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
+  }
+  result.unloaded_response = seen.unloaded_response;
+  result.ledger = report(seen.ledger);
+  result.size = {seen.nodes, seen.elements};
+  result.seconds = {seen.seconds.mesh, seen.seconds.mechanics, seen.seconds.optics, seen.seconds.total};
+  return result;
+}
 
 }  // namespace lumo::program

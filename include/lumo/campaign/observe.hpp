@@ -2,9 +2,8 @@
 
 #include "lumo/campaign/ensemble.hpp"
 #include "lumo/core/executor.hpp"
+#include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/mesh/body_mesh.hpp"
-#include "lumo/mesh/sizing.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
 
@@ -162,9 +161,9 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   std::vector<detail::PreparedPlace<Prepared>> places(plan.places.size());
   executor.for_each(places.size(), [&](std::size_t k) {
     const detail::Stopwatch meshing;
-    std::vector<Vec3> touches;
-    for (std::size_t s : plan.places[k].solves) touches.push_back(first_touch(body, coarse, plan.solves[s].scenario).point);
-    const TetMesh mesh = mesh_body(focused(body, touches, pipeline.focus), pipeline.mesher);
+    std::vector<Scenario<Sphere>> here;
+    for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
+    const TetMesh mesh = mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus);
     places[k].pad = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh));
     places[k].seconds.mesh = meshing.seconds();
     const detail::Stopwatch tracing;

@@ -107,21 +107,6 @@ inline void ContactSurface::add(const BoundaryFace& face) {
   points_.push_back(std::move(points));
 }
 
-namespace detail {
-
-// Calls visit(face, point, position, distance sample) for every surface point closer to the rigid thing than `reach`.
-// `sample(p)` gives a DistanceSample; `distance(p)` only the distance.
-template <class Distance, class Visit>
-void for_points_within(const ContactSurface& surface, const Positions& x, double reach, const Distance& distance, Visit&& visit) {
-  for (std::size_t f = 0; f < surface.size(); ++f) {
-    const auto [middle, radius] = surface.ball(f, x);
-    if (distance(middle) > radius + reach) continue;
-    for (const SurfacePoint& p : surface.points(f)) visit(f, p, surface.position(f, p, x));
-  }
-}
-
-}  // namespace detail
-
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool>
 struct Moving {
@@ -133,20 +118,42 @@ struct Moving {
   DistanceSample sample(const Vec3& p) const { return tool->sample(p - origin); }
 };
 
-/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x.
+namespace detail {
+
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
+// reaches, or all when the law sees other gaps than the present ones.
+template <class Tool, class Visit>
+void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    const auto [middle, radius] = surface.ball(f, x);
+    const bool near = rigid.distance(middle) <= radius;
+    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; }))) continue;
+    const std::vector<SurfacePoint>& points = surface.points(f);
+    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+  }
+}
+
+}  // namespace detail
+
+/// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
+using SeenGaps = std::vector<std::vector<double>>;
+
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
+/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
 template <ContactHandler Contact, class Tool>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force) {
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
+                               const SeenGaps* seen = nullptr) {
   ContactSums sums;
-  detail::for_points_within(surface, x, 0.0, [&](const Vec3& p) { return rigid.distance(p); }, [&](std::size_t f, const SurfacePoint& p, const Vec3& at) {
-    const double gap = rigid.distance(at);
-    if (gap >= 0.0) return;
-    const ContactResponse r = contact.respond(gap);
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+    const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
+    if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
+    if (gamma >= 0.0) return;
+    const ContactResponse r = contact.respond(gamma);
     sums.energy += p.area_m2 * r.energy;
-    sums.penetration_m = std::max(sums.penetration_m, -gap);
-    const Vec3 n = rigid.sample(at).gradient;
-    sums.push_N += p.area_m2 * r.pressure * n.dot(rigid.direction);
+    const Vec3 traction = p.area_m2 * (r.pressure + r.stiffness * (gamma - gap)) * rigid.sample(at).gradient;
+    sums.push_N += traction.dot(rigid.direction);
     if (!force) return;
-    for (std::size_t k = 0; k < std::size_t(surface.nodes_per_face()); ++k) force->col(surface.face(f).nodes[k]) -= p.area_m2 * r.pressure * p.shape[k] * n;
+    for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
   });
   return sums;
 }
@@ -154,7 +161,7 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
 template <ContactHandler Contact, class Tool>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling) {
+                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
@@ -168,15 +175,16 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
         if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
       }
   };
-  detail::for_points_within(surface, x, 0.0, [&](const Vec3& p) { return rigid.distance(p); }, [&](std::size_t f, const SurfacePoint& p, const Vec3& at) {
-    if (rigid.distance(at) >= 0.0) return;
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+    const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
+    if (gamma >= 0.0) return;
     if (f != open) {
       flush();
       open = f;
       K.setZero();
     }
     const DistanceSample d = rigid.sample(at);
-    const ContactResponse r = contact.respond(d.distance);
+    const ContactResponse r = contact.respond(gamma);
     const Mat3 block = p.area_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
     sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
     for (std::size_t a = 0; a < nodes; ++a) {
@@ -190,6 +198,19 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
   });
   flush();
   return sums;
+}
+
+/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
+/// `linear` with the rigid thing at `then`.
+template <class Tool>
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
+                        const Positions& dx, double ds) {
+  SeenGaps gaps(surface.size());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f))
+      gaps[f].push_back(now.distance(surface.position(f, p, x)) +
+                        then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
+  return gaps;
 }
 
 }  // namespace lumo

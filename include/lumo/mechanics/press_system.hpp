@@ -66,20 +66,35 @@ struct PressSystem {
            add_contact_forces(model.resting, model.contact, support(), x, nullptr).energy - load * advance;
   }
 
+  /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
+  struct Seen {
+    std::vector<double> ratios;
+    SeenGaps touch, rest;
+  };
+  /// A configuration of pad and indenter.
+  struct Place {
+    Positions x;
+    double advance = 0.0;
+  };
+  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
+  Seen predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+    return {model.solid.predicted_ratios(now.x, linear.x, dx),
+            predicted_gaps(model.touchable, indenter(now.advance), now.x, indenter(linear.advance), linear.x, dx, ds),
+            predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
+  }
+
   /// Out-of-balance force on the free equations and on the indenter.
   struct Residual {
     Eigen::VectorXd free;
     double advance = 0.0;       ///< push − load
-    double push_N = 0.0;
-    double penetration_m = 0.0;
     double norm() const { return std::sqrt(free.squaredNorm() + advance * advance); }
   };
-  Residual residual(const Positions& x, double advance, double load, const Equations& eq) const {
+  Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
-    model.solid.add_forces(x, f);
-    const ContactSums touch = add_contact_forces(model.touchable, model.contact, indenter(advance), x, &f);
-    add_contact_forces(model.resting, model.contact, support(), x, &f);
-    Residual r{Eigen::VectorXd(eq.count), touch.push_N - load, touch.push_N, touch.penetration_m};
+    model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
+    const ContactSums touch = add_contact_forces(model.touchable, model.contact, indenter(advance), x, &f, seen ? &seen->touch : nullptr);
+    add_contact_forces(model.resting, model.contact, support(), x, &f, seen ? &seen->rest : nullptr);
+    Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
     return r;
@@ -91,7 +106,7 @@ struct PressSystem {
     Eigen::VectorXd coupling;
     double stiffness = 0.0;
   };
-  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t) const {
+  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -103,13 +118,14 @@ struct PressSystem {
       systems.push_back(&eq);
       values.push_back(m.valuePtr());
     }
-    model.solid.add_tangent(x, systems, values);
+    model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s = add_contact_tangent(model.touchable, model.contact, indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr);
+      const ContactSums s = add_contact_tangent(model.touchable, model.contact, indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
+                                                seen ? &seen->touch : nullptr);
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, model.contact, support(), x, *systems[k], values[k], nullptr);
+      add_contact_tangent(model.resting, model.contact, support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr);
     }
   }
 

@@ -55,23 +55,57 @@ class Solid {
     return sum;
   }
 
-  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes).
-  void add_forces(const Positions& x, Positions& force) const {
+  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature point.
+  std::vector<double> volume_ratios(const Positions& x) const {
+    std::vector<double> J;
+    J.reserve(mesh_->tets.size() * cells());
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
-      const double mean_stress = element_.mean_dilatation ? material_.volumetric(s.mean_J).stress : 0.0;
+      if (element_.mean_dilatation) J.push_back(s.mean_J);
+      else J.insert(J.end(), s.J.begin(), s.J.end());
+    }
+    return J;
+  }
+
+  /// The same, carried on by the displacement dx along the slope that they have at the positions `linear`.
+  std::vector<double> predicted_ratios(const Positions& x, const Positions& linear, const Positions& dx) const {
+    std::vector<double> J = volume_ratios(x);
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, linear);
+      for (int q = 0; q < Element::points; ++q) {
+        const Eigen::Matrix<double, 3, N> slope = cofactor(s.F[std::size_t(q)]) * gradient(e, q);
+        double rate = 0.0;
+        for (int a = 0; a < N; ++a) rate += dx.col(node(e, a)).dot(slope.col(a));
+        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
+        else J[e * cells() + std::size_t(q)] += rate;
+      }
+    }
+    return J;
+  }
+
+  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). With `seen` volume ratios the volumetric stress is linearised about
+  /// them, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
+  void add_forces(const Positions& x, Positions& force, const std::vector<double>* seen = nullptr) const {
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
+      const ElementState s = state(e, x);
       Gradients f = Gradients::Zero();
-      for (int q = 0; q < Element::points; ++q) f += weight(e, q) * stress(s, q, mean_stress) * gradient(e, q);
+      for (int q = 0; q < Element::points; ++q) {
+        const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
+        const VolumetricSample u = material_.volumetric(theta);
+        const Mat3& F = s.F[std::size_t(q)];
+        f += weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)) * gradient(e, q);
+      }
       for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
     }
   }
 
-  /// Adds the tangent ∂²energy/∂x² [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
-  void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values) const {
+  /// Adds the tangent [N/m] to the values of each system's lower triangle; the element matrices are made once for all.
+  void add_tangent(const Positions& x, const std::vector<const Equations*>& systems, const std::vector<double*>& values,
+                   const std::vector<double>* seen = nullptr) const {
     constexpr int size = 3 * N;
     Eigen::Matrix<double, size, size> K;
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
-      element_tangent(e, x, K);
+      element_tangent(e, x, seen, K);
       for (std::size_t k = 0; k < systems.size(); ++k) {
         const int* slot = systems[k]->slots.data() + e * (size * (size + 1) / 2);
         double* v = values[k];
@@ -119,27 +153,29 @@ class Solid {
     return s;
   }
 
-  Mat3 stress(const ElementState& s, int q, double mean_stress) const {
-    const Mat3& F = s.F[std::size_t(q)];
-    const double p = element_.mean_dilatation ? mean_stress : material_.volumetric(s.J[std::size_t(q)]).stress;
-    return material_.distortion_stress(F) + p * cofactor(F);
+  std::size_t cells() const { return element_.mean_dilatation ? 1 : std::size_t(Element::points); }
+
+  // Volume ratio that the volumetric energy is taken at.
+  double ratio(std::size_t e, int q, const ElementState& s, const std::vector<double>* seen) const {
+    if (seen) return (*seen)[e * cells() + (element_.mean_dilatation ? 0 : std::size_t(q))];
+    return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
   }
 
-  void element_tangent(std::size_t e, const Positions& x, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
-    const VolumetricSample mean = element_.mean_dilatation ? material_.volumetric(s.mean_J) : VolumetricSample{};
     Eigen::Matrix<double, 3 * N, 1> dJ = Eigen::Matrix<double, 3 * N, 1>::Zero();  // V ∂(mean J)/∂x
     K.setZero();
     for (int q = 0; q < Element::points; ++q) {
       const Mat3& F = s.F[std::size_t(q)];
       const Gradients& g = gradient(e, q);
       const Mat3 c = cofactor(F);
-      Mat9 A;
+      const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
+      Mat9 A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
       if (element_.mean_dilatation) {
-        A = material_.distortion_tangent(F) + mean.stress * determinant_hessian(F);
         Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
       } else {
-        A = elasticity_tangent(material_, F);
+        const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+        A += u.stiffness * flat * flat.transpose();
       }
       A *= weight(e, q);
       for (int a = 0; a < N; ++a) {
@@ -150,7 +186,8 @@ class Solid {
           K.template block<3, 3>(3 * b, 3 * a) += g(0, b) * T.template topRows<3>() + g(1, b) * T.template middleRows<3>(3) + g(2, b) * T.template bottomRows<3>();
       }
     }
-    if (element_.mean_dilatation) K.template selfadjointView<Eigen::Lower>().rankUpdate(dJ, mean.stiffness / s.volume);
+    if (element_.mean_dilatation)
+      K.template selfadjointView<Eigen::Lower>().rankUpdate(dJ, material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume);
   }
 
   const TetMesh* mesh_;

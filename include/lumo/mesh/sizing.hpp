@@ -11,8 +11,9 @@ namespace lumo {
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow in proportion to
 /// the distance resolve the edge of every contact equally well.
 struct Focus {
-  double finest = 0.6e-3;   ///< edge length at a place of touch [m]
-  double growth = 0.2;      ///< edge length gained per distance from it
+  double finest = 0.3e-3;     ///< edge length at a place of touch [m]
+  double growth = 0.12;       ///< edge length gained per distance from it
+  double depth_growth = 1.0;  ///< and per depth below it: only the surface has to follow the edge of contact
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
@@ -25,7 +26,8 @@ inline Body focused(Body body, const std::vector<Vec3>& points, const Focus& foc
     for (Vec3 at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
-      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm());
+      const double depth = std::max(0.0, (at - p).z());
+      edge = std::min(edge, focus.finest + focus.growth * (p - at).norm() + focus.depth_growth * depth);
     }
     return edge;
   };

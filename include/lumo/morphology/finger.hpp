@@ -10,10 +10,10 @@ namespace lumo {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study (docs).
   struct Mesh {
-    double contact_edge = 1.6e-3;     ///< on the surface that an indenter can touch
-    double coarsest_edge = 6.0e-3;    ///< at depth
-    double growth = 0.45;             ///< edge length gained per length of depth
-    double stretch_y = 1.25;          ///< edges along y are this much longer
+    double contact_edge = 3.0e-3;     ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 8.0e-3;    ///< at depth
+    double growth = 0.9;              ///< edge length gained per length of depth
+    double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
   };
   /// The five LEDs, lengths in m.

@@ -23,7 +23,7 @@ namespace lumo {
 struct TetgenMesher {
   double time_limit_s = 60.0;                           ///< for one run of TetGen [s]; after a crash there are up to three more, in turned frames
   std::size_t memory_limit_bytes = std::size_t{2} << 30;  ///< for TetGen alone; not applied under AddressSanitizer
-  double radius_edge_ratio = 1.8;                       ///< circumradius / shortest edge; above 1.2; smaller means better shapes, more elements
+  double radius_edge_ratio = 2.0;                       ///< circumradius / shortest edge; above 1.2; smaller means better shapes, more elements
   double min_dihedral_deg = 14.0;                       ///< [°] refine below, as far as the surface allows; 0 … 18
   double max_dihedral_deg = 140.0;                      ///< [°] improve above, without promise; 130 takes four times as long
   double size_factor = 0.8;                             ///< longest circumradius / wanted edge length
