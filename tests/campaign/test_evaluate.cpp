@@ -1,0 +1,89 @@
+#include "catch.hpp"
+#include "lumo/campaign/evaluate.hpp"
+#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/optics/tracer.hpp"
+#include "lumo/support/cholmod.hpp"
+#include "lumo/support/embree.hpp"
+#include "lumo/support/tbb.hpp"
+#include "lumo/support/tetgen.hpp"
+
+using namespace lumo;
+
+namespace {
+
+using Light = Tracer<BeerLambert, ExitPower, Embree>;
+using CoarsePipeline = Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, Light>;
+
+/// Coarse in every respect: what is tested here are contracts between stages.
+CoarsePipeline coarse() {
+  Light::Config light;
+  light.rays_per_emitter = 1 << 9;
+  CoarsePipeline p{TetgenMesher{}, {}, Light{light}};
+  p.focus = {1.2e-3, 0.4, 1.0};
+  return p;
+}
+
+Ensemble small_ensemble() {
+  Ensemble e;
+  e.diameters_m = {20e-3};
+  e.places_m = {-11e-3, 0.0, 11e-3};
+  e.angles_rad = {-15 * pi / 180, 15 * pi / 180};
+  e.loads_N = {1.0, 2.0, 5.0, 10.0};
+  return e;
+}
+
+FingerOptions coarse_finger() {
+  FingerOptions o;
+  o.mesh.contact_edge = 6e-3;
+  return o;
+}
+
+bool same_bits(const Evaluation& a, const Evaluation& b) {
+  if (a.J_contact->value != b.J_contact->value || a.J_obs->value != b.J_obs->value || a.J_obs->error != b.J_obs->error) return false;
+  for (std::size_t k = 0; k < a.observations.scenarios.size(); ++k)
+    for (std::size_t s = 0; s < a.observations.scenarios[k].states.size(); ++s) {
+      const StateRecord &x = a.observations.scenarios[k].states[s], &y = b.observations.scenarios[k].states[s];
+      if (x.depth_m != y.depth_m || x.response != y.response || x.residual_N != y.residual_N || x.contact_area_m2 != y.contact_area_m2) return false;
+    }
+  return true;
+}
+
+}  // namespace
+
+TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror images are what solving both gives") {
+  const FingerDesign design{8, 4, 6, 4, 2};
+  const Evaluation one = evaluate(design, dragon_skin(), small_ensemble(), coarse(), coarse_finger(), Serial{});
+  REQUIRE(one.J_contact);
+  REQUIRE(one.J_obs);
+  CHECK(one.J_contact->value > 0.0);
+  CHECK(one.observations.scenarios.size() == 6);
+  const Evaluation two = evaluate(design, dragon_skin(), small_ensemble(), coarse(), coarse_finger(), TbbExecutor{2});
+  CHECK(same_bits(one, two));
+
+  CoarsePipeline both = coarse();
+  both.mirror_once = false;
+  const Evaluation all = evaluate(design, dragon_skin(), small_ensemble(), both, coarse_finger(), TbbExecutor{2});
+  CHECK(all.J_contact->value == Approx(one.J_contact->value).epsilon(1e-4));
+  for (std::size_t k = 0; k < 6; ++k) {
+    const ScenarioRecord &a = one.observations.scenarios[k], &b = all.observations.scenarios[k];
+    CHECK(a.y_m == b.y_m);
+    CHECK(a.angle_rad == b.angle_rad);
+    for (std::size_t s = 0; s < 4; ++s) {
+      CHECK(a.states[s].depth_m == Approx(b.states[s].depth_m).epsilon(1e-6));
+      for (std::size_t r = 0; r < 11; ++r) CHECK(a.states[s].response[r] == Approx(b.states[s].response[r]).margin(1e-6));
+    }
+  }
+}
+
+TEST_CASE("a scenario that fails leaves no score, and says which") {
+  CoarsePipeline p = coarse();
+  p.simulator.solver.config.max_iterations = 1;
+  const Evaluation e = evaluate(baseline_design(), dragon_skin(), small_ensemble(), p, coarse_finger(), Serial{});
+  CHECK_FALSE(e.J_contact);
+  CHECK_FALSE(e.J_obs);
+  for (const ScenarioRecord& s : e.observations.scenarios) CHECK(s.status == Status::max_iterations);
+}
+
+TEST_CASE("an infeasible design is refused before anything is spent") {
+  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse(), {}, Serial{}), InfeasibleDesign);
+}

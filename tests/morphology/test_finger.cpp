@@ -1,0 +1,116 @@
+#include "catch.hpp"
+#include "lumo/morphology/finger.hpp"
+
+#include <map>
+#include <random>
+
+using namespace lumo;
+
+static_assert(!SurfaceShape<int>);
+
+TEST_CASE("the closest point of an ellipse is perpendicular, idempotent and nearest") {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> u(-1, 1);
+  for (double b : {1e-3, 6e-3, 14.75e-3, 20e-3}) {
+    const EllipticCylinder e{{0, 0, 6e-3}, 14.75e-3, b};
+    for (int k = 0; k < 300; ++k) {
+      const Vec3 p(25e-3 * u(random), 30e-3 * u(random), 6e-3 + 20e-3 * (u(random) + 1));
+      const Vec3 q = e.closest_point(p);
+      const double on = std::pow(q.x() / 14.75e-3, 2) + std::pow((q.z() - 6e-3) / b, 2);
+      CHECK(on == Approx(1.0).epsilon(1e-9));
+      CHECK(q.y() == p.y());
+      CHECK((e.closest_point(q) - q).norm() < 1e-12);
+      double nearest = 1e9;
+      for (int t = 0; t <= 2000; ++t) {
+        const double a = pi * t / 2000;
+        nearest = std::min(nearest, std::hypot(p.x() - 14.75e-3 * std::cos(a), p.z() - 6e-3 - b * std::sin(a)));
+      }
+      CHECK((p - q).norm() <= nearest + 1e-9);
+      CHECK((p - q).norm() >= nearest - 2e-5);
+      if ((p - q).norm() > 1e-6 && q.z() > 6e-3 + 1e-6) CHECK(std::abs((p - q).normalized().dot(e.normal(p))) == Approx(1.0).epsilon(1e-6));
+    }
+  }
+}
+
+TEST_CASE("a finger is a closed, outward surface with the exact volume up to its chords") {
+  for (Twin twin : {Twin::none, Twin::no_void, Twin::bonded_base, Twin::unsupported_base})
+    for (const FingerDesign& d : reference_designs()) {
+      FingerOptions o;
+      o.twin = twin;
+      o.mesh.contact_edge = 0.5e-3;
+      o.mesh.max_turn_rad = 0.1;
+      const Body b = finger(d, solaris(), o);
+      std::map<std::pair<int, int>, int> edges;
+      double volume = 0.0;
+      for (const Facet& f : b.facets) {
+        for (std::size_t k = 0; k < f.loop.size(); ++k) ++edges[{f.loop[k], f.loop[(k + 1) % f.loop.size()]}];
+        for (std::size_t k = 1; k + 1 < f.loop.size(); ++k)
+          volume += b.vertices[std::size_t(f.loop[0])].dot(b.vertices[std::size_t(f.loop[k])].cross(b.vertices[std::size_t(f.loop[k + 1])])) / 6.0;
+      }
+      for (const auto& [edge, count] : edges) {
+        CHECK(count == 1);
+        CHECK(edges.count({edge.second, edge.first}) == 1);
+      }
+      CHECK(4.0 * volume == Approx(b.exact_volume_m3).epsilon(2e-3));
+    }
+}
+
+TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
+  const Body b = finger({4, 8, 8, 5, 2}, dragon_skin());
+  std::map<std::string, const Patch*> patch;
+  for (const Patch& p : b.patches) patch[p.name] = &p;
+  CHECK(patch.at("stem_top")->bonded);
+  CHECK(patch.at("base")->bonded);
+  CHECK_FALSE(patch.at("void_roof")->bonded);
+  CHECK(patch.at("void_roof")->meets_carrier);
+  CHECK(patch.at("void_wall")->meets_carrier);
+  CHECK(patch.at("dome")->contactable);
+  CHECK(patch.count("stem_side") == 0);
+  CHECK_FALSE(patch.at("end")->bonded);
+  CHECK(std::holds_alternative<Lambertian>(patch.at("base")->optics));
+  CHECK(std::holds_alternative<Dielectric>(patch.at("void_wall")->optics));
+  CHECK(b.rigid_faces.size() == 4);
+
+  CHECK(b.emitters.size() == 5);
+  double power = 0.0;
+  for (const auto& e : b.emitters) {
+    power += e.power_W;
+    CHECK(e.center.z() == 5e-3);
+    CHECK(e.half_u.cross(e.half_v).normalized().z() == 1.0);
+  }
+  CHECK(power == Approx(1.0));
+  CHECK(b.emitters.front().center.y() == -22e-3);
+
+  CHECK(b.regions == 11);
+  CHECK(b.region(Vec3(14.75e-3, 0, 2e-3), Vec3::UnitX()) == 5);
+  CHECK(b.region(Vec3(-14.75e-3, -27.4e-3, 2e-3), -Vec3::UnitX()) == 0);
+  CHECK(b.region(Vec3(14.75e-3, 27.4e-3, 2e-3), Vec3::UnitX()) == 10);
+  CHECK(b.region(Vec3(14.75e-3, 28e-3, 2e-3), Vec3::UnitX()) == -1);
+  CHECK(b.region(Vec3(1e-3, 0, 12e-3), Vec3(0.1, 0, 0.99)) == -1);
+  for (int k = 0; k < 11; ++k) CHECK(b.region_image_y[std::size_t(k)] == 10 - k);
+  const int dome = int(patch.at("dome") - b.patches.data());
+  const Vec3 p(-12e-3, -10e-3, 9e-3);
+  CHECK(outward_normal(b, dome, p).x() < 0.0);
+  CHECK(outward_normal(b, dome, Vec3(-p.x(), p.y(), p.z())).x() == -outward_normal(b, dome, p).x());
+
+  const Body plain = finger({4, 8, 8, 5, 0}, dragon_skin());
+  bool side = false;
+  for (const Patch& q : plain.patches) side = side || (q.name == "stem_side" && q.bonded);
+  CHECK(side);
+  FingerOptions soft;
+  soft.twin = Twin::unsupported_base;
+  const Body twin = finger({4, 8, 8, 5, 2}, dragon_skin(), soft);
+  CHECK(twin.carrier.empty());
+  CHECK(twin.emitters.empty());
+  for (const Patch& q : twin.patches) CHECK(q.bonded == (q.name == "end"));
+}
+
+TEST_CASE("material cards are the paper's") {
+  CHECK(silicone("DS").mu_Pa == Approx(106e3));
+  CHECK(silicone("Sol").lambda_Pa == Approx(9.75e6));
+  for (const char* name : {"DS", "Sol"}) {
+    const Silicone s = silicone(name);
+    CHECK(0.5 * s.lambda_Pa / (s.lambda_Pa + s.mu_Pa) == Approx(0.495).epsilon(1e-4));  // Poisson's ratio
+  }
+  CHECK_THROWS_WITH(silicone("Dragon"), Catch::Contains("Dragon") && Catch::Contains("DS or Sol"));
+}

@@ -1,0 +1,73 @@
+#include "catch.hpp"
+#include "lumo/objective/contact_progression.hpp"
+
+#include "mechanics/bodies.hpp"
+
+using namespace lumo;
+
+namespace {
+
+/// A block whose top carries given contact discs: terms with known values.
+struct Made {
+  Body body;
+  TetMesh mesh;
+  std::vector<MechanicalState> states;
+
+  Made() : body(test::block_body(Vec3(20e-3, 20e-3, 2e-3))), mesh(test::block_mesh(Vec3(20e-3, 20e-3, 2e-3), test::even(20), test::even(20), test::even(1), 2, false)) {}
+  void add(double load, double depth, double radius, double area) {
+    MechanicalState s;
+    s.status = Status::converged;
+    s.load_N = s.force_N = load;
+    s.depth_m = depth;
+    s.contact_area_m2 = area;
+    for (const Vec3& p : mesh.nodes) s.contact_field.push_back(radius - std::hypot(p.x() - 10e-3, p.y() - 10e-3));
+    states.push_back(s);
+  }
+};
+
+}  // namespace
+
+TEST_CASE("the three contact terms and their geometric mean follow the paper's equations") {
+  Made m;
+  m.add(1, 1.0e-3, 2e-3, 12e-6);
+  m.add(2, 1.5e-3, 3e-3, 28e-6);
+  m.add(5, 2.5e-3, 4e-3, 50e-6);
+  m.add(10, 3.0e-3, 6e-3, 110e-6);
+  const ContactTerms q = contact_terms(m.body, m.mesh, m.states, 5e-3);
+  REQUIRE(q.form);
+  REQUIRE(q.stable);
+  REQUIRE(q.stiff);
+  CHECK(q.form->value == Approx(std::sqrt(28.0 / (pi * 25.0))));
+  CHECK(q.stable->value == Approx(9.0 / 36.0).epsilon(0.02));            // nested discs
+  CHECK(q.stiff->value == Approx(1.0 - (1.0 / 0.5e-3) / (5.0 / 0.5e-3)));
+  CHECK(q.score()->value == Approx(std::cbrt(q.form->value * q.stable->value * q.stiff->value)));
+  CHECK(q.score()->error > 0.0);
+  CHECK(q.score()->error < 0.05);
+}
+
+TEST_CASE("terms are clipped to [0, 1], and a full patch has no error from its area") {
+  Made m;
+  m.add(1, 1.0e-3, 2e-3, 12e-6);
+  m.add(2, 1.1e-3, 3e-3, 1.0);
+  m.add(5, 2.5e-3, 4e-3, 50e-6);
+  m.add(10, 9.0e-3, 6e-3, 110e-6);  // softer late than early
+  const ContactTerms q = contact_terms(m.body, m.mesh, m.states, 5e-3);
+  CHECK(q.form->value == 1.0);
+  CHECK(q.form->error == 0.0);
+  CHECK(q.stiff->value == 0.0);
+  CHECK(q.score()->value == 0.0);
+  CHECK(std::isfinite(q.score()->error));
+}
+
+TEST_CASE("what the loads do not define, and what did not converge, is empty") {
+  Made m;
+  m.add(1, 1.0e-3, 2e-3, 12e-6);
+  m.add(2, 1.5e-3, 3e-3, 28e-6);
+  ContactTerms q = contact_terms(m.body, m.mesh, m.states, 5e-3);
+  CHECK(q.form);
+  CHECK_FALSE(q.stable);
+  CHECK_FALSE(q.stiff);
+  CHECK_FALSE(q.score());
+  m.states.back().status = Status::max_iterations;
+  CHECK_FALSE(contact_terms(m.body, m.mesh, m.states, 5e-3).form);
+}
