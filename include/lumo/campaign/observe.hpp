@@ -20,9 +20,8 @@ namespace lumo {
 struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and region; empty without light
-  std::vector<double> response_error;    ///< its standard errors
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions
+  std::vector<double> response;          ///< per emitted power and region: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions, both traced on the scenario's own mesh
 };
 
 /// One scenario of an ensemble.
@@ -41,7 +40,7 @@ struct Timing {
 /// All states and responses of one body under an ensemble.
 struct Observations {
   std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and region
+  std::vector<double> unloaded_response;        ///< per emitted power and region, mean over the meshes
   EnergyLedger ledger;                          ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;
@@ -92,26 +91,11 @@ struct SolvedScenario {
   Timing seconds;
 };
 
-inline std::vector<double> per_emitted(std::vector<double> power, const EnergyLedger& ledger) {
-  for (double& p : power) p /= ledger.emitted;
-  return power;
-}
-
-template <class T>
-void permute(std::vector<T>& values, const std::vector<int>& image) {
-  if (image.empty() || values.empty()) return;
-  std::vector<T> moved(values);
-  for (std::size_t k = 0; k < values.size(); ++k) moved[std::size_t(image[k])] = values[k];
-  values = std::move(moved);
-}
-
 inline void reflect_regions(ScenarioRecord& record, const std::vector<int>& image) {
+  if (image.empty()) return;
   for (StateRecord& s : record.states) {
-    permute(s.response, image);
-    permute(s.response_error, image);
-    if (image.empty() || s.change.size() == 0) continue;
     const Eigen::MatrixXd change = s.change;
-    for (std::size_t k = 0; k < image.size(); ++k) s.change.col(image[k]) = change.col(Eigen::Index(k));
+    for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col(image[std::size_t(k)]) = change.col(k);
   }
 }
 
@@ -128,11 +112,9 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario
   const Stopwatch tracing;
   const Symmetry symmetry{body.symmetry.x && scenario.angle_rad == 0.0, body.symmetry.y && scenario.y_m == 0.0};
   for (const MechanicalState& s : states) {
-    StateRecord r{s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}, {}};
+    StateRecord r{s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}};
     if (body.regions > 0 && (s.status == Status::converged || s.status == Status::held)) {
       const Response light = pipeline.tracer.trace(body, place.pad->mesh(), s, symmetry);
-      r.response = per_emitted(light.power_W, light.ledger);
-      r.response_error = per_emitted(light.error_W, light.ledger);
       r.change = response_change(light, place.unloaded);
       if (light.ledger.imbalance() >= out.worst.imbalance()) out.worst = light.ledger;
     }
@@ -186,6 +168,14 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   });
 
   Observations out;
+  // Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so
+  // changes are taken on one mesh and added to the common mean.
+  if (body.regions > 0) {
+    out.unloaded_response.assign(std::size_t(body.regions), 0.0);
+    for (const auto& p : places)
+      for (std::size_t b = 0; b < out.unloaded_response.size(); ++b) out.unloaded_response[b] += p.unloaded.power_W[b] / p.unloaded.ledger.emitted / double(places.size());
+    out.ledger = places.front().unloaded.ledger;
+  }
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     const ContactPlan::Image& image = plan.images[k];
     ScenarioRecord record = solved[image.solve].record;
@@ -193,11 +183,9 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
     record.y_m = scenarios[k].y_m;
     if (image.mirror_x) detail::reflect_regions(record, body.region_image_x);
     if (image.mirror_y) detail::reflect_regions(record, body.region_image_y);
+    for (StateRecord& s : record.states)
+      for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
     out.scenarios.push_back(std::move(record));
-  }
-  if (body.regions > 0) {
-    out.unloaded_response = detail::per_emitted(places.front().unloaded.power_W, places.front().unloaded.ledger);
-    out.ledger = places.front().unloaded.ledger;
   }
   for (const auto& s : solved) {
     if (s.worst.emitted > 0.0 && s.worst.imbalance() >= out.ledger.imbalance()) out.ledger = s.worst;
