@@ -1,0 +1,148 @@
+// Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
+// One line of JSON per (design, setting) is appended to the file; lines that are there are not computed again.
+//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters 10,30]
+#include "lumo/campaign/evaluate.hpp"
+#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/optics/tracer.hpp"
+#include "lumo/support/cholmod.hpp"
+#include "lumo/support/embree.hpp"
+#include "lumo/support/tbb.hpp"
+#include "lumo/support/tetgen.hpp"
+
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <random>
+#include <set>
+#include <string>
+
+using namespace lumo;
+
+namespace {
+
+using Light = Tracer<BeerLambert, ExitPower, Embree>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+
+struct Setting {
+  double mesh = 1.0;   // factor on all wanted edge lengths
+  int rays = 1;        // factor on all ray counts
+};
+
+const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}}, {"mesh0.5", {0.5, 1}},
+                                                  {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}}, {"fine", {0.7, 4}},    {"finest", {0.5, 16}}};
+
+/// The references first, then seeded feasible lattice designs.
+std::vector<FingerDesign> designs(std::size_t count) {
+  std::vector<FingerDesign> list = reference_designs();
+  const DesignSpace space = finger_space();
+  std::mt19937 random(2026);
+  while (list.size() < count) {
+    std::array<double, 5> x;
+    for (std::size_t i = 0; i < 5; ++i) {
+      const int low = int(2 * space.variables[i].lower), high = int(2 * space.variables[i].upper);
+      x[i] = 0.5 * double(low + int(random() % unsigned(high - low + 1)));
+    }
+    if (space.contains(x)) list.push_back(FingerDesign::from(x));
+  }
+  list.resize(count);
+  return list;
+}
+
+std::vector<double> numbers(const char* text, double unit) {
+  std::vector<double> v;
+  for (const char* p = text; *p;) {
+    char* end = nullptr;
+    v.push_back(std::strtod(p, &end) * unit);
+    p = *end == ',' ? end + 1 : end;
+  }
+  return v;
+}
+
+void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
+  const Observations& o = e.observations;
+  out.precision(10);
+  const auto number = [&](const char* name, const std::optional<Estimate>& v) {
+    out << ",\"" << name << "\":";
+    if (v) out << "[" << v->value << "," << v->error << "]";
+    else out << "null";
+  };
+  out << "{\"key\":\"" << key << "\"";
+  number("J_contact", e.J_contact);
+  number("J_obs", e.J_obs);
+  out << ",\"worst_contact\":" << (e.worst_contact ? int(*e.worst_contact) : -1) << ",\"nodes\":" << o.nodes << ",\"seconds\":[" << o.seconds.mesh << ","
+      << o.seconds.mechanics << "," << o.seconds.optics << "," << o.seconds.total << "],\"scenarios\":[";
+  for (std::size_t k = 0; k < o.scenarios.size(); ++k) {
+    const ScenarioRecord& s = o.scenarios[k];
+    out << (k ? "," : "") << "{\"d\":" << 1e3 * s.diameter_m << ",\"y\":" << 1e3 * s.y_m << ",\"status\":\"" << to_string(s.status) << "\"";
+    number("q_form", s.terms.form);
+    number("q_stable", s.terms.stable);
+    number("q_stiff", s.terms.stiff);
+    number("score", s.terms.score());
+    out << ",\"depth_mm\":[";
+    for (std::size_t i = 0; i < s.states.size(); ++i) out << (i ? "," : "") << 1e3 * s.states[i].depth_m;
+    out << "],\"area_mm2\":[";
+    for (std::size_t i = 0; i < s.states.size(); ++i) out << (i ? "," : "") << 1e6 * s.states[i].contact_area_m2;
+    out << "]}";
+  }
+  out << "]}\n";
+  out.flush();
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2 || argv[1][0] == '-') {
+    std::fprintf(stderr, "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters mm,mm,...] [--threads N]\n");
+    return 2;
+  }
+  std::size_t count = 5;
+  std::string material = "DS", settings = "default,mesh0.7,mesh0.5";
+  Ensemble ensemble = flat_ensemble();
+  int threads = 2;
+  for (int i = 2; i + 1 < argc; i += 2) {
+    if (!std::strcmp(argv[i], "--designs")) count = std::size_t(std::atoi(argv[i + 1]));
+    if (!std::strcmp(argv[i], "--material")) material = argv[i + 1];
+    if (!std::strcmp(argv[i], "--settings")) settings = argv[i + 1];
+    if (!std::strcmp(argv[i], "--diameters")) ensemble.diameters_m = numbers(argv[i + 1], 1e-3);
+    if (!std::strcmp(argv[i], "--threads")) threads = std::atoi(argv[i + 1]);
+  }
+  const Silicone card = silicone(material);
+  const TetgenMesher mesher;  // before threads start
+
+  std::set<std::string> done;
+  {
+    std::ifstream in(argv[1]);
+    for (std::string line; std::getline(in, line);)
+      if (const auto a = line.find(":\""); a != std::string::npos) done.insert(line.substr(a + 2, line.find('"', a + 2) - a - 2));
+  }
+  std::ofstream out(argv[1], std::ios::app);
+  const std::vector<FingerDesign> list = designs(count);
+  for (std::size_t from = 0; from < settings.size();) {
+    const std::size_t to = std::min(settings.find(',', from), settings.size());
+    const std::string name = settings.substr(from, to - from);
+    from = to + 1;
+    if (!kSettings.count(name)) {
+      std::fprintf(stderr, "lumo_refinement: no setting '%s'\n", name.c_str());
+      return 2;
+    }
+    const Setting s = kSettings.at(name);
+    for (const FingerDesign& d : list) {
+      const std::string key = detail::text(name, " ", material, " ", ensemble.diameters_m.size(), " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
+      if (done.count(key)) continue;
+      Light::Config light;
+      light.rays_per_emitter *= s.rays;
+      light.carrier_rays *= s.rays;
+      light.exit_rays *= s.rays;
+      Focus focus;
+      for (double* edge : {&focus.finest, &focus.growth, &focus.depth_growth}) *edge *= s.mesh;
+      FingerOptions options;
+      for (double* edge : {&options.mesh.contact_edge, &options.mesh.coarsest_edge, &options.mesh.growth}) *edge *= s.mesh;
+      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{light}, focus};
+      const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
+      append(out, key, e);
+      std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);
+    }
+  }
+  return 0;
+}
