@@ -15,6 +15,7 @@ TEST_CASE("Embree's single precision agrees with the double precision tree", "[e
   Tracer<BeerLambert, ExitPower, Embree>::Config e;
   c.rays_per_emitter = e.rays_per_emitter = 1 << 12;
   c.carrier_rays = e.carrier_rays = 1 << 14;
+  c.exit_rays = e.exit_rays = 1 << 18;
   const auto u = d.displacement(s, m.mesh);
   const auto phi = d.contact(s, m.mesh);
   const Response a = Tracer<BeerLambert>(c).trace(m.body, m.mesh, u, phi);

@@ -14,6 +14,7 @@ Config config(int rays, double roulette) {
   c.rays_per_emitter = rays;
   c.replicates = 4;
   c.carrier_rays = 1 << 14;
+  c.exit_rays = 1 << 18;
   c.roulette_below = roulette;
   c.scene.sub_facets = 2;
   return c;

@@ -13,6 +13,7 @@ Config quick() {
   Config c;
   c.rays_per_emitter = 1 << 11;
   c.carrier_rays = 1 << 13;
+  c.exit_rays = 1 << 18;
   c.scene.sub_facets = 2;
   return c;
 }
@@ -247,6 +248,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   Config c = quick();
   c.rays_per_emitter = 1000;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
+  CHECK_THROWS_AS(tracer.refined(3), InvalidArgument);
+  CHECK(tracer.refined(4).config().exit_rays == 4 * quick().exit_rays);
   c = quick();
   c.replicates = 1;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);

@@ -3,7 +3,10 @@
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/optics/response.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
+#include <set>
 #include <vector>
 
 namespace lumo {
@@ -32,8 +35,20 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
-/// Distance of two response changes and its standard error from paired replicates.
+/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the mean over pairs of
+/// *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding 1948): unlike the square of the mean difference it
+/// is not raised by noise. Where noise makes it negative the distance is 0. The error is that of the larger of distance and noise.
 Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+
+/// May these two states be compared: same tool, angle and load, other place?
+inline bool comparable(const ObservedState& a, const ObservedState& b) {
+  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.load_N == b.load_N && a.y_m != b.y_m;
+}
+
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
+/// two errors of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
+/// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
 std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
@@ -41,11 +56,36 @@ std::optional<Separation> optical_separation(const std::vector<ObservedState>& s
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
   const Eigen::MatrixXd d = a - b;
   const Eigen::RowVectorXd mean = d.colwise().mean();
-  const double norm = mean.norm(), n = double(d.rows());
-  if (d.rows() < 2 || norm == 0.0) return {norm, 0.0};
-  // To first order the distance moves with the replicates' components along the mean difference.
-  const Eigen::VectorXd along = (d.rowwise() - mean) * mean.transpose() / norm;
-  return {norm, std::sqrt(along.squaredNorm() / (n * (n - 1.0)))};
+  const double n = double(d.rows());
+  if (d.rows() < 2) return {mean.norm(), 0.0};
+  const Eigen::MatrixXd off = d.rowwise() - mean;
+  const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
+  const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
+  if (scale == 0.0) return {0.0, 0.0};
+  // To first order the distance moves with the replicates' components along the mean difference; where there is little but noise that
+  // overstates the error somewhat, since the mean difference is noise, too.
+  return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
+}
+
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
+  struct Pair {
+    std::size_t first, second;
+    Estimate distance;
+  };
+  std::vector<Pair> pairs;
+  const Pair* least = nullptr;
+  for (std::size_t i = 0; i < states.size(); ++i)
+    for (std::size_t j = i + 1; j < states.size(); ++j)
+      if (comparable(states[i], states[j])) pairs.push_back({i, j, response_distance(states[i].change, states[j].change)});
+  for (const Pair& p : pairs)  // the least of the upper bounds: no pair that lies above it can be the closest
+    if (least == nullptr || p.distance.value + 2.0 * p.distance.error < least->distance.value + 2.0 * least->distance.error) least = &p;
+  std::set<std::size_t> wanted;
+  if (least != nullptr) {
+    const double bound = least->distance.value + 2.0 * least->distance.error;
+    for (const Pair& p : pairs)
+      if (p.distance.value - 2.0 * p.distance.error <= bound && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+  }
+  return {wanted.begin(), wanted.end()};
 }
 
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
@@ -53,7 +93,7 @@ inline std::optional<Separation> optical_separation(const std::vector<ObservedSt
   for (std::size_t i = 0; i < states.size(); ++i)
     for (std::size_t j = i + 1; j < states.size(); ++j) {
       const ObservedState &a = states[i], &b = states[j];
-      if (a.diameter_m != b.diameter_m || a.angle_rad != b.angle_rad || a.load_N != b.load_N || a.y_m == b.y_m) continue;
+      if (!comparable(a, b)) continue;
       const Estimate d = response_distance(a.change, b.change);
       if (!least || d.value < least->distance.value) least = Separation{d, i, j};
     }

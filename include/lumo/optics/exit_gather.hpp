@@ -6,6 +6,7 @@
 #include "lumo/optics/emitter.hpp"
 #include "lumo/optics/face_set.hpp"
 #include "lumo/optics/fresnel.hpp"
+#include "lumo/optics/light_nodes.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/path_tracer.hpp"
 #include "lumo/optics/ray_pattern.hpp"
@@ -17,14 +18,14 @@
 namespace lumo::detail {
 
 /// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
-/// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on carrier
+/// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
 /// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
 /// Veach, thesis, 1997, ch. 5). Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
   ExitGather(const Body& body, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
-             const Readout& readout, int channels, const FaceSet& carrier, const FaceSet& exits, Symmetry symmetry,
+             const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
              PathTracer<Scene, Medium, Readout>& path)
       : surface_(surface),
         scene_(scene),
@@ -32,7 +33,7 @@ class ExitGather {
         ratio_(medium.refractive_index() / outer_index),
         readout_(readout),
         channels_(channels),
-        carrier_(carrier),
+        nodes_(nodes),
         exits_(exits),
         path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
@@ -40,19 +41,17 @@ class ExitGather {
       const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
       for (const RectangleEmitter& e : body.emitters) emitters_[image].push_back({standard(mirrored(e, m)), mirror(normal(e), m)});
     }
-    for (std::size_t k = 0; k < carrier.size(); ++k) areas_.push_back(double(images_.size()) * carrier.area(k, surface));
   }
 
-  /// Replaces the gathered part of the channels of `total`; `sent`: power of the carrier faces [W], their images included.
-  void run(const OwenSobol& sequence, std::uint32_t count, const std::vector<double>& sent, Tally& total) {
+  /// Replaces the gathered part of the channels of `total`; `sent`: power of the nodes [W], their images included.
+  void run(const OwenSobol& sequence, const std::vector<double>& sent, Tally& total) {
     if (exits_.size() == 0) return;
     direct_.assign(std::size_t(channels_), 0.0);
     diffuse_ = direct_;
     for (std::size_t k = 0; k < exits_.size(); ++k)
-      for (std::uint32_t i = 0; i < count; ++i) {
-        FaceSet::Sample x = exits_.sample(k, surface_, sequence, i, count);
+      for (std::uint32_t i = 0; i < exits_[k].count; ++i) {
+        FaceSet::Sample x = exits_.sample(k, surface_, sequence, i);
         if (surface_.in_contact(x.at)) continue;
-        x.area /= count;
         Vec3 n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
         gather_direct(x, n, exits_[k].mirror, sequence);
@@ -130,7 +129,7 @@ class ExitGather {
     if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0) || !seen(x, out)) return;
     const double weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
     path_.run(x.ray, m, weight / double(images_.size()), false);
-    book(diffuse_, x, out, path_.collect([&](std::size_t k) { return sent[k] / areas_[k]; }));
+    book(diffuse_, x, out, path_.collect([&](std::size_t k) { return sent[k] / nodes_.area(k); }));
   }
 
   const OpticalScene& surface_;
@@ -139,12 +138,11 @@ class ExitGather {
   double ratio_;  ///< index inside / outside
   const Readout& readout_;
   int channels_;
-  const FaceSet& carrier_;
+  const LightNodes& nodes_;
   const FaceSet& exits_;
   PathTracer<Scene, Medium, Readout>& path_;
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
-  std::vector<double> areas_;  ///< of the carrier faces with their images [m²]
   std::vector<double> direct_, diffuse_;
 };
 

@@ -5,6 +5,7 @@
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
+#include "lumo/optics/polygon_cells.hpp"
 #include "lumo/optics/set_back.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
@@ -21,6 +22,7 @@ struct ScenePoint {
   int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
   int sub = 0;                ///< sub-facet of the face
   double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
+  double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
 };
 
 /// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
@@ -30,6 +32,7 @@ class OpticalScene {
   struct Config {
     int sub_facets = 3;            ///< each edge of a quadratic face is cut into this many; linear faces are not cut
     double carrier_gap_m = 20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
+    double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
 
   /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
@@ -52,11 +55,12 @@ class OpticalScene {
   bool in_contact(const ScenePoint& p) const;
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
   int region(const ScenePoint& p, unsigned image) const;
-  const SurfaceOptics& optics(int t, const ScenePoint& p) const {
-    if (p.face < 0) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
-    return body_->patches[std::size_t(faces_[std::size_t(p.face)].patch)].optics;
+  const SurfaceOptics& optics(int t) const {
+    if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
+    return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
+  bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const;
   double area(int face) const;      ///< of its triangles [m²]
   bool has_region(int face) const;  ///< may a point of it lie in a region?
@@ -66,6 +70,18 @@ class OpticalScene {
   const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
   std::array<Vec3, 3> reference_corners(int face, int sub) const;
+  /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
+  std::array<Vec3, 3> reference_corners(int t) const {
+    if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
+    return reference_corners(t / triangles_per_face(), t % triangles_per_face());
+  }
+  /// Region of a place on a patch, or of its mirror image.
+  int region(int patch, const Vec3& reference, unsigned image) const;
+  int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
+  /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
+  int surface_number(int t) const {
+    return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
+  }
   /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
   Vec3 pulled_inward(int t, const Vec3& p) const;
 
@@ -85,9 +101,8 @@ class OpticalScene {
   }
   void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
   void cut(const BoundaryFace& face, const Face& f);
-  void add_carrier(double gap_m);
+  void add_carrier(const Config& config);
   void label(Symmetry images);
-  int evaluate_region(const Face& f, const Vec3& position, unsigned image) const;
 
   const Body* body_;
   int n_;                                                   ///< cuts per edge
@@ -95,6 +110,7 @@ class OpticalScene {
   std::vector<Face> faces_;
   std::vector<SceneTriangle> triangles_;
   std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
+  std::vector<std::array<Vec3, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and sub-facet: region, or `mixed`
 };
@@ -104,6 +120,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
     : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
   require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
   require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
+  require_in_range("carrier cell", config.carrier_cell_m * 1e3, 1e-3, 1e6, "mm");
   if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(detail::text("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
   for (const Patch& p : body.patches) validate(p.optics);
   for (const RigidFace& f : body.rigid_faces) validate(f.optics);
@@ -115,7 +132,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
     }
   add_faces(mesh, displacement, contact_field);
   body_triangles_ = triangles_.size();
-  add_carrier(config.carrier_gap_m);
+  add_carrier(config);
   label(images);
 }
 
@@ -179,24 +196,29 @@ inline void OpticalScene::cut(const BoundaryFace& face, const Face& f) {
   for (const auto& c : lattice_) triangles_.push_back({{at(c[0][0], c[0][1]), at(c[1][0], c[1][1]), at(c[2][0], c[2][1])}, false});
 }
 
-inline void OpticalScene::add_carrier(double gap_m) {
+// The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
+inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3> soft;
   for (const Face& f : faces_)
     if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
   for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
-    const std::vector<Vec3> corner = detail::set_back(body_->rigid_faces[i], soft, gap_m);
-    for (std::size_t k = 1; k + 1 < corner.size(); ++k) {
-      triangles_.push_back({{corner[0], corner[k], corner[k + 1]}, true});
+    const std::vector<Vec3>& place = body_->rigid_faces[i].corners;
+    const std::vector<Vec3> corner = detail::set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+    const auto cells = detail::polygon_cells(place, config.carrier_cell_m);
+    const auto moved = detail::polygon_cells(corner, place, config.carrier_cell_m);
+    for (std::size_t k = 0; k < cells.size(); ++k) {
+      triangles_.push_back({moved[k], true});
+      rigid_reference_.push_back(cells[k]);
       rigid_.push_back(int(i));
     }
   }
 }
 
-inline int OpticalScene::evaluate_region(const Face& f, const Vec3& position, unsigned image) const {
+inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
   if (!body_->region) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-  const Vec3 n = outward_normal(body_->patches[std::size_t(f.patch)].shape, position);
-  const int r = body_->region(mirror.cwiseProduct(position), mirror.cwiseProduct(n));
+  const Vec3 n = outward_normal(body_->patches[std::size_t(patch)].shape, reference);
+  const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
@@ -210,14 +232,14 @@ inline void OpticalScene::label(Symmetry images) {
     labels.reserve(body_triangles_);
     for (const Face& f : faces_) {
       std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) r[k] = evaluate_region(f, f.reference[k], image);
+      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], image);
       if (std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; })) {
         labels.insert(labels.end(), lattice_.size(), r[0]);
         continue;
       }
       for (int i = 0; i <= n_; ++i)
         for (int j = 0; i + j <= n_; ++j)
-          at[std::size_t(i * (n_ + 1) + j)] = evaluate_region(f, shape(f.reference, (n_ - i - j) * h, i * h, j * h), image);
+          at[std::size_t(i * (n_ + 1) + j)] = region(f.patch, shape(f.reference, (n_ - i - j) * h, i * h, j * h), image);
       for (const auto& c : lattice_) {
         const auto get = [&](std::size_t k) { return at[std::size_t(c[k][0] * (n_ + 1) + c[k][1])]; };
         labels.push_back(get(0) == get(1) && get(1) == get(2) ? get(0) : mixed);
@@ -228,11 +250,10 @@ inline void OpticalScene::label(Symmetry images) {
 
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face) * lattice_.size() + std::size_t(p.sub)];
-  return known != mixed ? known : evaluate_region(faces_[std::size_t(p.face)], reference(p), image);
+  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
 }
 
 inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
-  if (std::size_t(t) >= body_triangles_) return {};
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
@@ -240,6 +261,8 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
   double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
   if (const double s = u + v; s > 1.0) u /= s, v /= s;
   ScenePoint r;
+  r.u = u, r.v = v;
+  if (!on_body(t)) return r;
   r.face = t / int(lattice_.size());
   r.sub = t % int(lattice_.size());
   const auto& l = lattice_[std::size_t(r.sub)];

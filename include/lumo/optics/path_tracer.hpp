@@ -8,6 +8,7 @@
 #include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/intersector.hpp"
 #include "lumo/optics/ledger.hpp"
+#include "lumo/optics/light_nodes.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/ray_pattern.hpp"
 #include "lumo/optics/surface_optics.hpp"
@@ -21,12 +22,22 @@
 
 namespace lumo::detail {
 
-/// Where the power of some paths went: booked, or arrived on carrier faces (index, power) from where it goes on.
+/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it goes on.
 struct Tally {
   EnergyLedger ledger;
   std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
   std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
   std::vector<std::pair<int, double>> arrived;
+};
+
+/// Light from an emitter that left the body for good after reflections.
+struct Exit {
+  std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
+  Escape light;         ///< of the traced one of the mirror images; its region is not looked up
+  ScenePoint at;
+  Vec3 normal;          ///< of the flat facet
+  int patch;
+  double power;  ///< [W], of one image
 };
 
 struct PathLimits {
@@ -39,26 +50,27 @@ struct PathLimits {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class PathTracer {
  public:
-  /// `exchange`: collects what falls on Lambertian faces of the body from inside.
+  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
   PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
-             int channels, const FaceSet& exchange, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
+             int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
       : surface_(surface),
         scene_(scene),
         medium_(medium),
         outer_index_(outer_index),
         readout_(readout),
-        exchange_(exchange),
+        nodes_(nodes),
         exits_(exits),
         limits_(limits),
         channels_(std::size_t(channels)),
-        arrived_(exchange.size(), 0.0) {
+        arrived_(nodes.size(), 0.0) {
     for (unsigned image = 0; image < 4; ++image)
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
     reset();
   }
 
-  /// Traces `ray`, which starts inside the body as a path of the mirror image `mirror`. `from_emitter`: not from a carrier face.
-  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter) {
+  /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
+  /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
+  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr) {
     ++rays;
     mirror_ = mirror;
     start_ = power_W;
@@ -66,7 +78,8 @@ class PathTracer {
     book(ledger_.emitted, power_W);
     Branch first;
     first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
-    first.triangle = ray.triangle, first.direct = from_emitter;
+    first.triangle = ray.triangle, first.direct = from_emitter, first.inside = inside;
+    log_ = log;
     stack_.push_back(first);
     while (!stack_.empty()) {
       const Branch b = stack_.back();
@@ -84,7 +97,19 @@ class PathTracer {
     return t;
   }
 
-  /// Σ weight(face)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
+  /// Books an exit in a channel, or elsewhere (−1). `power` is that of one image.
+  void book_exit(int channel, double power) {
+    (channel >= 0 && std::size_t(channel) < ledger_.channels.size() ? ledger_.channels[std::size_t(channel)] : ledger_.elsewhere) += power;
+  }
+  /// Channel of an exit, or −1.
+  int channel(const Exit& e, unsigned image) const {
+    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
+                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, image)});
+  }
+  const std::vector<unsigned>& images() const { return images_; }
+
+  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
   template <class Weight>
   double collect(Weight&& weight) {
     double sum = 0.0;
@@ -100,8 +125,10 @@ class PathTracer {
     Vec3 origin = Vec3::Zero(), direction = Vec3::Zero();
     double power = 0.0;
     std::uint64_t key = 0;
+    int exit_triangle = -1;
     ScenePoint exit;  ///< where a ray in air left the body
     Vec3 exit_position = Vec3::Zero();
+    std::uint64_t route = 0;
     int triangle = -1;  ///< that it starts on
     int events = 0;
     bool inside = true;
@@ -124,9 +151,9 @@ class PathTracer {
     if (!(b.power > 0.0)) return false;
     const double full = limits_.roulette_below * start_;
     if (b.power >= full) return true;
-    if (uniform(combine(b.key, 0)) < 0.5 * b.power / full) {
-      book(ledger_.roulette, b.power - 2.0 * full);
-      b.power = 2.0 * full;
+    if (uniform(combine(b.key, 0)) * full < b.power) {
+      book(ledger_.roulette, b.power - full);
+      b.power = full;
       return true;
     }
     book(ledger_.roulette, b.power);
@@ -134,7 +161,13 @@ class PathTracer {
   }
 
   void escape(const Branch& b) {
+    if (b.exit.face < 0) return book(ledger_.elsewhere, b.power);
     const Vec3 reference = surface_.reference(b.exit);
+    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct || !from_emitter_);
+    if (log_ != nullptr && from_emitter_ && !gathered) {
+      log_->push_back({b.route, {reference, b.exit_position, b.direction, -1}, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power});
+      return;
+    }
     for (unsigned image : images_) {
       const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
       const Escape e{m.cwiseProduct(reference), m.cwiseProduct(b.exit_position), m.cwiseProduct(b.direction),
@@ -145,7 +178,7 @@ class PathTracer {
         continue;
       }
       ledger_.channels[std::size_t(channel)] += b.power;
-      if (exits_.index(b.exit) >= 0 && !b.carrier_last && (b.direct || !from_emitter_))
+      if (gathered)
         gathered_[std::size_t(channel)] += b.power;
       else if (b.direct)
         direct_[std::size_t(channel)] += b.power;
@@ -161,14 +194,15 @@ class PathTracer {
   const Medium& medium_;
   double outer_index_;
   const Readout& readout_;
-  const FaceSet& exchange_;
+  const LightNodes& nodes_;
   const FaceSet& exits_;
   PathLimits limits_;
   std::size_t channels_;
   EnergyLedger ledger_;
   std::vector<double> direct_, gathered_;  ///< as in Tally
-  std::vector<double> arrived_;            ///< per carrier face
-  std::vector<int> reached_;               ///< carrier faces with arrived_ > 0
+  std::vector<double> arrived_;            ///< per node
+  std::vector<int> reached_;               ///< nodes with arrived_ > 0
+  std::vector<Exit>* log_ = nullptr;
   std::vector<unsigned> images_;
   std::vector<Branch> stack_;
   Vec3 mirror_ = Vec3::Ones();
@@ -209,15 +243,20 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
   const ScenePoint at = surface_.locate(triangle, b.origin);
   b.triangle = triangle;
-  const SurfaceOptics& optics = surface_.optics(triangle, at);
+  const SurfaceOptics& optics = surface_.optics(triangle);
   if (is_dielectric(optics)) {
     if (at.face >= 0) return meet_dielectric(b, triangle, at);
     book(ledger_.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
     return false;
   }
-  if (const int k = b.inside ? exchange_.index(at) : -1; k >= 0) {  // goes on with all else that falls on this face
-    if (!(arrived_[std::size_t(k)] > 0.0)) reached_.push_back(k);
-    book(arrived_[std::size_t(k)], b.power);
+  if (const auto& nodes = nodes_.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {  // goes on with all else that falls there
+    const std::array<double, 3> share = LightNodes::shares(at);
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!(share[k] > 0.0)) continue;
+      double& sum = arrived_[std::size_t(nodes[k])];
+      if (!(sum > 0.0)) reached_.push_back(nodes[k]);
+      book(sum, share[k] * b.power);
+    }
     return false;
   }
   const Vec3 n = b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle);
@@ -263,7 +302,7 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   }
   const double reflected_power = b.power * split.reflectance;
   const double refracted_power = b.power - reflected_power;
-  const std::uint64_t key = b.key;
+  const std::uint64_t key = b.key, route = combine(b.route, 2 * std::uint64_t(surface_.surface_number(triangle)));
   if (refracted_power > 0.0) {
     if (b.inside && touched) {
       book(ledger_.to_indenter, refracted_power);
@@ -272,11 +311,13 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
       c.direction = on;
       c.power = refracted_power;
       c.key = combine(key, 4);
+      c.route = route + 1;
       c.inside = !b.inside;
       if (c.inside) {
         if (survives(c)) stack_.push_back(c);
       } else {
         c.exit = at;
+        c.exit_triangle = triangle;
         c.exit_position = b.origin;
         c.carrier_last = false;
         stack_.push_back(c);
@@ -286,6 +327,7 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   b.direction = back;
   b.power = reflected_power;
   b.key = combine(key, 5);
+  b.route = route;
   return survives(b);
 }
 

@@ -7,6 +7,7 @@
 #include "lumo/optics/surface_optics.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -42,12 +43,15 @@ class RayPattern {
 
   const std::vector<Beam>& beams() const { return beams_; }
 
+  /// Ray `index` of a beam, from numbers in (0, 1): square of the sine and azimuth of its direction, then its place on the emitter.
+  static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
+    const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
+    const Vec3 d = detail::cosine_direction(beam.tangent1, beam.tangent2, beam.normal, u[0], azimuth);
+    const Vec3 p = point(beam.source, u[2], u[3]);
+    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(seed, beam.orbit), index), -1};
+  }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    const double azimuth = beam.azimuth_from + beam.azimuth_range * sequence(index, 1);
-    const Vec3 d = detail::cosine_direction(beam.tangent1, beam.tangent2, beam.normal, sequence(index, 0), azimuth);
-    const Vec3 p = point(beam.source, sequence(index, 2), sequence(index, 3));
-    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(sequence.seed, beam.orbit), index),
-            -1};
+    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?

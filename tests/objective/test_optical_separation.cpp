@@ -1,0 +1,68 @@
+#include "../catch.hpp"
+#include "lumo/core/sobol.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/objective/optical_separation.hpp"
+
+#include <cmath>
+
+using namespace lumo;
+
+namespace {
+
+double normal_number(std::uint64_t key) {
+  return std::sqrt(-2.0 * std::log(detail::uniform(detail::combine(key, 0)))) * std::cos(2.0 * pi * detail::uniform(detail::combine(key, 1)));
+}
+
+/// Eight replicates of eleven regions: `signal` in the first, noise of standard error `noise` of the mean in each.
+Eigen::MatrixXd noisy(double signal, double noise, std::uint64_t key) {
+  Eigen::MatrixXd m(8, 11);
+  for (Eigen::Index i = 0; i < 8; ++i)
+    for (Eigen::Index j = 0; j < 11; ++j)
+      m(i, j) = (j == 0 ? signal : 0.0) + noise * std::sqrt(8.0) * normal_number(detail::combine(key, std::uint64_t(11 * i + j)));
+  return m;
+}
+
+}  // namespace
+
+TEST_CASE("The squared distance of responses is not raised by noise, and its error is honest", "[optical_separation]") {
+  const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(8, 11);
+  for (double noise : {0.05, 0.2}) {
+    double square = 0.0, scatter = 0.0, stated = 0.0, naive = 0.0;
+    const int runs = 2000;
+    for (int k = 0; k < runs; ++k) {
+      const Eigen::MatrixXd d = noisy(1.0, noise, std::uint64_t(k + 1));
+      const Estimate e = response_distance(d, zero);
+      square += e.value * e.value / runs;
+      naive += d.colwise().mean().squaredNorm() / runs;
+      scatter += std::pow(e.value - 1.0, 2) / runs;
+      stated += e.error * e.error / runs;
+    }
+    CHECK(square == Approx(1.0).margin(4.0 * 2.0 * noise / std::sqrt(double(runs))));
+    CHECK(naive == Approx(1.0 + 11.0 * noise * noise).margin(8.0 * noise / std::sqrt(double(runs))));
+    CHECK(stated / scatter > 0.7);
+    CHECK(stated / scatter < 1.5);
+  }
+  CHECK(response_distance(zero, zero).value == 0.0);
+  const Estimate nothing = response_distance(noisy(0.0, 1.0, 5), zero);
+  CHECK(nothing.error > 0.3);
+}
+
+TEST_CASE("Only states that can decide the least distance are to be retraced", "[optical_separation]") {
+  std::vector<ObservedState> states;
+  const auto add = [&](double y, double load, double signal, double noise) {
+    states.push_back({states.size(), 10e-3, 0.0, y, load, noisy(signal, noise, 100 + states.size())});
+  };
+  add(0.0, 1.0, 0.0, 0.01), add(5e-3, 1.0, 1.0, 0.01), add(9e-3, 1.0, 9.0, 0.01);
+  add(0.0, 2.0, 0.0, 0.01), add(5e-3, 2.0, 5.0, 0.01);
+  CHECK(undecided_states(states, 0.10).empty());
+  CHECK(undecided_states(states, 0.001) == std::vector<std::size_t>{0, 1});
+  add(0.0, 5.0, 0.0, 1.0), add(5e-3, 5.0, 3.0, 1.0);
+  const std::vector<std::size_t> wanted = undecided_states(states, 0.001);
+  CHECK(wanted.front() == 0);
+  CHECK(std::find(wanted.begin(), wanted.end(), std::size_t(2)) == wanted.end());
+  CHECK(undecided_states({}, 0.02).empty());
+  const auto least = optical_separation(states);
+  REQUIRE(least);
+  CHECK(least->first == 0);
+  CHECK(least->second == 1);
+}
