@@ -1,5 +1,6 @@
 #include "../catch.hpp"
 #include "scenes.hpp"
+#include "lumo/optics/light_nodes.hpp"
 
 using namespace optics_test;
 
@@ -90,5 +91,38 @@ TEST_CASE("Sub-facets follow the quadratic map: normals and areas of a sphere", 
     CHECK(error < 0.35 * last);
     CHECK(worst < 0.02);
     last = error;
+  }
+}
+
+TEST_CASE("Cells of a carrier face cover it once, fit together, and stay the same cells when it moves", "[scene]") {
+  const std::vector<Vec3> square{{0, 0, 0}, {2, 0, 0}, {2, 6, 0}, {0, 6, 0}}, pentagon{{0, 0, 1}, {2, 0, 1}, {3, 1, 1}, {1, 3, 1}, {0, 1, 1}};
+  for (const auto& [polygon, exact] : {std::pair(square, 12.0), std::pair(pentagon, 5.5)}) {
+    std::vector<Vec3> moved = polygon;
+    for (Vec3& p : moved) p = 1.01 * p - Vec3(0, 0, 0.1);
+    const auto cells = lumo::detail::polygon_cells(polygon, 0.7), after = lumo::detail::polygon_cells(moved, polygon, 0.7);
+    REQUIRE(cells.size() == after.size());
+    double area = 0.0;
+    for (std::size_t k = 0; k < cells.size(); ++k) {
+      const Vec3 a = 0.5 * (cells[k][1] - cells[k][0]).cross(cells[k][2] - cells[k][0]);
+      CHECK(a.z() > 0.0);
+      area += a.z();
+      for (std::size_t c = 0; c < 3; ++c) CHECK((after[k][c] - (1.01 * cells[k][c] - Vec3(0, 0, 0.1))).norm() < 1e-12);
+    }
+    CHECK(area == Approx(exact));
+  }
+}
+
+TEST_CASE("Shares of light nodes add up: their areas are the area of all Lambertian faces", "[scene]") {
+  const PadShape s{.gap = 2e-3};
+  const Model m = pad(s);
+  for (const Symmetry symmetry : {Symmetry{}, Symmetry{true, true}}) {
+    const OpticalScene scene(m.body, m.mesh, {}, {}, symmetry, {});
+    const lumo::detail::LightNodes nodes(scene, symmetry);
+    double lit = 0.0, sum = 0.0;
+    for (int t = 0; t < int(scene.triangles().size()); ++t)
+      if (nodes.of(t)[0] >= 0) lit += scene.triangle_area(t);
+    for (std::size_t k = 0; k < nodes.size(); ++k) sum += nodes.area(k);
+    CHECK(sum == Approx(lit));
+    CHECK(lit > 0.0);
   }
 }

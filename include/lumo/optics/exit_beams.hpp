@@ -4,7 +4,11 @@
 #include "lumo/optics/path_tracer.hpp"
 #include "lumo/optics/ray_pattern.hpp"
 
+#include <algorithm>
 #include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -19,20 +23,23 @@ class ExitBeams {
  public:
   explicit ExitBeams(Path& path) : path_(path) {}
 
-  /// Traces all rays of a beam. Directions: a grid, shifted by random numbers. Places: two points opposite each other about the emitter's middle.
-  void run(const RayPattern::Beam& beam, std::uint64_t seed) {
+  /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places come in pairs opposite
+  /// each other about the middle; places and shifts are a net. With more rays there are more places and finer grids.
+  void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
+    const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
+    const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
     std::uint32_t rows = 1, columns = 1;  // in sin², in azimuth; cells of a full circle are made squarer
-    while (2 * rows * columns < beam.rays) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
-    const double place_u = uniform(combine(seed, 2)), place_v = uniform(combine(seed, 3));
-    const double shift_u = uniform(combine(seed, 0)), shift_v = uniform(combine(seed, 1));
+    while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
     const bool around = beam.azimuth_range > 6.0;
-    for (std::uint32_t side = 0; side < (beam.rays > 1 ? 2u : 1u); ++side) {
+    for (std::uint32_t place = 0; place < places; ++place) {
+      const double shift_u = sequence(place, 0), shift_v = sequence(place, 1), at_u = sequence(place / 2, 2), at_v = sequence(place / 2, 3);
+      const double place_u = place % 2 ? 1.0 - at_u : at_u, place_v = place % 2 ? 1.0 - at_v : at_v;
       exits_.clear();
       first_.assign(1, 0);
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
-          const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, side ? 1.0 - place_u : place_u, side ? 1.0 - place_v : place_v};
-          path_.run(RayPattern::ray(beam, u, seed, (side * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_);
+          const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
+          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_);
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), 6);
@@ -90,7 +97,7 @@ class ExitBeams {
   void book(const Weights& a, const Weights& b, const Weights& c, double area, int channel) {
     double power = 0.0;
     for (std::size_t n = 0; n < 3; ++n) power += (a[n] + b[n] + c[n]) / 3.0 * corner_[n]->power;
-    path_.book_exit(channel, area * power / 6.0 * 3.0);
+    path_.book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
   // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the triangle is quartered.

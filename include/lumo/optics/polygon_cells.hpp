@@ -2,6 +2,7 @@
 
 #include "lumo/core/types.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>

@@ -138,7 +138,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
     for (const RayPattern::Beam& beam : pattern.beams()) {
       if (config_.exit_rays > 0)
-        beams.run(beam, sequence(0).seed);
+        beams.run(beam, sequence(0));
       else
         for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true);
     }
