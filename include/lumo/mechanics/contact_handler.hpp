@@ -37,4 +37,25 @@ inline void validate(const SDFContact& c) { require_in_range("contact stiffness"
 
 static_assert(ContactHandler<SDFContact>);
 
+/// A contact law with all its pressures multiplied by a factor.
+template <class Contact>
+struct Firmness {
+  const Contact* law;
+  double factor;
+  double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
+
+  ContactResponse respond(double gap) const {
+    const ContactResponse r = law->respond(gap);
+    return {factor * r.energy, factor * r.pressure, factor * r.stiffness};
+  }
+};
+
+template <class Contact>
+void validate(const Firmness<Contact>& c) {
+  validate(*c.law);
+  require_in_range("factor on contact pressures", c.factor, 1e-6, 1e6, "");
+}
+
+static_assert(ContactHandler<Firmness<SDFContact>>);
+
 }  // namespace lumo

@@ -54,7 +54,9 @@ struct PressSystem {
   const Tool& tool;
   Vec3 origin;      ///< of the indenter at first touch
   Vec3 direction;
+  double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
 
+  Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
   Moving<Carrier> support() const { return {&model.carrier, Vec3::Zero(), Vec3::UnitZ()}; }
 
@@ -62,8 +64,8 @@ struct PressSystem {
   double energy(const Positions& x, double advance, double load) const {
     const double elastic = model.solid.energy(x);
     if (!std::isfinite(elastic)) return elastic;
-    return elastic + add_contact_forces(model.touchable, model.contact, indenter(advance), x, nullptr).energy +
-           add_contact_forces(model.resting, model.contact, support(), x, nullptr).energy - load * advance;
+    return elastic + add_contact_forces(model.touchable, contact(), indenter(advance), x, nullptr).energy +
+           add_contact_forces(model.resting, contact(), support(), x, nullptr).energy - load * advance;
   }
 
   /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
@@ -92,8 +94,8 @@ struct PressSystem {
   Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, model.contact, indenter(advance), x, &f, seen ? &seen->touch : nullptr);
-    add_contact_forces(model.resting, model.contact, support(), x, &f, seen ? &seen->rest : nullptr);
+    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr);
+    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr);
     Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
@@ -122,10 +124,10 @@ struct PressSystem {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s = add_contact_tangent(model.touchable, model.contact, indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
+      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
                                                 seen ? &seen->touch : nullptr);
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, model.contact, support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr);
+      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr);
     }
   }
 

@@ -4,7 +4,12 @@
 #include "lumo/mechanics/press_system.hpp"
 #include "lumo/mechanics/state.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <limits>
+#include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -17,14 +22,19 @@ namespace lumo {
 /// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
 /// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again as long as it contracts.
 ///
+/// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
+/// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
+/// after that. A stride on which the tangent is lost is taken again in smaller ones.
+///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
 struct QuasiStatic {
   struct Config {
     double residual_tolerance = 1e-7;   ///< of the load
     int max_iterations = 200;           ///< factorisations per load
-    double chord_contraction = 0.15;    ///< a kept factor must shrink the residual by this factor per step
-    double load_stride = 4.0;           ///< loads in between are at most this factor apart
+    int stride_iterations = 40;         ///< factorisations before a stride is cut
+    double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+    double load_stride = 1.6;           ///< loads in between are at most this factor apart
     double max_advance = 0.2;           ///< largest advance in one step, in indenter radii
     double time_limit_s = 1e9;          ///< per scenario, wall clock
   };
@@ -50,14 +60,22 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
-    // A contact patch far smaller than the next one is a poor start: the way there is taken in loose strides.
-    for (double from = std::max(load_, load / 50.0); from < load; from *= config_.load_stride) {
-      if (from <= load_) continue;
-      if (const Status s = approach(from, 0.05); s != Status::converged) return s;
+    double first = std::min(load, largest_first_load()), stride = config_.load_stride;
+    for (int cuts = 0; load_ != load;) {
+      const typename System::Place before = now_;
+      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : loose;
+      const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
+      if (s == Status::converged) {
+        load_ = next;
+        continue;
+      }
+      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
+      if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
+      now_ = before;
+      first /= 4.0;
+      stride = std::sqrt(stride);
     }
-    load_ = load;
-    const Status s = approach(load, config_.residual_tolerance);
-    return s == Status::converged ? certify_stability() : s;
+    return certify_stability();
   }
 
   const Positions& positions() const { return now_.x; }
@@ -66,78 +84,95 @@ class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
+  static constexpr double loose = 0.3;   ///< residual over load at which a stride on the way may end
 
-  Status approach(double load, double tolerance) {
-    if (now_.advance == 0.0) first_overlap(load);
+  /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
+  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
+  double hertz_area(double load) const {
+    const double share = model_.sector.fraction(), whole = load / share;
+    return share * pi * std::pow(3.0 * whole * system_.tool.radius_m() / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
+  }
+
+  /// Where the next of equal strides from load_ to `load` ends.
+  double stride_end(double load, double stride) const {
+    const double strides = std::ceil(std::abs(std::log(load / load_)) / std::log(stride) - 1e-9);
+    return strides <= 1.0 ? load : load_ * std::pow(load / load_, 1.0 / strides);
+  }
+
+  /// Reference area of the points that overlap now.
+  double touched_area() const {
+    double area = 0.0;
+    const auto tool = system_.indenter(now_.advance);
+    for (std::size_t f = 0; f < model_.touchable.size(); ++f)
+      for (const SurfacePoint& p : model_.touchable.points(f))
+        if (tool.distance(model_.touchable.position(f, p, now_.x)) < 0.0) area += p.area_m2;
+    return area;
+  }
+
+  // From first touch. A softer contact forgives a wrong guess of its extent.
+  Status touch_down(double load, double tolerance) {
+    system_.firmness = 0.1;
+    const Status s = approach(load, loose, hertz_area(load));
+    const double softer = std::exchange(system_.firmness, 1.0);
+    return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
+  }
+
+  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a contact `softer` times as firm.
+  Status approach(double load, double tolerance, double area, double softer = 1.0) {
     auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
-    if (!have_factor_) enter(seen.touch, {});
+    for (SeenGaps* gaps : {&seen.touch, &seen.rest})
+      for (std::vector<double>& face : *gaps)
+        for (double& g : face) g = g < 0.0 ? softer * g : g;
+    touch_nearest(seen.touch, area);
+    bool fresh = false;
     double last = std::numeric_limits<double>::infinity();
-    for (;;) {
+    for (const int stop = iterations + config_.stride_iterations;;) {
       const auto r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       if (!std::isfinite(r.norm())) return Status::non_finite;
       // The plain residual is what counts; it is looked at when the linearised one is small.
       if (r.norm() <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
       if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
-      if (!have_factor_ || r.norm() > config_.chord_contraction * last) {
-        if (iterations >= config_.max_iterations) return Status::max_iterations;
-        if (const Status s = factorize(seen); s != Status::converged) return s;
+      if (!fresh || r.norm() > config_.chord_contraction * last) {
+        if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
+        ++iterations;
+        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
+        const FactorStatus f = linear_.factorize(tangent_.matrix.front());
+        if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+        if (!border()) return Status::not_positive_definite;
+        factored_ = now_;
+        fresh = true;
       }
       last = r.norm();
       if (const Status s = step(r, seen); s != Status::converged) return s;
     }
   }
 
-  // The first load starts from a rigid overlap that pushes back with that load.
-  void first_overlap(double load) {
-    double high = 1e-9;
-    const auto push = [&](double s) { return add_contact_forces(model_.touchable, model_.contact, system_.indenter(s), now_.x, nullptr).push_N; };
-    while (push(high) < load && high < system_.tool.radius_m()) high *= 1.5;
-    now_.advance = high;
-  }
-
-  // A point that has just come into contact overlaps by what the last step did not know of; that overlap is to be undone, but it is no
+  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be undone, but it is no
   // pressure yet that could bend the tangent.
+  static constexpr double just_touching = -1e-15;
   static void enter(SeenGaps& gaps, const SeenGaps& before) {
     for (std::size_t f = 0; f < gaps.size(); ++f)
       for (std::size_t k = 0; k < gaps[f].size(); ++k)
-        if (gaps[f][k] < 0.0 && (before.empty() || before[f][k] >= 0.0)) gaps[f][k] = -1e-15;
+        if (gaps[f][k] < 0.0 && before[f][k] >= 0.0) gaps[f][k] = just_touching;
   }
 
-  // Only on the way may the tangent be shifted until it is positive definite: at the end the unshifted one is tested.
-  Status factorize(const typename System::Seen& seen) {
-    system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
-    SparseLower& m = tangent_.matrix.front();
-    const double unit = model_.solid.material().shear_modulus() * std::cbrt(smallest_volume());
-    double shift = 0.0;
-    for (int attempt = 0; attempt < 8; ++attempt) {
-      ++iterations;
-      const FactorStatus f = linear_.factorize(m);
-      if (f == FactorStatus::non_finite) return Status::non_finite;
-      if (f == FactorStatus::positive_definite && border()) {
-        have_factor_ = true;
-        factored_ = now_;
-        return Status::converged;
-      }
-      const double more = shift == 0.0 ? 0.03 : 10.0 * shift;
-      for (int k = 0; k < eq_.count; ++k) m.valuePtr()[m.outerIndexPtr()[k]] += (more - shift) * unit;
-      shift = more;
-    }
-    return Status::not_positive_definite;
+  // Brings the points with the smallest gaps into contact until `area` [m²] is.
+  void touch_nearest(SeenGaps& gaps, double area) const {
+    std::vector<std::pair<double, double>> points;   // gap, area
+    for (std::size_t f = 0; f < gaps.size(); ++f)
+      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.emplace_back(gaps[f][k], model_.touchable.points(f)[k].area_m2);
+    std::sort(points.begin(), points.end());
+    double last = 0.0;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].second, last = points[k].first;
+    for (std::vector<double>& face : gaps)
+      for (double& g : face)
+        if (g >= 0.0 && g <= last) g = just_touching;
   }
 
   bool border() {
     response_ = linear_.solve(tangent_.coupling);
     schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
     return std::isfinite(schur_) && schur_ > 0.0;
-  }
-
-  double smallest_volume() const {
-    double least = std::numeric_limits<double>::infinity();
-    for (const auto& t : model_.sector.mesh.tets) {
-      const auto at = [&](std::size_t k) -> const Vec3& { return model_.sector.mesh.nodes[std::size_t(t[k])]; };
-      least = std::min(least, (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) / 6.0);
-    }
-    return least;
   }
 
   // A full Newton step unless the indenter would jump or an element would be turned inside out.
@@ -165,21 +200,17 @@ class QuasiStaticRun {
     return Status::inverted;
   }
 
-  // Unshifted tangents of all parities at the state that was reached; the even one serves as the next load's predictor.
+  // Tangents of all parities at the state that was reached.
   Status certify_stability() {
-    have_factor_ = false;
-    system_.tangent(now_.x, now_.advance, 0, 1, tangent_);
-    const FactorStatus even = linear_.factorize(tangent_.matrix.front());
-    if (even == FactorStatus::non_finite) return Status::non_finite;
-    if (even != FactorStatus::positive_definite || !border()) return Status::not_positive_definite;
-    have_factor_ = true;
-    factored_ = now_;
-    typename System::Tangent odd;
-    system_.tangent(now_.x, now_.advance, 1, model_.blocks.size(), odd);
-    for (std::size_t b = 1; b < model_.blocks.size(); ++b) {
+    typename System::Tangent t;
+    system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
+    for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
       auto linear = model_.blocks[b].analysed;
-      const FactorStatus f = linear.factorize(odd.matrix[b - 1]);
+      const FactorStatus f = linear.factorize(t.matrix[b]);
       if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+      if (b > 0) continue;   // the advance moves with the even fields only
+      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear.solve(t.coupling)));
+      if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
     return Status::converged;
   }
@@ -194,8 +225,7 @@ class QuasiStaticRun {
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
-  double load_ = 0.0;          // last one in equilibrium
-  bool have_factor_ = false;
+  double load_ = 0.0;          // last one that was reached
 };
 
 }  // namespace detail
