@@ -49,7 +49,7 @@ using PerLoad = std::array<double, loads_n>;
 
 /// One solution of one case; lengths in mm, areas in mm².
 struct Row {
-  std::string level;   ///< "lumo", or the reference's mesh size relative to lumo's default
+  std::string level;   ///< "lumo", or the reference's mesh size
   std::string status;
   double nodes = 0, factors = 0, seconds = 0;
   PerLoad depth{}, area{}, area0{}, area_fit{};
@@ -222,13 +222,18 @@ Body spelled_out(Body b, int axis) {
   return b;
 }
 
-/// The reference at a mesh size relative to lumo's default: every length and growth of the mesh is multiplied by it.
+/// The reference's mesh of size 1; other sizes multiply every length and growth of it.
+const FingerOptions::Mesh base_mesh = {.contact_edge = 3e-3, .coarsest_edge = 8e-3, .growth = 0.9, .stretch_y = 1.0, .max_turn_rad = 0.6, .shortest_chord = 0.0};
+const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0};
+
+/// The reference on a mesh of the given size.
 Row reference_solution(const Case& c, double size, const std::string& level, const TetgenMesher& mesher) {
   Row row;
   row.level = level;
   FingerOptions options;
+  options.mesh = base_mesh;
   options.mesh.contact_edge *= size, options.mesh.coarsest_edge *= size, options.mesh.growth *= size, options.mesh.max_turn_rad *= size;
-  Focus focus;
+  Focus focus = base_focus;
   focus.finest *= size, focus.growth *= size, focus.depth_growth *= size;
   const Body coarse = finger(c.design, dragon_skin());
   const Scenario<Sphere> scenario = c.scenario();

@@ -13,7 +13,7 @@ SectionDrawing make_section(const Options& options) {
   const FingerOptions::Leds leds;
   const double w = 0.5 * pad.width, stem = 0.5 * d.w_s, outer = stem + d.w_v, top = d.h_fp + d.h_ep, plate = 3.0;
 
-  const HalfSection half = half_section(d, Twin::none, 0.3e-3, 0.05, pad);
+  const HalfSection half = half_section(d, Twin::none, {0.3e-3, 0.05}, pad);
   std::vector<Point> outline = {{-w, 0.0}, {w, 0.0}};
   for (std::size_t i = 0; i < half.x.size(); ++i)
     if (half.tag[i] == SectionTag::dome) outline.push_back({1e3 * half.x[i], 1e3 * half.z[i]});

@@ -113,7 +113,7 @@ TEST_CASE("a design space has any dimension") {
 TEST_CASE("the section's polygon has the section's area and closes in the right sense") {
   for (Twin twin : {Twin::none, Twin::no_void, Twin::bonded_base, Twin::unsupported_base})
     for (const FingerDesign& d : reference_designs()) {
-      const HalfSection s = half_section(d, twin, 0.2e-3, 0.05);
+      const HalfSection s = half_section(d, twin, {0.2e-3, 0.05});
       double area = 0.0;
       for (std::size_t k = 0; k < s.x.size(); ++k) {
         const std::size_t n = (k + 1) % s.x.size();

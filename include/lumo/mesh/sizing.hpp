@@ -12,8 +12,8 @@ namespace lumo {
 /// the distance resolve the edge of every contact equally well.
 struct Focus {
   double finest = 0.3e-3;     ///< edge length at a place of touch [m]
-  double growth = 0.12;       ///< edge length gained per distance from it
-  double depth_growth = 1.0;  ///< and per depth below it: only the surface has to follow the edge of contact
+  double growth = 0.1;        ///< edge length gained per distance from it
+  double depth_growth = 0.5;  ///< and per depth below it: only the surface has to follow the edge of contact
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.

@@ -10,11 +10,12 @@ namespace lumo {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study (docs).
   struct Mesh {
-    double contact_edge = 3.0e-3;     ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 8.0e-3;    ///< at depth
-    double growth = 0.9;              ///< edge length gained per length of depth
+    double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 5.0e-3;    ///< at depth
+    double growth = 0.6;              ///< edge length gained per length of depth
     double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
+    double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
   };
   /// The five LEDs, lengths in m.
   struct Leds {
@@ -103,7 +104,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
   require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  const HalfSection s = half_section(design, o.twin, o.mesh.contact_edge, o.mesh.max_turn_rad, o.pad);
+  const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
   body.name = "finger";

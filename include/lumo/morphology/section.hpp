@@ -33,30 +33,37 @@ struct HalfSection {
   double exact_area_m2() const;
 };
 
-/// The section of a feasible design, its curve cut into chords of at most `edge_m` and at most `max_turn_rad` of turning, its
-/// straight edges left whole. Throws InfeasibleDesign.
-HalfSection half_section(const FingerDesign& design, Twin twin, double edge_m, double max_turn_rad, const PadDimensions& pad = {});
+/// How a curve is cut into chords.
+struct Chords {
+  double longest_m;
+  double max_turn_rad;
+  double shortest_m = 0.0;   ///< about; turning does not ask for shorter ones
+};
+
+/// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
+HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
 // Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much as allowed, evened out.
-inline std::vector<double> ellipse_angles(double a, double b, double edge, double max_turn) {
+inline std::vector<double> ellipse_angles(double a, double b, const Chords& chords) {
   constexpr int fine = 20000;
   std::vector<double> measure(fine + 1, 0.0);
   const auto tangent = [&](double t) { return std::atan2(b * std::cos(t), -a * std::sin(t)); };
   for (int i = 1; i <= fine; ++i) {
     const double t0 = 0.5 * pi * (i - 1) / fine, t1 = 0.5 * pi * i / fine;
     const double arc = std::hypot(a * (std::cos(t1) - std::cos(t0)), b * (std::sin(t1) - std::sin(t0)));
-    measure[std::size_t(i)] = measure[std::size_t(i) - 1] + arc / edge + std::abs(tangent(t1) - tangent(t0)) / max_turn;
+    measure[std::size_t(i)] = measure[std::size_t(i) - 1] + arc / chords.longest_m +
+                                   std::min(std::abs(tangent(t1) - tangent(t0)) / chords.max_turn_rad, arc / std::max(chords.shortest_m, 1e-12));
   }
-  const int chords = std::max(2, int(std::ceil(measure.back() - 1e-9)));
+  const int count = std::max(2, int(std::ceil(measure.back() - 1e-9)));
   std::vector<double> angles;
   std::size_t at = 0;
-  for (int k = 0; k <= chords; ++k) {
-    const double want = measure.back() * k / chords;
+  for (int k = 0; k <= count; ++k) {
+    const double want = measure.back() * k / count;
     while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
     if (k == 0) angles.push_back(0.0);
-    else if (k == chords) angles.push_back(0.5 * pi);
+    else if (k == count) angles.push_back(0.5 * pi);
     else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
   }
   return angles;
@@ -64,7 +71,7 @@ inline std::vector<double> ellipse_angles(double a, double b, double edge, doubl
 
 }  // namespace detail
 
-inline HalfSection half_section(const FingerDesign& given, Twin twin, double edge_m, double max_turn_rad, const PadDimensions& pad) {
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
   finger_space(pad).check(given.values());
   FingerDesign d = given;
   if (twin == Twin::no_void) d.w_v = 0.0;
@@ -92,7 +99,7 @@ inline HalfSection half_section(const FingerDesign& given, Twin twin, double edg
     add(stem, 0.0, SectionTag::base);
   }
   add(w, 0.0, SectionTag::side);
-  const std::vector<double> angles = detail::ellipse_angles(w, ep, edge_m, max_turn_rad);
+  const std::vector<double> angles = detail::ellipse_angles(w, ep, chords);
   for (std::size_t k = 0; k + 1 < angles.size(); ++k)
     add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
   add(0.0, fp + ep, SectionTag::mirror);
