@@ -17,9 +17,12 @@ using CoarsePipeline = Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, 
 /// Coarse in every respect: what is tested here are contracts between stages.
 CoarsePipeline coarse() {
   Light::Config light;
-  light.rays_per_emitter = 1 << 9;
+  light.rays_per_emitter = 1 << 12;
+  light.carrier_rays = 1 << 14;
+  light.exit_rays = 1 << 16;
   CoarsePipeline p{TetgenMesher{}, {}, Light{light}};
   p.focus = {1.2e-3, 0.4, 1.0};
+  p.rays.rounds = 0;
   return p;
 }
 
@@ -34,12 +37,13 @@ Ensemble small_ensemble() {
 
 FingerOptions coarse_finger() {
   FingerOptions o;
-  o.mesh.contact_edge = 6e-3;
+  o.mesh.contact_edge = o.mesh.coarsest_edge = 6e-3;
   return o;
 }
 
 bool same_bits(const Evaluation& a, const Evaluation& b) {
-  if (a.J_contact->value != b.J_contact->value || a.J_obs->value != b.J_obs->value || a.J_obs->error != b.J_obs->error) return false;
+  if (a.J_contact.has_value() != b.J_contact.has_value() || (a.J_contact && a.J_contact->value != b.J_contact->value)) return false;
+  if (a.J_obs->value != b.J_obs->value || a.J_obs->error != b.J_obs->error) return false;
   for (std::size_t k = 0; k < a.observations.scenarios.size(); ++k)
     for (std::size_t s = 0; s < a.observations.scenarios[k].states.size(); ++s) {
       const StateRecord &x = a.observations.scenarios[k].states[s], &y = b.observations.scenarios[k].states[s];
@@ -73,6 +77,29 @@ TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror 
       for (std::size_t r = 0; r < 11; ++r) CHECK(a.states[s].response[r] == Approx(b.states[s].response[r]).margin(1e-6));
     }
   }
+}
+
+TEST_CASE("states that decide J_obs are traced again until its error is small, and no other states") {
+  Ensemble e = small_ensemble();
+  e.angles_rad = {0.0};
+  e.loads_N = {1.0, 8.0};
+  const FingerDesign design{8, 4, 6, 4, 2};
+  const Evaluation once = evaluate(design, solaris(), e, coarse(), coarse_finger(), Serial{});
+  CoarsePipeline p = coarse();
+  p.rays = {.tolerance = 0.15, .factor = 4, .rounds = 4};
+  const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}), two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
+  REQUIRE(one.J_obs);
+  CHECK(same_bits(one, two));
+  CHECK_FALSE(undecided_states(once.observed, p.rays.tolerance).empty());
+  CHECK(undecided_states(one.observed, p.rays.tolerance).empty());
+  CHECK(one.J_obs->error < 2.3 * p.rays.tolerance * one.J_obs->value);
+  CHECK(one.J_obs->error < once.J_obs->error);
+  CHECK(one.observations.ledger.imbalance() < 1e-9);
+  int retraced = 0;
+  for (std::size_t k = 0; k < one.observed.size(); ++k) retraced += one.observed[k].change != once.observed[k].change;
+  CHECK(retraced >= 2);
+  CHECK(retraced < int(one.observed.size()));
+  CHECK(one.observations.unloaded_response == once.observations.unloaded_response);
 }
 
 TEST_CASE("a scenario that fails leaves no score, and says which") {

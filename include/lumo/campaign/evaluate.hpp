@@ -17,9 +17,6 @@ struct Evaluation {
 /// The worst scenario's contact progression (paper Eq. 3), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
-/// All states that can be compared for J_obs.
-inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios);
-
 /// θ → body → meshes → equilibria → responses → objectives. Mirror images are solved once; scenarios run side by side.
 /// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
 template <class P, Executor E>
@@ -52,14 +49,6 @@ inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const
     if (!worst || score->value < worst->first.value) worst = std::pair(*score, k);
   }
   return worst;
-}
-
-inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
-  std::vector<ObservedState> states;
-  for (std::size_t k = 0; k < scenarios.size(); ++k)
-    for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change});
-  return states;
 }
 
 }  // namespace lumo

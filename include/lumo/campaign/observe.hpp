@@ -1,6 +1,9 @@
 #pragma once
 
 #include "lumo/campaign/ensemble.hpp"
+#include "lumo/campaign/lighting.hpp"
+#include "lumo/campaign/observations.hpp"
+#include "lumo/campaign/stopwatch.hpp"
 #include "lumo/core/executor.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
@@ -8,43 +11,15 @@
 #include "lumo/objective/optical_separation.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <numeric>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 namespace lumo {
-
-/// One state as it is kept: numbers only, no fields.
-struct StateRecord {
-  Status status = Status::non_finite;
-  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and region: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions, both traced on the scenario's own mesh
-};
-
-/// One scenario of an ensemble.
-struct ScenarioRecord {
-  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;
-  Status status = Status::non_finite;    ///< of the last state that was tried
-  ContactTerms terms;
-  std::vector<StateRecord> states;
-};
-
-/// Seconds spent, summed over threads, and by the clock in all.
-struct Timing {
-  double mesh = 0.0, mechanics = 0.0, optics = 0.0, total = 0.0;
-};
-
-/// All states and responses of one body under an ensemble.
-struct Observations {
-  std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and region, mean over the meshes
-  EnergyLedger ledger;                          ///< of the traced state that closes worst
-  std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
-  Timing seconds;
-};
 
 /// Tools of one evaluation; policies are types, settings are values.
 template <Mesher M, class Simulation, class Light>
@@ -56,72 +31,58 @@ struct Pipeline {
   MechanicalError mechanical_error = {};
   OpticalError optical_error = {};
   bool mirror_once = true;               ///< solve mirror images once
+  RayRefinement rays = {};
 };
 
 /// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
-/// Presses and lights a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is
+/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is
 /// a status in its record.
 template <class P, Executor E>
 Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 
 namespace detail {
 
-class Stopwatch {
- public:
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
-/// A place of contact: its mesh, what all its scenarios share, and its unloaded response.
-template <class Prepared>
-struct PreparedPlace {
-  std::unique_ptr<Prepared> pad;
-  Response unloaded;
-  Timing seconds;
-};
-
-// One solved scenario with its states' responses.
-struct SolvedScenario {
-  ScenarioRecord record;
-  EnergyLedger worst;
-  Timing seconds;
-};
-
-inline void reflect_regions(ScenarioRecord& record, const std::vector<int>& image) {
-  if (image.empty()) return;
-  for (StateRecord& s : record.states) {
-    const Eigen::MatrixXd change = s.change;
-    for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col(image[std::size_t(k)]) = change.col(k);
-  }
+template <class P, class Prepared>
+SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const Prepared& pad) {
+  SolvedScenario out;
+  const Stopwatch watch;
+  out.states = pad.press(scenario);
+  ScenarioRecord& record = out.record;
+  record = {scenario.indenter.diameter_m, scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
+  record.terms = contact_terms(body, pad.mesh(), out.states, scenario.indenter.radius_m(), pipeline.mechanical_error);
+  for (const MechanicalState& s : out.states)
+    record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}});
+  out.seconds = watch.seconds();
+  return out;
 }
 
-template <class P, class Prepared>
-SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const PreparedPlace<Prepared>& place) {
-  SolvedScenario out;
-  ScenarioRecord& record = out.record;
-  record = {scenario.indenter.diameter_m, scenario.angle_rad, scenario.y_m, Status::non_finite, {}, {}};
-  const Stopwatch pressing;
-  const std::vector<MechanicalState> states = place.pad->press(scenario);
-  record.status = states.back().status;
-  record.terms = contact_terms(body, place.pad->mesh(), states, scenario.indenter.radius_m(), pipeline.mechanical_error);
-  out.seconds.mechanics = pressing.seconds();
-  const Stopwatch tracing;
-  const Symmetry symmetry{body.symmetry.x && scenario.angle_rad == 0.0, body.symmetry.y && scenario.y_m == 0.0};
-  for (const MechanicalState& s : states) {
-    StateRecord r{s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}};
-    if (body.regions > 0 && (s.status == Status::converged || s.status == Status::held)) {
-      const Response light = pipeline.tracer.trace(body, place.pad->mesh(), s, symmetry);
-      r.change = response_change(light, place.unloaded);
-      if (light.ledger.imbalance() >= out.worst.imbalance()) out.worst = light.ledger;
-    }
-    record.states.push_back(std::move(r));
-  }
-  out.seconds.optics = tracing.seconds();
-  return out;
+/// Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
+inline std::vector<std::size_t> longest_first(const ContactPlan& plan) {
+  std::vector<std::size_t> order(plan.solves.size());
+  std::iota(order.begin(), order.end(), std::size_t(0));
+  const auto halves = [&](std::size_t k) { return (plan.solves[k].scenario.y_m == 0.0) + (plan.solves[k].scenario.angle_rad == 0.0); };
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return halves(a) < halves(b); });
+  return order;
+}
+
+/// Records of all scenarios of the ensemble from those that were solved.
+inline std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Sphere>>& scenarios, const Body& body, const ContactPlan& plan, const std::vector<SolvedScenario>& solved) {
+  std::vector<ScenarioRecord> records;
+  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], body, plan.images[k]));
+  return records;
+}
+
+/// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
+/// taken on one mesh and added to the common mean.
+inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, int channels) {
+  std::vector<double> mean(std::size_t(channels), 0.0);
+  double count = 0.0;
+  for (const Response& r : responses) count += r.power_W.empty() ? 0.0 : 1.0;
+  for (const Response& r : responses)
+    for (std::size_t b = 0; b < r.power_W.size(); ++b) mean[b] += r.power_W[b] / (r.ledger.emitted * count);
+  return mean;
 }
 
 }  // namespace detail
@@ -130,74 +91,64 @@ template <class P, Executor E>
 Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
   using Prepared = decltype(pipeline.simulator.prepare(body, std::declval<TetMesh>()));
   const detail::Stopwatch clock;
+  Observations out;
   const ContactPlan plan = plan_contacts(scenarios, body.symmetry, pipeline.mirror_once);
   std::mutex reporting;
   int done = 0;
   const auto report = [&](std::string_view stage, std::size_t total) {
     const std::lock_guard lock(reporting);
-    ++done;
-    if (progress) progress(stage, done, int(total));
+    if (progress) progress(stage, ++done, int(total));
   };
 
+  // Meshes: scenarios at one place and angle share one.
   const TetMesh coarse = mesh_body(body, pipeline.mesher);
-  std::vector<detail::PreparedPlace<Prepared>> places(plan.places.size());
+  std::vector<std::unique_ptr<Prepared>> places(plan.places.size());
+  std::vector<double> meshing(places.size());
   executor.for_each(places.size(), [&](std::size_t k) {
-    const detail::Stopwatch meshing;
+    const detail::Stopwatch watch;
     std::vector<Scenario<Sphere>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    const TetMesh mesh = mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus);
-    places[k].pad = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh));
-    places[k].seconds.mesh = meshing.seconds();
-    const detail::Stopwatch tracing;
-    if (body.regions > 0) places[k].unloaded = pipeline.tracer.trace(body, mesh);
-    places[k].seconds.optics = tracing.seconds();
+    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus)));
+    meshing[k] = watch.seconds();
     report("mesh", places.size());
   });
 
-  // Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
-  std::vector<std::size_t> order(plan.solves.size());
-  std::iota(order.begin(), order.end(), std::size_t(0));
-  const auto halves = [&](std::size_t k) { return (plan.solves[k].scenario.y_m == 0.0) + (plan.solves[k].scenario.angle_rad == 0.0); };
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return halves(a) < halves(b); });
+  // Equilibria.
+  const std::vector<std::size_t> order = detail::longest_first(plan);
   std::vector<detail::SolvedScenario> solved(plan.solves.size());
   done = 0;
   executor.for_each(order.size(), [&](std::size_t i) {
     const ContactPlan::Solve& s = plan.solves[order[i]];
-    solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, places[s.place]);
-    report("press and light", order.size());
+    solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
+    report("press", order.size());
   });
+  const bool all_converged = std::all_of(solved.begin(), solved.end(), [](const auto& s) { return s.record.status == Status::converged; });
 
-  Observations out;
-  // Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so
-  // changes are taken on one mesh and added to the common mean.
+  // Light, first for all states, then with more and more rays for those that decide.
+  detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
   if (body.regions > 0) {
-    out.unloaded_response.assign(std::size_t(body.regions), 0.0);
-    for (const auto& p : places)
-      for (std::size_t b = 0; b < out.unloaded_response.size(); ++b) out.unloaded_response[b] += p.unloaded.power_W[b] / p.unloaded.ledger.emitted / double(places.size());
-    out.ledger = places.front().unloaded.ledger;
+    done = 0;
+    out.unloaded_response = detail::mean_per_emitted(lighting.trace(lighting.all(), 1, executor, [&](std::size_t n) { report("light", n); }), body.regions);
+    for (int round = 1, factor = pipeline.rays.factor; all_converged && round <= pipeline.rays.rounds; ++round, factor *= pipeline.rays.factor) {
+      const auto undecided = lighting.undecided(detail::unfold(scenarios, body, plan, solved), pipeline.rays.tolerance);
+      if (undecided.empty()) break;
+      done = 0;
+      lighting.trace(undecided, factor, executor, [&](std::size_t n) { report(detail::text("light, ", factor, " times the rays"), n); });
+    }
   }
-  for (std::size_t k = 0; k < scenarios.size(); ++k) {
-    const ContactPlan::Image& image = plan.images[k];
-    ScenarioRecord record = solved[image.solve].record;
-    record.angle_rad = scenarios[k].angle_rad;
-    record.y_m = scenarios[k].y_m;
-    if (image.mirror_x) detail::reflect_regions(record, body.region_image_x);
-    if (image.mirror_y) detail::reflect_regions(record, body.region_image_y);
+
+  out.scenarios = detail::unfold(scenarios, body, plan, solved);
+  for (ScenarioRecord& record : out.scenarios)
     for (StateRecord& s : record.states)
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
-    out.scenarios.push_back(std::move(record));
-  }
-  for (const auto& s : solved) {
-    if (s.worst.emitted > 0.0 && s.worst.imbalance() >= out.ledger.imbalance()) out.ledger = s.worst;
-    out.seconds.mechanics += s.seconds.mechanics;
-    out.seconds.optics += s.seconds.optics;
-  }
   for (const auto& p : places) {
-    out.seconds.mesh += p.seconds.mesh;
-    out.seconds.optics += p.seconds.optics;
-    out.nodes = std::max(out.nodes, p.pad->mesh().nodes.size());
-    out.elements = std::max(out.elements, p.pad->mesh().tets.size());
+    out.nodes = std::max(out.nodes, p->mesh().nodes.size());
+    out.elements = std::max(out.elements, p->mesh().tets.size());
   }
+  out.ledger = lighting.ledger;
+  out.seconds.mesh = std::accumulate(meshing.begin(), meshing.end(), 0.0);
+  for (const auto& s : solved) out.seconds.mechanics += s.seconds;
+  out.seconds.optics = lighting.seconds;
   out.seconds.total = clock.seconds();
   return out;
 }

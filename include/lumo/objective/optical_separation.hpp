@@ -46,7 +46,7 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 }
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
-/// two errors of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
+/// two errors (of the difference) of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
 /// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
@@ -77,13 +77,15 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   for (std::size_t i = 0; i < states.size(); ++i)
     for (std::size_t j = i + 1; j < states.size(); ++j)
       if (comparable(states[i], states[j])) pairs.push_back({i, j, response_distance(states[i].change, states[j].change)});
-  for (const Pair& p : pairs)  // the least of the upper bounds: no pair that lies above it can be the closest
+  for (const Pair& p : pairs)  // the least of the upper bounds, so that one very noisy pair does not stand for all
     if (least == nullptr || p.distance.value + 2.0 * p.distance.error < least->distance.value + 2.0 * least->distance.error) least = &p;
   std::set<std::size_t> wanted;
   if (least != nullptr) {
-    const double bound = least->distance.value + 2.0 * least->distance.error;
+    const auto within_reach = [&](const Pair& p) {
+      return p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    };
     for (const Pair& p : pairs)
-      if (p.distance.value - 2.0 * p.distance.error <= bound && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+      if (within_reach(p) && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
   }
   return {wanted.begin(), wanted.end()};
 }

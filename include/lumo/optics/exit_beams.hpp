@@ -109,7 +109,7 @@ class ExitBeams {
       bool two = true;
       const auto border = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
-        for (int step = 0; step < 20 && two; ++step) {
+        for (int step = 0; step < 12 && two; ++step) {
           const double t = 0.5 * (low + high);
           const int here = channel(mix(odd->at, other.at, t));
           two = here == odd->channel || here == other.channel;

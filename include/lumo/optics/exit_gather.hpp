@@ -13,6 +13,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <vector>
 
 namespace lumo::detail {
@@ -48,15 +49,19 @@ class ExitGather {
     if (exits_.size() == 0) return;
     direct_.assign(std::size_t(channels_), 0.0);
     diffuse_ = direct_;
-    for (std::size_t k = 0; k < exits_.size(); ++k)
-      for (std::uint32_t i = 0; i < exits_[k].count; ++i) {
+    for (std::size_t k = 0; k < exits_.size(); ++k) {
+      const std::uint32_t count = exits_[k].count, direct = (count + direct_every - 1) / direct_every;
+      for (std::uint32_t i = 0; i < count; ++i) {
         FaceSet::Sample x = exits_.sample(k, surface_, sequence, i);
         if (surface_.in_contact(x.at)) continue;
+        reference_ = surface_.reference(x.at);
+        for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
         Vec3 n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
-        gather_direct(x, n, exits_[k].mirror, sequence);
+        if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
         gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
       }
+    }
     path_.take();  // the paths ran backwards: what they booked on their way is not power
     for (std::size_t c = 0; c < direct_.size(); ++c) {
       const double better = direct_[c] + diffuse_[c] - total.gathered[c];
@@ -71,6 +76,9 @@ class ExitGather {
     RectangleEmitter emitter;  ///< mirrored to the side of the fundamental face
     Vec3 normal;
   };
+
+  /// Direct light is smooth in place: one point of this many will do.
+  static constexpr std::uint32_t direct_every = 2;
 
   static Vec3 mirror(const Vec3& p, const Vec3& m) { return m.cwiseProduct(p); }
   static RectangleEmitter standard(RectangleEmitter e) {
@@ -91,7 +99,7 @@ class ExitGather {
   }
   int channel_of(const FaceSet::Sample& x, const Vec3& out, unsigned image) const {
     const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({mirror(surface_.reference(x.at), m), mirror(x.ray.origin, m), mirror(out, m), surface_.region(x.at, image)});
+    return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
   }
   bool seen(const FaceSet::Sample& x, const Vec3& out) const {
     bool any = false;
@@ -99,7 +107,7 @@ class ExitGather {
     return any && !scene_.first_hit(x.ray.origin, out, false);
   }
 
-  void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence) {
+  void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, double area) {
     const double u = sequence(x.index, 4), v = sequence(x.index, 5);
     for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
       const Vec3 from = mirror(point(s.emitter, u, v), m), way = x.ray.origin - from;
@@ -114,7 +122,7 @@ class ExitGather {
       ++path_.segments;
       const RayHit hit = scene_.first_hit(from, d, true);
       if (!hit || hit.t < length - 1e-6 * length) continue;
-      const double power = s.emitter.power_W / pi * leaves * meets / (length * length) * x.area * (1.0 - split.reflectance);
+      const double power = s.emitter.power_W / pi * leaves * meets / (length * length) * area * (1.0 - split.reflectance);
       book(direct_, x, out, power * medium_.transmittance(length));
     }
   }
@@ -144,6 +152,8 @@ class ExitGather {
   std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
+  Vec3 reference_ = Vec3::Zero();  ///< of the sample at hand
+  std::array<int, 4> region_{};    ///< likewise, per image
 };
 
 }  // namespace lumo::detail

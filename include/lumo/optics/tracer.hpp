@@ -42,10 +42,10 @@ template <TransparentMedium Medium = BeerLambert, ExitReadout Readout = ExitPowe
 class Tracer {
  public:
   struct Config {
-    int rays_per_emitter = 1 << 17;   ///< over all replicates; a power of two
+    int rays_per_emitter = 1 << 16;   ///< over all replicates; a power of two
     int replicates = 8;               ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
-    int carrier_rays = 1 << 15;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
-    int exit_rays = 1 << 20;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
+    int carrier_rays = 1 << 16;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
+    int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
     double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
     int max_events = 4096;            ///< a branch that meets more surfaces is booked as lost
     std::uint64_t seed = 0;           ///< another number, another independent pattern

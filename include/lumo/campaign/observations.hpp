@@ -1,0 +1,75 @@
+#pragma once
+
+#include "lumo/campaign/ensemble.hpp"
+#include "lumo/mechanics/status.hpp"
+#include "lumo/objective/contact_progression.hpp"
+#include "lumo/objective/optical_separation.hpp"
+#include "lumo/optics/ledger.hpp"
+
+#include <Eigen/Core>
+
+#include <cstddef>
+#include <vector>
+
+namespace lumo {
+
+/// One state as it is kept: numbers only, no fields.
+struct StateRecord {
+  Status status = Status::non_finite;
+  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
+  std::vector<double> response;          ///< per emitted power and region: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions, both traced on the scenario's own mesh
+};
+
+/// One scenario of an ensemble.
+struct ScenarioRecord {
+  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;
+  Status status = Status::non_finite;    ///< of the last state that was tried
+  ContactTerms terms;
+  std::vector<StateRecord> states;
+};
+
+/// Seconds spent, summed over threads, and by the clock in all.
+struct Timing {
+  double mesh = 0.0, mechanics = 0.0, optics = 0.0, total = 0.0;
+};
+
+/// All states and responses of one body under an ensemble.
+struct Observations {
+  std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
+  std::vector<double> unloaded_response;        ///< per emitted power and region, mean over the meshes
+  EnergyLedger ledger;                          ///< of the traced state that closes worst
+  std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
+  Timing seconds;
+};
+
+/// All states that can be compared for J_obs.
+inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
+  std::vector<ObservedState> states;
+  for (std::size_t k = 0; k < scenarios.size(); ++k)
+    for (const StateRecord& s : scenarios[k].states)
+      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change});
+  return states;
+}
+
+namespace detail {
+
+/// The record of a scenario from that of its mirror image.
+inline ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Sphere>& scenario, const Body& body, const ContactPlan::Image& image) {
+  record.angle_rad = scenario.angle_rad;
+  record.y_m = scenario.y_m;
+  const auto renumber = [&](const std::vector<int>& region) {
+    if (region.empty()) return;
+    for (StateRecord& s : record.states) {
+      const Eigen::MatrixXd change = s.change;
+      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col(region[std::size_t(k)]) = change.col(k);
+    }
+  };
+  if (image.mirror_x) renumber(body.region_image_x);
+  if (image.mirror_y) renumber(body.region_image_y);
+  return record;
+}
+
+}  // namespace detail
+
+}  // namespace lumo
