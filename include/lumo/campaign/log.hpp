@@ -1,0 +1,84 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <concepts>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// One entry of a campaign's log. Entries are only ever added; `notes` is what may differ between two runs of the same campaign (times,
+/// process numbers), everything else is the same to the last bit.
+struct LogEntry {
+  std::int64_t number = 0;   ///< from 0, without gaps
+  std::string kind;          ///< what happened
+  std::string content;       ///< what a resumed campaign needs of it
+  std::string record;        ///< the whole result
+  std::string notes;
+};
+
+/// A log that cannot be opened, read or written.
+class StoreError : public Error {
+ public:
+  enum class Reason {
+    corrupt,      ///< what is there is not what was written
+    full,         ///< no space left
+    busy,         ///< another process holds it for too long
+    different,    ///< it belongs to another problem
+    unusable      ///< no such folder, no permission, a defect disk, not a store
+  };
+  StoreError(Reason reason, const std::string& text) : Error(text), reason_(reason) {}
+  Reason reason() const { return reason_; }
+
+ private:
+  Reason reason_;
+};
+
+/// Where a campaign is kept. Entry 0 is the problem. Laws: what `append` returned is there after any crash; two processes never append at once;
+/// `next` sees all entries, without their records, and nothing is added between its look and its entry.
+template <class L>
+concept CampaignLog = requires(L& log, const L& view, std::function<std::optional<LogEntry>(const std::vector<LogEntry>&)> next, std::int64_t number) {
+  { view.entries() } -> std::same_as<std::vector<LogEntry>>;
+  { view.record(number) } -> std::same_as<std::string>;
+  { log.append(next) } -> std::same_as<std::optional<LogEntry>>;
+  { log.claim(number) } -> std::same_as<bool>;
+};
+
+/// A log that lives as long as its process.
+class MemoryLog {
+ public:
+  explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
+
+  /// All entries, without their records.
+  std::vector<LogEntry> entries() const {
+    std::vector<LogEntry> list = entries_;
+    for (LogEntry& e : list) e.record.clear();
+    return list;
+  }
+  std::string record(std::int64_t number) const { return entries_.at(std::size_t(number)).record; }
+
+  /// Adds what `next` makes of the entries so far, if anything; returns it with its number.
+  template <class Next>
+  std::optional<LogEntry> append(Next&& next) {
+    std::optional<LogEntry> entry = next(entries());
+    if (!entry) return std::nullopt;
+    entry->number = std::int64_t(entries_.size());
+    entries_.push_back(*entry);
+    return entry;
+  }
+
+  /// May this process work on what the entry announces? Not when another living one does.
+  bool claim(std::int64_t) { return true; }
+
+ private:
+  std::vector<LogEntry> entries_;
+};
+
+static_assert(CampaignLog<MemoryLog>);
+
+}  // namespace lumo

@@ -1,0 +1,262 @@
+#pragma once
+
+// Adapter to SQLite (public domain) and, for digests, xxHash (BSD-2, header only). Link with -lsqlite3.
+
+#include "lumo/campaign/log.hpp"
+#include "lumo/support/process.hpp"
+
+#include <sqlite3.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+#undef XXH_INLINE_ALL
+
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <unistd.h>
+
+namespace lumo {
+
+/// A campaign's log in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
+/// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite itself does not notice a
+/// flipped bit. All members throw StoreError. Not to be used after a fork.
+class SqliteLog {
+ public:
+  /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the first line that differs.
+  SqliteLog(const std::string& path, const std::string& problem);
+  /// Opens a file that is there, for reading.
+  explicit SqliteLog(const std::string& path);
+
+  /// All entries without their records; every digest is checked on the way.
+  std::vector<LogEntry> entries() const;
+  std::string record(std::int64_t number) const;
+
+  template <class Next>
+  std::optional<LogEntry> append(Next&& next);
+
+  /// Takes over the work that an entry announces unless another living process on this machine has it.
+  bool claim(std::int64_t number);
+
+  /// Digest of the last entry: of the whole log.
+  std::string digest() const;
+  /// SQLite's own check of the file beside the digests. Throws StoreError that names the first bad entry.
+  void verify() const;
+
+ private:
+  struct Close {
+    void operator()(sqlite3* db) const { sqlite3_close_v2(db); }
+  };
+  struct Finalize {
+    void operator()(sqlite3_stmt* s) const { sqlite3_finalize(s); }
+  };
+  using Statement = std::unique_ptr<sqlite3_stmt, Finalize>;
+
+  // Rolls back unless committed.
+  class Transaction {
+   public:
+    explicit Transaction(const SqliteLog& log) : log_(log) { log_.run("BEGIN IMMEDIATE"); }
+    ~Transaction() {
+      if (!done_) sqlite3_exec(log_.db_.get(), "ROLLBACK", nullptr, nullptr, nullptr);
+    }
+    Transaction(const Transaction&) = delete;
+    Transaction& operator=(const Transaction&) = delete;
+    void commit() {
+      log_.run("COMMIT");
+      done_ = true;
+    }
+
+   private:
+    const SqliteLog& log_;
+    bool done_ = false;
+  };
+
+  static constexpr int application = 0x6c756d6f, format = 1;
+
+  void open(int flags);
+  void create(const std::string& problem) const;
+  void run(const char* sql) const { step(prepare(sql)); }
+  Statement prepare(const char* sql) const;
+  bool step(const Statement& s) const;   // true: a row
+  [[noreturn]] void fail(int code) const;
+  void insert(const LogEntry& entry, const std::string& before) const;
+  std::int64_t number_of(const char* sql) const;
+  static std::string text(const Statement& s, int column);
+  static std::string digest_of(const LogEntry& entry, const std::string& before);
+
+  std::string path_;
+  pid_t owner_ = getpid();
+  std::unique_ptr<sqlite3, Close> db_;
+};
+
+inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem) : path_(path) {
+  open(SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE);
+  {
+    Transaction t(*this);
+    if (number_of("SELECT count(*) FROM sqlite_schema") == 0) create(problem);
+    t.commit();
+  }
+  const std::string stored = entries().front().content;
+  if (stored == problem) return;
+  const auto [a, b] = std::mismatch(stored.begin(), stored.end(), problem.begin(), problem.end());
+  const auto line_of = [](const std::string& s, std::size_t at) {
+    const std::size_t from = at == 0 ? 0 : s.rfind('\n', at - 1) + 1;
+    return s.substr(from, s.find('\n', from) - from);
+  };
+  throw StoreError(StoreError::Reason::different, detail::text("store ", path, " belongs to another problem: it has \"", line_of(stored, std::size_t(a - stored.begin())),
+                                                               "\", asked for is \"", line_of(problem, std::size_t(b - problem.begin())), "\""));
+}
+
+inline SqliteLog::SqliteLog(const std::string& path) : path_(path) {
+  open(SQLITE_OPEN_READONLY);
+  entries();
+}
+
+inline void SqliteLog::open(int flags) {
+  sqlite3* db = nullptr;
+  const int code = sqlite3_open_v2(path_.c_str(), &db, flags, nullptr);
+  db_.reset(db);
+  if (code != SQLITE_OK) fail(code);
+  sqlite3_extended_result_codes(db, 1);
+  sqlite3_busy_timeout(db, 60'000);
+  run("PRAGMA synchronous=FULL");
+  run("PRAGMA cell_size_check=ON");
+}
+
+inline void SqliteLog::create(const std::string& problem) const {
+  run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
+  run("CREATE TABLE head(id INTEGER PRIMARY KEY CHECK (id = 0), number INTEGER NOT NULL, digest TEXT NOT NULL) STRICT");
+  run("CREATE TABLE worker(number INTEGER PRIMARY KEY, process TEXT NOT NULL) STRICT");
+  run(detail::text("PRAGMA application_id=", application).c_str());
+  run(detail::text("PRAGMA user_version=", format).c_str());
+  insert({0, "problem", problem, "", ""}, "");
+}
+
+inline std::vector<LogEntry> SqliteLog::entries() const {
+  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " was opened before a fork"));
+  if (number_of("PRAGMA application_id") != application) throw StoreError(StoreError::Reason::unusable, detail::text(path_, " is not a store of lumo"));
+  if (const auto v = number_of("PRAGMA user_version"); v != format)
+    throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " has format ", v, ", this version of lumo reads ", format));
+  std::vector<LogEntry> list;
+  std::string before;
+  const Statement s = prepare("SELECT number, kind, content, record, notes, digest FROM entry ORDER BY number");
+  while (step(s)) {
+    LogEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
+    const std::string found = text(s, 5);
+    if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
+      throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged at entry ", list.size()));
+    before = found;
+    e.record.clear();
+    list.push_back(std::move(e));
+  }
+  const Statement head = prepare("SELECT number, digest FROM head");
+  if (list.empty() || !step(head) || sqlite3_column_int64(head.get(), 0) != list.back().number || text(head, 1) != before)
+    throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
+  return list;
+}
+
+inline std::string SqliteLog::record(std::int64_t number) const {
+  const Statement s = prepare("SELECT record FROM entry WHERE number = ?");
+  sqlite3_bind_int64(s.get(), 1, number);
+  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " has no entry ", number));
+  return text(s, 0);
+}
+
+template <class Next>
+std::optional<LogEntry> SqliteLog::append(Next&& next) {
+  Transaction t(*this);
+  const std::vector<LogEntry> list = entries();
+  std::optional<LogEntry> entry = next(list);
+  if (!entry) return std::nullopt;
+  entry->number = std::int64_t(list.size());
+  insert(*entry, digest());
+  t.commit();
+  return entry;
+}
+
+inline bool SqliteLog::claim(std::int64_t number) {
+  const std::string me = process_token();
+  Transaction t(*this);
+  const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
+  sqlite3_bind_int64(now.get(), 1, number);
+  if (step(now))
+    if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
+  const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
+  sqlite3_bind_int64(s.get(), 1, number);
+  sqlite3_bind_text(s.get(), 2, me.data(), int(me.size()), SQLITE_TRANSIENT);
+  step(s);
+  t.commit();
+  return true;
+}
+
+inline std::string SqliteLog::digest() const {
+  const Statement s = prepare("SELECT digest FROM head");
+  return step(s) ? text(s, 0) : "";
+}
+
+inline void SqliteLog::verify() const {
+  entries();
+  const Statement s = prepare("PRAGMA integrity_check(1)");
+  if (step(s))
+    if (const std::string answer = text(s, 0); answer != "ok") throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged: ", answer));
+}
+
+inline void SqliteLog::insert(const LogEntry& e, const std::string& before) const {
+  const std::string digest = digest_of(e, before);
+  const auto bind = [](const Statement& s, int place, const std::string& value) { sqlite3_bind_text(s.get(), place, value.data(), int(value.size()), SQLITE_TRANSIENT); };
+  const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
+  sqlite3_bind_int64(s.get(), 1, e.number);
+  bind(s, 2, e.kind), bind(s, 3, e.content), bind(s, 4, e.record), bind(s, 5, e.notes), bind(s, 6, digest);
+  step(s);
+  const Statement head = prepare("INSERT OR REPLACE INTO head VALUES(0, ?, ?)");
+  sqlite3_bind_int64(head.get(), 1, e.number);
+  bind(head, 2, digest);
+  step(head);
+}
+
+inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
+  sqlite3_stmt* s = nullptr;
+  const int code = sqlite3_prepare_v2(db_.get(), sql, -1, &s, nullptr);
+  Statement statement(s);
+  if (code != SQLITE_OK) fail(code);
+  return statement;
+}
+
+inline bool SqliteLog::step(const Statement& s) const {
+  const int code = sqlite3_step(s.get());
+  if (code != SQLITE_ROW && code != SQLITE_DONE) fail(code);
+  return code == SQLITE_ROW;
+}
+
+inline void SqliteLog::fail(int code) const {
+  using enum StoreError::Reason;
+  const int kind = code & 0xff;
+  const auto reason = kind == SQLITE_CORRUPT || kind == SQLITE_NOTADB || kind == SQLITE_ERROR ? corrupt
+                      : kind == SQLITE_FULL                                                   ? full
+                      : kind == SQLITE_BUSY || kind == SQLITE_LOCKED                          ? busy
+                                                                                              : unusable;
+  throw StoreError(reason, detail::text("store ", path_, ": ", db_ ? sqlite3_errmsg(db_.get()) : sqlite3_errstr(code)));
+}
+
+inline std::int64_t SqliteLog::number_of(const char* sql) const {
+  const Statement s = prepare(sql);
+  return step(s) ? sqlite3_column_int64(s.get(), 0) : 0;
+}
+
+inline std::string SqliteLog::text(const Statement& s, int column) {
+  const unsigned char* data = sqlite3_column_text(s.get(), column);
+  return data ? std::string(reinterpret_cast<const char*>(data), std::size_t(sqlite3_column_bytes(s.get(), column))) : std::string();
+}
+
+inline std::string SqliteLog::digest_of(const LogEntry& e, const std::string& before) {
+  std::string all = before;
+  for (const std::string& part : {std::to_string(e.number), e.kind, e.content, e.record}) all += std::to_string(part.size()) + ':' + part;
+  const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
+  char hex[33];
+  std::snprintf(hex, sizeof hex, "%016llx%016llx", static_cast<unsigned long long>(h.high64), static_cast<unsigned long long>(h.low64));
+  return hex;
+}
+
+static_assert(CampaignLog<SqliteLog>);
+
+}  // namespace lumo

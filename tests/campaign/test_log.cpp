@@ -1,0 +1,257 @@
+#include "../catch.hpp"
+#include "lumo/support/sqlite.hpp"
+
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+using namespace lumo;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Folder {
+  fs::path path;
+  Folder() {
+    std::string name = (fs::temp_directory_path() / "lumo-log-XXXXXX").string();
+    REQUIRE(mkdtemp(name.data()));
+    path = name;
+  }
+  ~Folder() { fs::remove_all(path); }
+  std::string file(const char* name = "store") const { return (path / name).string(); }
+};
+
+/// What entry k of the test campaign must be.
+LogEntry entry(std::size_t k) { return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)), ""}; }
+
+/// Adds entries until there are `count` after the problem.
+template <class Log>
+void fill(Log& log, std::size_t count) {
+  while (log.append([&](const std::vector<LogEntry>& list) -> std::optional<LogEntry> {
+    if (list.size() > count) return std::nullopt;
+    return entry(list.size());
+  })) {}
+}
+
+StoreError::Reason reason_of(const std::function<void()>& act) {
+  try {
+    act();
+  } catch (const StoreError& e) {
+    INFO(e.what());
+    CHECK(std::string(e.what()).find('\n') == std::string::npos);
+    return e.reason();
+  }
+  FAIL("nothing was thrown");
+  return {};
+}
+
+std::string bytes(const std::string& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void write(const std::string& file, const std::string& data) { std::ofstream(file, std::ios::binary) << data; }
+
+/// Runs `work` in a child process; its exit code, or −signal.
+int in_child(const std::function<void()>& work) {
+  const pid_t pid = fork();
+  if (pid == 0) {
+    try {
+      work();
+      _exit(0);
+    } catch (...) {
+      _exit(1);
+    }
+  }
+  int status = 0;
+  waitpid(pid, &status, 0);
+  return WIFSIGNALED(status) ? -WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+}  // namespace
+
+TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, SqliteLog) {
+  const Folder folder;
+  TestType log = [&] {
+    if constexpr (std::is_same_v<TestType, MemoryLog>) return MemoryLog("problem 1");
+    else return SqliteLog(folder.file(), "problem 1");
+  }();
+  fill(log, 5);
+  const auto list = log.entries();
+  REQUIRE(list.size() == 6);
+  CHECK(list[0].kind == "problem");
+  CHECK(list[0].content == "problem 1");
+  for (std::size_t k = 1; k < list.size(); ++k) {
+    CHECK(list[k].number == std::int64_t(k));
+    CHECK(list[k].content == entry(k).content);
+    CHECK(log.record(std::int64_t(k)) == entry(k).record);
+  }
+  CHECK(log.claim(3));
+}
+
+TEST_CASE("A store is the same whether it was opened once or often, and notes do not enter its digest") {
+  const Folder folder;
+  SqliteLog once(folder.file("once"), "p");
+  fill(once, 8);
+  for (std::size_t k = 1; k <= 8; ++k) {
+    SqliteLog again(folder.file("often"), "p");
+    again.append([&](const auto&) {
+      LogEntry e = entry(k);
+      e.notes = "took " + std::to_string(std::rand()) + " s";
+      return std::optional(e);
+    });
+  }
+  const SqliteLog often(folder.file("often"));
+  CHECK(once.digest() == often.digest());
+  often.verify();
+}
+
+TEST_CASE("A store refuses another problem and says what differs; what is no store is refused") {
+  const Folder folder;
+  { SqliteLog log(folder.file(), "material DS\nensemble flat\nseed 1"); }
+  try {
+    SqliteLog log(folder.file(), "material DS\nensemble curved\nseed 1");
+    FAIL("opened");
+  } catch (const StoreError& e) {
+    CHECK(e.reason() == StoreError::Reason::different);
+    CHECK(std::string(e.what()).find("ensemble flat") != std::string::npos);
+    CHECK(std::string(e.what()).find("ensemble curved") != std::string::npos);
+  }
+  CHECK(reason_of([&] { SqliteLog log(folder.file("missing")); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteLog log(folder.file("no/such/folder"), "p"); }) == StoreError::Reason::unusable);
+  write(folder.file("text"), "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
+  CHECK(reason_of([&] { SqliteLog log(folder.file("text"), "p"); }) == StoreError::Reason::corrupt);
+  CHECK(bytes(folder.file("text")).starts_with("this is a diary"));
+}
+
+TEST_CASE("Flipped bits and cut files are found, or do no harm") {
+  const Folder folder;
+  {
+    SqliteLog log(folder.file(), "p");
+    fill(log, 40);
+  }
+  const std::string good = bytes(folder.file()), digest = SqliteLog(folder.file()).digest();
+  std::mt19937 random(7);
+  int found = 0;
+  for (int trial = 0; trial < 1000; ++trial) {
+    std::string bad = good;
+    if (trial % 10 == 0) bad.resize(random() % good.size());
+    else bad[random() % bad.size()] ^= char(1 << random() % 8);
+    write(folder.file("bad"), bad);
+    try {
+      const SqliteLog log(folder.file("bad"));
+      const auto list = log.entries();
+      REQUIRE(list.size() == 41);
+      for (std::size_t k = 1; k < list.size(); ++k) {
+        REQUIRE(list[k].content == entry(k).content);
+        REQUIRE(log.record(std::int64_t(k)) == entry(k).record);
+      }
+      REQUIRE(log.digest() == digest);
+    } catch (const StoreError&) {
+      ++found;
+    }
+  }
+  CHECK(found > 500);
+}
+
+TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
+  const Folder folder;
+  const std::size_t count = 60;
+  SqliteLog whole(folder.file("whole"), "p");
+  fill(whole, count);
+  std::mt19937 random(3);
+  int kills = 0;
+  for (;;) {
+    const pid_t pid = fork();
+    if (pid == 0) {
+      SqliteLog log(folder.file(), "p");
+      fill(log, count);
+      _exit(0);
+    }
+    usleep(useconds_t(random() % 20000));
+    if (kills < 100) kill(pid, SIGKILL);
+    int status = 0;
+    waitpid(pid, &status, 0);
+    kills += WIFSIGNALED(status);
+    if (WIFEXITED(status)) break;
+  }
+  CHECK(kills > 0);
+  const SqliteLog log(folder.file());
+  CHECK(log.entries().size() == count + 1);
+  CHECK(log.digest() == whole.digest());
+  log.verify();
+}
+
+TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {
+  const Folder folder;
+  { SqliteLog log(folder.file(), "p"); }
+  std::vector<pid_t> children;
+  for (int k = 0; k < 3; ++k) {
+    const pid_t pid = fork();
+    if (pid == 0) {
+      try {
+        SqliteLog log(folder.file(), "p");
+        fill(log, 50);
+        _exit(0);
+      } catch (...) {
+        _exit(1);
+      }
+    }
+    children.push_back(pid);
+  }
+  for (const pid_t pid : children) {
+    int status = 1;
+    waitpid(pid, &status, 0);
+    CHECK(status == 0);
+  }
+  SqliteLog log(folder.file(), "p");
+  CHECK(log.entries().size() == 51);
+  CHECK(log.claim(1));
+  CHECK(in_child([&] {
+          SqliteLog other(folder.file(), "p");
+          if (other.claim(1)) throw 1;       // this process lives
+          if (!other.claim(2)) throw 2;
+        }) == 0);
+  CHECK(log.claim(2));   // the child is dead
+}
+
+TEST_CASE("A full disk is an error, and the store stays valid") {
+  const Folder folder;
+  SqliteLog log(folder.file(), "p");
+  fill(log, 3);
+  const std::string digest = log.digest();
+  CHECK(in_child([&] {   // a limit on the file's size stands for the disk's end; the child alone has it
+          signal(SIGXFSZ, SIG_IGN);
+          const rlimit limit{fs::file_size(folder.file()) + 1, RLIM_INFINITY};
+          if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
+          SqliteLog full(folder.file(), "p");
+          try {
+            fill(full, 1000);
+          } catch (const StoreError&) {
+            return;
+          }
+          throw 2;
+        }) == 0);
+  const SqliteLog again(folder.file());
+  again.verify();
+  CHECK(again.entries().size() >= 4);
+  const SqliteLog same(folder.file());
+  CHECK((again.entries().size() > 4 || same.digest() == digest));
+}
+
+TEST_CASE("A store is not used after a fork") {
+  const Folder folder;
+  SqliteLog log(folder.file(), "p");
+  CHECK(in_child([&] {
+          try {
+            log.entries();
+          } catch (const StoreError&) {
+            return;
+          }
+          throw 1;
+        }) == 0);
+}
