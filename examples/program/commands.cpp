@@ -128,9 +128,10 @@ TraceResult make_trace(const Options& o, Progress& progress) {
 
   const Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
+  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o));
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
   TbbExecutor{o.threads}.for_each(responses.size(), [&](std::size_t k) {
-    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1]);
+    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
     progress.step();
   });
   result.unloaded_response = per_power(responses[0], responses[0].power_W);

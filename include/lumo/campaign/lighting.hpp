@@ -8,8 +8,8 @@
 #include "lumo/mechanics/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
-#include "lumo/optics/ray_pattern.hpp"
 #include "lumo/optics/response.hpp"
+#include "lumo/optics/tracer.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -18,12 +18,11 @@
 
 namespace lumo {
 
-/// Planes in which body, emitters, mesh and the states of a scenario are their own mirror images.
+/// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Symmetry light = RayPattern::symmetry_of(body.emitters);
-  return {light.x && mesh.symmetry.x && body.symmetry.x && scenario.angle_rad == 0.0,
-          light.y && mesh.symmetry.y && body.symmetry.y && scenario.y_m == 0.0};
+  const Symmetry unloaded = symmetry_of(body, mesh);
+  return {unloaded.x && scenario.angle_rad == 0.0, unloaded.y && scenario.y_m == 0.0};
 }
 
 /// How the states that decide J_obs are retraced. A round takes those that undecided_states() names, with `factor` times the rays of the round

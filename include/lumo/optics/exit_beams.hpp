@@ -50,8 +50,8 @@ class ExitBeams {
           spread(at(i + 1, j + 1), at(i, j + 1), at(i + 1, j));
         }
       for (std::size_t e = 0; e < exits_.size(); ++e)
-        for (unsigned image : path_.images())
-          if (left_[e] > 0) path_.book_exit(path_.channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
+        for (unsigned image : path_.accounts().images())
+          if (left_[e] > 0) path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
     }
   }
 
@@ -74,10 +74,10 @@ class ExitBeams {
       if (l == exits_.size() || m == exits_.size()) continue;
       corner_ = {&exits_[k], &exits_[l], &exits_[m]};
       --left_[k], --left_[l], --left_[m];
-      for (unsigned image : path_.images()) {
+      for (unsigned image : path_.accounts().images()) {
         image_ = image;
         std::array<Corner, 3> t;
-        for (std::size_t n = 0; n < 3; ++n) t[n] = {{}, path_.channel(*corner_[n], image)}, t[n].at[n] = 1.0;
+        for (std::size_t n = 0; n < 3; ++n) t[n] = {{}, path_.accounts().channel(*corner_[n], image)}, t[n].at[n] = 1.0;
         book(t[0], t[1], t[2], 1.0, 0);
       }
     }
@@ -92,12 +92,12 @@ class ExitBeams {
     for (Vec3 Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
       e.light.*part = w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
     e.light.direction.normalize();
-    return path_.channel(e, image_);
+    return path_.accounts().channel(e, image_);
   }
   void book(const Weights& a, const Weights& b, const Weights& c, double area, int channel) {
     double power = 0.0;
     for (std::size_t n = 0; n < 3; ++n) power += (a[n] + b[n] + c[n]) / 3.0 * corner_[n]->power;
-    path_.book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
+    path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
   // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the triangle is quartered.

@@ -62,7 +62,7 @@ class ExitGather {
         gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
       }
     }
-    path_.take();  // the paths ran backwards: what they booked on their way is not power
+    path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power
     for (std::size_t c = 0; c < direct_.size(); ++c) {
       const double better = direct_[c] + diffuse_[c] - total.gathered[c];
       total.ledger.channels[c] += better;
@@ -137,7 +137,7 @@ class ExitGather {
     if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0) || !seen(x, out)) return;
     const double weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
     path_.run(x.ray, m, weight / double(images_.size()), false);
-    book(diffuse_, x, out, path_.collect([&](std::size_t k) { return sent[k] / nodes_.area(k); }));
+    book(diffuse_, x, out, path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); }));
   }
 
   const OpticalScene& surface_;

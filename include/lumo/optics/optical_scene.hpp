@@ -6,6 +6,7 @@
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
 #include "lumo/optics/polygon_cells.hpp"
+#include "lumo/optics/quadratic_face.hpp"
 #include "lumo/optics/set_back.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
@@ -48,11 +49,11 @@ class OpticalScene {
   /// Unit normal of triangle `t` (flat, outward).
   Vec3 flat_normal(int t) const;
   /// Unit outward normal of the deformed quadratic face; not finite on a face that is crushed to nothing.
-  Vec3 smooth_normal(const ScenePoint& p) const;
+  Vec3 smooth_normal(const ScenePoint& p) const { return detail::quadratic_normal(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
   /// Undeformed position [m].
-  Vec3 reference(const ScenePoint& p) const { return shape(faces_[std::size_t(p.face)].reference, 1.0 - p.b1 - p.b2, p.b1, p.b2); }
+  Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
-  bool in_contact(const ScenePoint& p) const;
+  bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
   int region(const ScenePoint& p, unsigned image) const;
   const SurfaceOptics& optics(int t) const {
@@ -87,27 +88,14 @@ class OpticalScene {
 
  private:
   static constexpr int mixed = -2;
-  using Six = std::array<Vec3, 6>;
-  struct Face {
-    Six reference, deformed;
-    std::array<double, 6> contact;
-    int patch;
-    bool may_touch;
-  };
-
-  static Vec3 shape(const Six& x, double b0, double b1, double b2) {
-    return b0 * (2.0 * b0 - 1.0) * x[0] + b1 * (2.0 * b1 - 1.0) * x[1] + b2 * (2.0 * b2 - 1.0) * x[2] + 4.0 * b0 * b1 * x[3] +
-           4.0 * b1 * b2 * x[4] + 4.0 * b2 * b0 * x[5];
-  }
   void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
-  void cut(const BoundaryFace& face, const Face& f);
   void add_carrier(const Config& config);
   void label(Symmetry images);
 
   const Body* body_;
   int n_;                                                   ///< cuts per edge
   std::vector<std::array<std::array<int, 2>, 3>> lattice_;  ///< (b1, b2)·n of the corners of each sub-facet
-  std::vector<Face> faces_;
+  std::vector<detail::QuadraticFace> faces_;
   std::vector<SceneTriangle> triangles_;
   std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
   std::vector<std::array<Vec3, 3>> rigid_reference_;
@@ -149,7 +137,7 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
   for (const BoundaryFace& face : mesh.faces) {
     if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
       throw InvalidArgument(detail::text("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
-    Face f;
+    detail::QuadraticFace f;
     f.patch = face.patch;
     const std::size_t given = mesh.order == 2 ? 6 : 3;
     for (std::size_t k = 0; k < given; ++k) {
@@ -172,34 +160,15 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
     }
     f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
     faces_.push_back(f);
-    cut(face, f);
+    const auto at = [&](const std::array<int, 2>& k) { return detail::lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
+    for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
   }
-}
-
-// Points on an edge come from the edge's own three nodes in a fixed order, so that neighbours get the same bits: no cracks.
-inline void OpticalScene::cut(const BoundaryFace& face, const Face& f) {
-  const double h = 1.0 / n_;
-  const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
-    if (kb == 0) return f.deformed[a];
-    if (ka == 0) return f.deformed[b];
-    if (face.nodes[a] > face.nodes[b]) std::swap(a, b), std::swap(ka, kb);
-    const double s = ka * h, t = kb * h;
-    return Vec3(s * (2.0 * s - 1.0) * f.deformed[a] + t * (2.0 * t - 1.0) * f.deformed[b] + 4.0 * s * t * f.deformed[m]);
-  };
-  const auto at = [&](int k1, int k2) {
-    const int k0 = n_ - k1 - k2;
-    if (k2 == 0) return on_edge(0, 1, 3, k0, k1);
-    if (k0 == 0) return on_edge(1, 2, 4, k1, k2);
-    if (k1 == 0) return on_edge(2, 0, 5, k2, k0);
-    return shape(f.deformed, k0 * h, k1 * h, k2 * h);
-  };
-  for (const auto& c : lattice_) triangles_.push_back({{at(c[0][0], c[0][1]), at(c[1][0], c[1][1]), at(c[2][0], c[2][1])}, false});
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3> soft;
-  for (const Face& f : faces_)
+  for (const detail::QuadraticFace& f : faces_)
     if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
   for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
     const std::vector<Vec3>& place = body_->rigid_faces[i].corners;
@@ -230,7 +199,7 @@ inline void OpticalScene::label(Symmetry images) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
     std::vector<int>& labels = labels_[image];
     labels.reserve(body_triangles_);
-    for (const Face& f : faces_) {
+    for (const detail::QuadraticFace& f : faces_) {
       std::array<int, 6> r{};
       for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], image);
       if (std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; })) {
@@ -239,7 +208,7 @@ inline void OpticalScene::label(Symmetry images) {
       }
       for (int i = 0; i <= n_; ++i)
         for (int j = 0; i + j <= n_; ++j)
-          at[std::size_t(i * (n_ + 1) + j)] = region(f.patch, shape(f.reference, (n_ - i - j) * h, i * h, j * h), image);
+          at[std::size_t(i * (n_ + 1) + j)] = region(f.patch, detail::on_quadratic(f.reference, i * h, j * h), image);
       for (const auto& c : lattice_) {
         const auto get = [&](std::size_t k) { return at[std::size_t(c[k][0] * (n_ + 1) + c[k][1])]; };
         labels.push_back(get(0) == get(1) && get(1) == get(2) ? get(0) : mixed);
@@ -272,12 +241,12 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
 }
 
 inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) const {
-  const Six& x = faces_[std::size_t(face)].reference;
+  const std::array<Vec3, 6>& x = faces_[std::size_t(face)].reference;
   if (sub < 0) return {x[0], x[1], x[2]};
   std::array<Vec3, 3> corners;
   for (std::size_t k = 0; k < 3; ++k) {
     const auto& [i, j] = lattice_[std::size_t(sub)][k];
-    corners[k] = shape(x, double(n_ - i - j) / n_, double(i) / n_, double(j) / n_);
+    corners[k] = detail::on_quadratic(x, double(i) / n_, double(j) / n_);
   }
   return corners;
 }
@@ -312,34 +281,6 @@ inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point
 inline Vec3 OpticalScene::flat_normal(int t) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   return (b - a).cross(c - a).normalized();
-}
-
-inline Vec3 OpticalScene::smooth_normal(const ScenePoint& p) const {
-  const Six& x = faces_[std::size_t(p.face)].deformed;
-  const double b1 = p.b1, b2 = p.b2, b0 = 1.0 - b1 - b2;
-  const Vec3 d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
-  const Vec3 d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
-  return d1.cross(d2).normalized();
-}
-
-inline bool OpticalScene::in_contact(const ScenePoint& p) const {
-  const Face& f = faces_[std::size_t(p.face)];
-  if (!f.may_touch) return false;
-  const double b1 = p.b1, b2 = p.b2, b0 = 1.0 - b1 - b2;
-  double value = 0.0;
-  const auto add = [&](double weight, std::size_t node) {
-    if (weight > 0.0) value += weight * f.contact[node];  // a weight of 0 must not meet −infinity
-  };
-  if (b0 > 0.5) {
-    add(2.0 * b0 - 1.0, 0), add(2.0 * b1, 3), add(2.0 * b2, 5);
-  } else if (b1 > 0.5) {
-    add(2.0 * b1 - 1.0, 1), add(2.0 * b0, 3), add(2.0 * b2, 4);
-  } else if (b2 > 0.5) {
-    add(2.0 * b2 - 1.0, 2), add(2.0 * b1, 4), add(2.0 * b0, 5);
-  } else {
-    add(1.0 - 2.0 * b2, 3), add(1.0 - 2.0 * b0, 4), add(1.0 - 2.0 * b1, 5);
-  }
-  return value > 0.0;
 }
 
 inline Vec3 OpticalScene::pulled_inward(int t, const Vec3& p) const {

@@ -8,6 +8,7 @@
 #include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/intersector.hpp"
 #include "lumo/optics/ledger.hpp"
+#include "lumo/optics/light_accounts.hpp"
 #include "lumo/optics/light_nodes.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/ray_pattern.hpp"
@@ -21,24 +22,6 @@
 #include <vector>
 
 namespace lumo::detail {
-
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it goes on.
-struct Tally {
-  EnergyLedger ledger;
-  std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
-  std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
-  std::vector<std::pair<int, double>> arrived;
-};
-
-/// Light from an emitter that left the body for good after reflections.
-struct Exit {
-  std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
-  Escape light;         ///< of the traced one of the mirror images; its region is not looked up
-  ScenePoint at;
-  Vec3 normal;          ///< of the flat facet
-  int patch;
-  double power;  ///< [W], of one image
-};
 
 struct PathLimits {
   double roulette_below;
@@ -57,16 +40,10 @@ class PathTracer {
         scene_(scene),
         medium_(medium),
         outer_index_(outer_index),
-        readout_(readout),
         nodes_(nodes),
         exits_(exits),
         limits_(limits),
-        channels_(std::size_t(channels)),
-        arrived_(nodes.size(), 0.0) {
-    for (unsigned image = 0; image < 4; ++image)
-      if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-    reset();
-  }
+        accounts_(surface, readout, channels, nodes.size(), symmetry) {}
 
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
   /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
@@ -75,7 +52,7 @@ class PathTracer {
     mirror_ = mirror;
     start_ = power_W;
     from_emitter_ = from_emitter;
-    book(ledger_.emitted, power_W);
+    accounts_.book(accounts_.ledger.emitted, power_W);
     Branch first;
     first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
     first.triangle = ray.triangle, first.direct = from_emitter, first.inside = inside;
@@ -88,35 +65,8 @@ class PathTracer {
     }
   }
 
-  /// What was booked since the last call.
-  Tally take() {
-    Tally t{std::move(ledger_), std::move(direct_), std::move(gathered_), {}};
-    for (int k : reached_) t.arrived.emplace_back(k, arrived_[std::size_t(k)]), arrived_[std::size_t(k)] = 0.0;
-    reached_.clear();
-    reset();
-    return t;
-  }
-
-  /// Books an exit in a channel, or elsewhere (−1). `power` is that of one image.
-  void book_exit(int channel, double power) {
-    (channel >= 0 && std::size_t(channel) < ledger_.channels.size() ? ledger_.channels[std::size_t(channel)] : ledger_.elsewhere) += power;
-  }
-  /// Channel of an exit, or −1.
-  int channel(const Exit& e, unsigned image) const {
-    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, image)});
-  }
-  const std::vector<unsigned>& images() const { return images_; }
-
-  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
-  template <class Weight>
-  double collect(Weight&& weight) {
-    double sum = 0.0;
-    for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
-    reached_.clear();
-    return sum;
-  }
+  /// Where the power went.
+  LightAccounts<Readout>& accounts() { return accounts_; }
 
   long rays = 0, segments = 0;
 
@@ -136,15 +86,6 @@ class PathTracer {
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
   };
 
-  // One traced path stands for all its mirror images.
-  void book(double& account, double power) { account += power * double(images_.size()); }
-
-  void reset() {
-    ledger_ = {};
-    ledger_.channels.assign(channels_, 0.0);
-    direct_ = gathered_ = ledger_.channels;
-  }
-
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
   bool survives(Branch& b) {
     b.direct = false;
@@ -152,37 +93,24 @@ class PathTracer {
     const double full = limits_.roulette_below * start_;
     if (b.power >= full) return true;
     if (uniform(combine(b.key, 0)) * full < b.power) {
-      book(ledger_.roulette, b.power - full);
+      accounts_.book(accounts_.ledger.roulette, b.power - full);
       b.power = full;
       return true;
     }
-    book(ledger_.roulette, b.power);
+    accounts_.book(accounts_.ledger.roulette, b.power);
     return false;
   }
 
   void escape(const Branch& b) {
-    if (b.exit.face < 0) return book(ledger_.elsewhere, b.power);
-    const Vec3 reference = surface_.reference(b.exit);
+    EnergyLedger& ledger = accounts_.ledger;
+    if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
     const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct || !from_emitter_);
-    if (log_ != nullptr && from_emitter_ && !gathered) {
-      log_->push_back({b.route, {reference, b.exit_position, b.direction, -1}, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power});
-      return;
-    }
-    for (unsigned image : images_) {
-      const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-      const Escape e{m.cwiseProduct(reference), m.cwiseProduct(b.exit_position), m.cwiseProduct(b.direction),
-                     surface_.region(b.exit, image)};
-      const int channel = readout_.channel(e);
-      if (channel < 0 || std::size_t(channel) >= ledger_.channels.size()) {
-        ledger_.elsewhere += b.power;
-        continue;
-      }
-      ledger_.channels[std::size_t(channel)] += b.power;
-      if (gathered)
-        gathered_[std::size_t(channel)] += b.power;
-      else if (b.direct)
-        direct_[std::size_t(channel)] += b.power;
-    }
+    const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
+    const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
+    if (log_ != nullptr && from_emitter_ && !gathered)
+      log_->push_back(e);
+    else
+      accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b);
@@ -193,17 +121,11 @@ class PathTracer {
   const Scene& scene_;
   const Medium& medium_;
   double outer_index_;
-  const Readout& readout_;
   const LightNodes& nodes_;
   const FaceSet& exits_;
   PathLimits limits_;
-  std::size_t channels_;
-  EnergyLedger ledger_;
-  std::vector<double> direct_, gathered_;  ///< as in Tally
-  std::vector<double> arrived_;            ///< per node
-  std::vector<int> reached_;               ///< nodes with arrived_ > 0
+  LightAccounts<Readout> accounts_;
   std::vector<Exit>* log_ = nullptr;
-  std::vector<unsigned> images_;
   std::vector<Branch> stack_;
   Vec3 mirror_ = Vec3::Ones();
   double start_ = 0.0;
@@ -223,7 +145,7 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
         hit = scene_.first_hit(b.origin, b.direction, b.inside);
       }
     }
-    if (!hit) return book(ledger_.lost, b.power);
+    if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
     const auto& corner = surface_.triangles()[std::size_t(hit.triangle)].corners;
     const Vec3 n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
     const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
@@ -231,7 +153,7 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
     b.origin += path_m * b.direction;
     if (b.inside) {
       const double left = b.power * medium_.transmittance(path_m);
-      book(ledger_.absorbed_in_medium, b.power - left);
+      accounts_.book(accounts_.ledger.absorbed_in_medium, b.power - left);
       b.power = left;
     }
     if (!meet(b, hit.triangle)) return;
@@ -246,17 +168,13 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
   const SurfaceOptics& optics = surface_.optics(triangle);
   if (is_dielectric(optics)) {
     if (at.face >= 0) return meet_dielectric(b, triangle, at);
-    book(ledger_.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
+    accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
     return false;
   }
   if (const auto& nodes = nodes_.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {  // goes on with all else that falls there
     const std::array<double, 3> share = LightNodes::shares(at);
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (!(share[k] > 0.0)) continue;
-      double& sum = arrived_[std::size_t(nodes[k])];
-      if (!(sum > 0.0)) reached_.push_back(nodes[k]);
-      book(sum, share[k] * b.power);
-    }
+    for (std::size_t k = 0; k < 3; ++k)
+      if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
     return false;
   }
   const Vec3 n = b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle);
@@ -265,7 +183,7 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
       [&](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
           const double kept = b.power * reflectance(s);
-          book(ledger_.absorbed_at_surfaces, b.power - kept);
+          accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power - kept);
           b.power = kept;
           b.direction = reflected(s, b.direction, n, uniform(combine(key, 2)), uniform(combine(key, 3)), mirror_);
         }
@@ -280,7 +198,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
   const bool touched = surface_.in_contact(at);
   if (!b.inside && touched) {  // from air: the opaque indenter is in the way
-    book(ledger_.to_indenter, b.power);
+    accounts_.book(accounts_.ledger.to_indenter, b.power);
     return false;
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
@@ -305,7 +223,7 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   const std::uint64_t key = b.key, route = combine(b.route, 2 * std::uint64_t(surface_.surface_number(triangle)));
   if (refracted_power > 0.0) {
     if (b.inside && touched) {
-      book(ledger_.to_indenter, refracted_power);
+      accounts_.book(accounts_.ledger.to_indenter, refracted_power);
     } else {
       Branch c = b;
       c.direction = on;

@@ -27,6 +27,12 @@
 
 namespace lumo {
 
+/// Planes in which body, mesh and emitters are their own mirror images.
+inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
+  const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
+  return {s.x && m.x && b.x, s.y && m.y && b.y};
+}
+
 /// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
 ///
 /// Lambertian emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III).
@@ -63,10 +69,7 @@ class Tracer {
   Tracer refined(int factor) const;
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
-  Response trace(const Body& body, const TetMesh& mesh) const {
-    const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
-    return trace(body, mesh, {}, {}, {s.x && m.x && b.x, s.y && m.y && b.y});
-  }
+  Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
   Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}) const {
@@ -142,7 +145,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
       else
         for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true);
     }
-    detail::Tally total = path.take();
+    detail::Tally total = path.accounts().take();
     detail::CarrierTransport transport(nodes.size(), channels);
     for (std::size_t k = 0; k < carrier.size(); ++k)
       for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
@@ -151,7 +154,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         const Vec3 lit = inside ? Vec3(-x.normal) : x.normal;
         x.ray.direction = reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
         path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
-        transport.add(path.take(), nodes.of(x.ray.triangle), detail::LightNodes::shares(x.at), x.area);
+        transport.add(path.accounts().take(), nodes.of(x.ray.triangle), detail::LightNodes::shares(x.at), x.area);
       }
     const std::vector<double> sent = detail::exchange(nodes, transport, total);
     gather.run(sequence(2), sent, total);
