@@ -86,7 +86,7 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   const FingerDesign design{8, 4, 6, 4, 2};
   const Evaluation once = evaluate(design, solaris(), e, coarse(), coarse_finger(), Serial{});
   CoarsePipeline p = coarse();
-  p.rays = {.tolerance = 0.15, .factor = 4, .rounds = 4};
+  p.rays = {.tolerance = 0.15, .rounds = 8};
   const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}), two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
   REQUIRE(one.J_obs);
   CHECK(same_bits(one, two));

@@ -250,6 +250,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
   CHECK_THROWS_AS(tracer.refined(3), InvalidArgument);
   CHECK(tracer.refined(4).config().exit_rays == 4 * quick().exit_rays);
+  CHECK(tracer.refined(4).config().seed == tracer.config().seed);
+  CHECK(tracer.refined(1, 1).config().seed != tracer.refined(1, 2).config().seed);
   c = quick();
   c.replicates = 1;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);

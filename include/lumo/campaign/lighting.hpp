@@ -11,8 +11,13 @@
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/tracer.hpp"
 
+#include <Eigen/Core>
+
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
+#include <map>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -25,12 +30,11 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return {unloaded.x && scenario.angle_rad == 0.0, unloaded.y && scenario.y_m == 0.0};
 }
 
-/// How the states that decide J_obs are retraced. A round takes those that undecided_states() names, with `factor` times the rays of the round
-/// before (and the unloaded bodies on their meshes, too), until there are none. What is still undecided after the last round shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
+/// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.015; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int factor = 4;           ///< a power of two
-  int rounds = 3;           ///< 0: everything is traced once
+  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 6;            ///< at most this many doublings; 0: everything is traced once
 };
 
 namespace detail {
@@ -60,45 +64,58 @@ class Lighting {
   };
   const std::vector<State>& all() const { return all_; }
 
-  /// Traces these states with `factor` times the rays, and the unloaded body on their meshes (factor 1: on all meshes), and notes their changes.
-  /// Returns the unloaded responses by place; of places that were not needed they are empty.
+  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
+  /// Round 0 takes all meshes. Rounds have independent patterns and 1, 1, 2, 4, … times the rays, so that each is worth all before it.
   template <Executor E, class Report>
-  std::vector<Response> trace(const std::vector<State>& wanted, int factor, const E& executor, Report&& report) {
-    std::vector<std::size_t> used;
-    for (const State& s : wanted) used.push_back(plan_.solves[s.solve].place);
-    for (std::size_t place = 0; factor == 1 && place < places_.size(); ++place) used.push_back(place);
-    std::sort(used.begin(), used.end());
-    used.erase(std::unique(used.begin(), used.end()), used.end());
-
-    const Light light = light_.refined(factor);
-    std::vector<Response> unloaded(places_.size()), loaded(wanted.size());
-    std::vector<double> spent(used.size() + wanted.size(), 0.0);
-    executor.for_each(spent.size(), [&](std::size_t i) {
-      const Stopwatch watch;
-      if (i >= wanted.size()) {  // short ones last, so that threads end together
-        const std::size_t place = used[i - wanted.size()];
-        unloaded[place] = light.trace(body_, places_[place]->mesh());
-      } else {
-        const auto [k, s] = wanted[i];
-        const TetMesh& mesh = places_[plan_.solves[k].place]->mesh();
-        loaded[i] = light.trace(body_, mesh, solved_[k].states[s], symmetry_of(body_, mesh, plan_.solves[k].scenario));
-      }
-      spent[i] = watch.seconds();
-      report(spent.size());
-    });
-    for (double s : spent) seconds += s;
-
-    const auto keep_worst = [&](const Response& r) {
-      if (ledger.emitted == 0.0 || r.ledger.imbalance() >= ledger.imbalance()) ledger = r.ledger;
+  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
+    struct Job {
+      std::size_t place;
+      int round;
+      const State* state;  ///< none: unloaded
     };
-    for (std::size_t place : used) keep_worst(unloaded[place]);
-    for (std::size_t i = 0; i < wanted.size(); ++i) {
-      const auto [k, s] = wanted[i];
-      solved_[k].record.states[s].change = response_change(loaded[i], unloaded[plan_.solves[k].place]);
-      keep_worst(loaded[i]);
+    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
+    std::vector<Job> jobs;
+    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
+    for (const State& s : wanted)
+      for (int r = rounds_[s]; r <= round; ++r) jobs.push_back({plan_.solves[s.solve].place, r, &s}), bare.insert({r, jobs.back().place});
+    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
+    for (const auto& [r, place] : bare)
+      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
+    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
+
+    std::vector<Response> lit(jobs.size());
+    std::vector<double> spent(jobs.size(), 0.0);
+    executor.for_each(jobs.size(), [&](std::size_t task) {
+      const Stopwatch watch;
+      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
+      const auto& [place, r, state] = jobs[i];
+      const Light light = light_.refined(r > 0 ? 1 << (r - 1) : 1, std::uint64_t(r));
+      const TetMesh& mesh = places_[place]->mesh();
+      if (state == nullptr)
+        lit[i] = light.trace(body_, mesh);
+      else
+        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(body_, mesh, plan_.solves[state->solve].scenario));
+      spent[i] = watch.seconds();
+      report(jobs.size());
+    });
+
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      seconds += spent[i];
+      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
+      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
     }
-    return unloaded;
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      const auto& [place, r, state] = jobs[i];
+      if (state == nullptr) continue;
+      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      Eigen::MatrixXd& sum = solved_[state->solve].record.states[state->state].change;
+      sum = r == 0 ? change : Eigen::MatrixXd(0.5 * (sum + change));
+      rounds_[*state] = r + 1;
+    }
   }
+
+  /// Responses of the undeformed body on each mesh.
+  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
 
   /// States that decide the least distance of the observed ones, mirror images being one state. A pure function of the responses.
   std::vector<State> undecided(const std::vector<ScenarioRecord>& records, double tolerance) const {
@@ -125,6 +142,8 @@ class Lighting {
   const std::vector<Pad>& places_;
   std::vector<SolvedScenario>& solved_;
   std::vector<State> all_;
+  std::map<State, int> rounds_;                  ///< that a state has had
+  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed
 };
 
 }  // namespace detail

@@ -44,8 +44,8 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
 
 namespace detail {
 
-template <class P, class Prepared>
-SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const Prepared& pad) {
+template <class P, class Pad>
+SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const Pad& pad) {
   SolvedScenario out;
   const Stopwatch watch;
   out.states = pad.press(scenario);
@@ -78,10 +78,8 @@ inline std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Sphere>>& s
 /// taken on one mesh and added to the common mean.
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
-  double count = 0.0;
-  for (const Response& r : responses) count += r.power_W.empty() ? 0.0 : 1.0;
   for (const Response& r : responses)
-    for (std::size_t b = 0; b < r.power_W.size(); ++b) mean[b] += r.power_W[b] / (r.ledger.emitted * count);
+    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += r.power_W[b] / (r.ledger.emitted * double(responses.size()));
   return mean;
 }
 
@@ -128,12 +126,13 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
   if (body.regions > 0) {
     done = 0;
-    out.unloaded_response = detail::mean_per_emitted(lighting.trace(lighting.all(), 1, executor, [&](std::size_t n) { report("light", n); }), body.regions);
-    for (int round = 1, factor = pipeline.rays.factor; all_converged && round <= pipeline.rays.rounds; ++round, factor *= pipeline.rays.factor) {
+    lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), body.regions);
+    for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(scenarios, body, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
-      lighting.trace(undecided, factor, executor, [&](std::size_t n) { report(detail::text("light, ", factor, " times the rays"), n); });
+      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", 1 << round, " times the rays"), n); });
     }
   }
 

@@ -64,9 +64,9 @@ class Tracer {
 
   const Config& config() const { return config_; }
 
-  /// The same tracer with `factor` times as many rays of each kind; a power of two. Compare its responses with its own only.
-  /// Throws InvalidArgument for a factor that is no power of two, or out of range.
-  Tracer refined(int factor) const;
+  /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for each number of `pattern`.
+  /// Compare its responses with its own only. Throws InvalidArgument for a factor that is no power of two, or out of range.
+  Tracer refined(int factor, std::uint64_t pattern = 0) const;
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
   Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
@@ -89,11 +89,12 @@ class Tracer {
 };
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor) const {
+Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor, std::uint64_t pattern) const {
   require_in_range("refinement factor", factor, 1, 1 << 12, "");
   if (!std::has_single_bit(unsigned(factor))) throw InvalidArgument(detail::text("refinement factor is ", factor, ", must be a power of two"));
   Config c = config_;
   for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays}) *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+  if (pattern > 0) c.seed = detail::combine(config_.seed, pattern);
   return Tracer(c, readout_, backend_);
 }
 
