@@ -23,6 +23,7 @@ CoarsePipeline coarse() {
   CoarsePipeline p{TetgenMesher{}, {}, Light{light}};
   p.focus = {1.2e-3, 0.4, 1.0};
   p.rays.rounds = 0;
+  p.optical_error.mesh = 0.0;
   return p;
 }
 
