@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -11,13 +12,21 @@
 
 namespace lumo {
 
-/// One design variable: bounds and, when `step` > 0, a lattice of multiples of `step` counted from zero.
+/// One design variable: bounds and, when `step` > 0, a lattice of multiples of `step` counted from `origin`.
 struct Variable {
   std::string name;
   double lower = 0.0;
   double upper = 1.0;
   double step = 0.0;
   std::string unit;
+  double origin = 0.0;
+
+  /// The lattice node nearest to `x`, which may lie outside the bounds.
+  double nearest_node(double x) const { return origin + std::round((x - origin) / step) * step; }
+  /// Is `x` a node, but for rounding?
+  bool on_lattice(double x) const {
+    return std::abs(x - nearest_node(x)) <= 4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
+  }
 };
 
 /// lower ≤ Σ coefficients · x ≤ upper. Coefficients as many as variables.
@@ -27,6 +36,18 @@ struct LinearConstraint {
   double lower = -std::numeric_limits<double>::infinity();
   double upper = std::numeric_limits<double>::infinity();
   std::string unit;
+
+  double sum(std::span<const double> x) const {
+    double total = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) total += coefficients[i] * x[i];
+    return total;
+  }
+  /// By how much rounding may have moved the sum: 0.1 + 0.2 must not break a limit of 0.3.
+  double rounding(std::span<const double> x) const {
+    double size = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) size += std::abs(coefficients[i] * x[i]);
+    return 2.0 * std::numeric_limits<double>::epsilon() * size;
+  }
 };
 
 /// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and whatever else `rule` refuses.
@@ -38,15 +59,8 @@ struct DesignSpace {
   /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
   void check(std::span<const double> x) const;
 
-  /// Whether check() would pass.
-  bool contains(std::span<const double> x) const {
-    try {
-      check(x);
-      return true;
-    } catch (const InfeasibleDesign&) {
-      return false;
-    }
-  }
+  /// Whether check() would pass. Cheap where it does not, unless `rule` has to decide.
+  bool contains(std::span<const double> x) const;
 };
 
 inline void DesignSpace::check(std::span<const double> x) const {
@@ -63,23 +77,39 @@ inline void DesignSpace::check(std::span<const double> x) const {
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
                              detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is above its upper bound ", v.upper, unit));
-    if (v.step > 0.0) {
-      const double node = std::round(x[i] / v.step) * v.step;
-      if (x[i] != node && std::abs(x[i] - node) > 4.0 * std::numeric_limits<double>::epsilon() * std::abs(x[i]))
-        throw InfeasibleDesign(v.name + " lattice", x[i], node, v.unit,
-                               detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is off the ", v.step, unit, " lattice; nearest is ", node, unit));
-    }
+    if (v.step > 0.0 && !v.on_lattice(x[i]))
+      throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
+                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < x.size(); ++i) sum += c.coefficients[i] * x[i];
+    const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
-    if (sum > c.upper)
+    if (sum > c.upper + rounding)
       throw InfeasibleDesign(c.name, sum, c.upper, c.unit, detail::text("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
-    if (sum < c.lower)
+    if (sum < c.lower - rounding)
       throw InfeasibleDesign(c.name, sum, c.lower, c.unit, detail::text("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   if (rule) rule(x);
+}
+
+inline bool DesignSpace::contains(std::span<const double> x) const {
+  if (x.size() == variables.size()) {
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      const Variable& v = variables[i];
+      if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;
+    }
+    for (const LinearConstraint& c : constraints) {
+      const double sum = c.sum(x), rounding = c.rounding(x);
+      if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
+    }
+    if (!rule) return true;
+  }
+  try {
+    check(x);
+    return true;
+  } catch (const InfeasibleDesign&) {
+    return false;
+  }
 }
 
 }  // namespace lumo

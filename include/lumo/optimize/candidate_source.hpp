@@ -1,0 +1,133 @@
+#pragma once
+
+#include "lumo/optimize/design_sampler.hpp"
+
+#include <Eigen/Core>
+
+#include <concepts>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <vector>
+
+namespace lumo {
+
+/// What a source of candidates may look at.
+struct CandidateRequest {
+  const DesignSampler& sampler;
+  const DesignSet& taken;            ///< never to be proposed
+  const std::vector<Design>& front;  ///< told designs that no other dominates, by falling first objective
+  std::uint64_t key;
+};
+
+/// Utility of designs (columns), larger is better; may be −∞.
+using Score = std::function<Eigen::VectorXd(const Eigen::MatrixXd&)>;
+
+/// Searches a space for the design of highest score. Laws: what it returns is feasible and not taken; empty only when no such design is
+/// found; a pure function of request and scores.
+template <class S>
+concept CandidateSource = requires(const S& source, const CandidateRequest& request, const Score& score) {
+  { source.best(request, score) } -> std::convertible_to<std::optional<Design>>;
+};
+
+namespace detail {
+
+inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
+  Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
+  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
+  return x;
+}
+
+}  // namespace detail
+
+/// The paper's: a number of fresh feasible designs, the best of them.
+struct FreshCandidates {
+  std::size_t count = 256;
+
+  std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
+    const auto pool = request.sampler.fresh(count, request.key, request.taken);
+    if (pool.empty()) return std::nullopt;
+    Eigen::Index top = 0;
+    score(detail::columns(pool, request.sampler.dimensions())).maxCoeff(&top);
+    return pool[std::size_t(top)];
+  }
+};
+
+/// Fresh designs and moves from the current front, and from the best of those uphill by pattern search, until no move on the finest lattice helps.
+/// On a lattice this is a discrete local search; elsewhere steps are halved. Source: Hooke & Jeeves, J. ACM 8 (1961).
+struct LocalSearchCandidates {
+  std::size_t fresh = 256;
+  std::size_t from_front = 256;  ///< at most
+  std::size_t climbers = 6;      ///< places that are searched from
+  double reach = 0.08;           ///< first move, relative to a variable's range
+  int random_moves = 12;         ///< per climber and round, besides those along axes
+  int rounds = 25;
+
+  std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
+};
+
+inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
+  const DesignSampler& sampler = request.sampler;
+  std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
+  DesignSet seen(pool.begin(), pool.end());
+  std::vector<Design> near;
+  for (std::size_t i = 0; i < request.front.size(); ++i)
+    for (const double r : {0.25 * reach, reach})
+      for (Design& x : sampler.moves(request.front[i], r, random_moves, detail::combine(detail::combine(request.key, 1), i)))
+        if (!request.taken.contains(x) && seen.insert(x).second) near.push_back(std::move(x));
+  for (std::size_t i = 0; i < near.size() && i < from_front; ++i)  // a random choice where the front is long
+    std::swap(near[i], near[i + detail::combine(detail::combine(request.key, 2), i) % (near.size() - i)]);
+  if (near.size() > from_front) near.resize(from_front);
+  pool.insert(pool.end(), near.begin(), near.end());
+  if (pool.empty()) return std::nullopt;
+
+  struct Climber {
+    Design x;
+    double score;
+    double reach;
+    bool stuck = false;
+  };
+  const Eigen::VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
+  std::vector<std::size_t> order(pool.size());
+  for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
+  std::vector<Climber> team;
+  for (std::size_t i = 0; i < order.size() && team.size() < climbers; ++i) team.push_back({pool[order[i]], scores[Eigen::Index(order[i])], reach});
+
+  for (int round = 0; round < rounds; ++round) {
+    std::vector<Design> moves;
+    std::vector<std::size_t> owner;
+    for (std::size_t c = 0; c < team.size(); ++c) {
+      if (team[c].stuck) continue;
+      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves, detail::combine(detail::combine(request.key, 3 + std::uint64_t(round)), c)))
+        if (!request.taken.contains(x)) {
+          moves.push_back(std::move(x));
+          owner.push_back(c);
+        }
+    }
+    std::vector<Climber> next = team;
+    if (!moves.empty()) {
+      const Eigen::VectorXd values = score(detail::columns(moves, sampler.dimensions()));
+      for (std::size_t i = 0; i < moves.size(); ++i)
+        if (values[Eigen::Index(i)] > next[owner[i]].score) next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
+    }
+    bool all_stuck = true;
+    for (std::size_t c = 0; c < team.size(); ++c) {
+      if (!next[c].stuck && next[c].x == team[c].x) {
+        next[c].stuck = sampler.finest(team[c].reach);
+        next[c].reach *= 0.5;
+      }
+      for (std::size_t b = 0; b < c; ++b) next[c].stuck = next[c].stuck || next[c].x == next[b].x;  // two on one place: one is enough
+      all_stuck = all_stuck && next[c].stuck;
+    }
+    team = std::move(next);
+    if (all_stuck) break;
+  }
+  const auto top = std::max_element(team.begin(), team.end(), [](const Climber& a, const Climber& b) { return a.score < b.score; });
+  return top->x;
+}
+
+static_assert(CandidateSource<FreshCandidates>);
+static_assert(CandidateSource<LocalSearchCandidates>);
+
+}  // namespace lumo

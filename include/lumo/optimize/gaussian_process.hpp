@@ -1,0 +1,260 @@
+#pragma once
+
+#include "lumo/core/sobol.hpp"
+#include "lumo/optimize/marginal_likelihood.hpp"
+#include "lumo/optimize/quasi_newton.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <vector>
+
+namespace lumo {
+
+/// What a Gaussian process learns from: inputs d × n inside [lower, upper], finite outputs n.
+struct Observations {
+  Eigen::MatrixXd x;
+  Eigen::VectorXd y;
+  Eigen::VectorXd lower, upper;
+};
+
+/// Lower Cholesky factor of a covariance, and what was added to its diagonal to get it.
+struct JitteredFactor {
+  Eigen::MatrixXd lower;
+  double jitter = 0.0;
+};
+
+/// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
+inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
+  const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
+  for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
+    Eigen::MatrixXd a = covariance;
+    a.diagonal().array() += jitter * top;
+    const Eigen::LLT<Eigen::MatrixXd> factor(a);
+    if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.0)
+      return JitteredFactor{Eigen::MatrixXd(factor.matrixL()), jitter * top};
+  }
+  return std::nullopt;
+}
+
+/// Gaussian process regression with a constant mean, one length scale per input and homoscedastic noise. Inputs are normalised by their
+/// bounds and outputs standardised (n − 1) inside; everything is told in the units of the data. Equal inputs and constant outputs are fine.
+template <CovarianceKernel Kernel = RbfKernel>
+class GaussianProcess {
+ public:
+  struct Config {
+    Kernel kernel = {};
+    std::optional<HyperparameterPrior> prior;  ///< default: HyperparameterPrior::for_dimension
+    int starts = 3;                            ///< searches for hyper-parameters; the first begins at the prior's modes
+    int probes = 16;                           ///< places, the other starts are the best of
+    QuasiNewton search = {};
+  };
+
+  /// Fits hyper-parameters to their maximum a posteriori. Deterministic. Throws InvalidArgument for shapes that do not fit, values that are
+  /// not finite, or no observations.
+  static GaussianProcess fit(const Observations& data, const Config& config = {});
+
+  /// With given hyper-parameters. Throws as fit(), and when no bounded jitter makes the covariance positive definite.
+  GaussianProcess(const Observations& data, const Hyperparameters& h, const Config& config = {});
+
+  const Hyperparameters& hyperparameters() const { return hyperparameters_; }
+  double jitter() const { return jitter_; }  ///< added to the diagonal of the standardised covariance
+  bool converged() const { return converged_; }
+  Eigen::Index size() const { return x_.cols(); }
+  /// (log p(y) + log prior) / n of the standardised outputs: what fit() maximises.
+  double objective() const;
+
+  /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
+  struct Prediction {
+    Eigen::VectorXd mean, variance;
+  };
+  Prediction predict(const Eigen::MatrixXd& x) const;
+  Eigen::VectorXd mean(const Eigen::MatrixXd& x) const;
+  /// Posterior covariance of the latent function between two sets of points.
+  Eigen::MatrixXd covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const;
+  /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. Empty when the covariance
+  /// cannot be factorised.
+  std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const;
+  /// What each observation would be predicted as without it, with its noise, from the fitted hyper-parameters.
+  /// Source: Rasmussen & Williams 2006, eq. 5.12.
+  Prediction leave_one_out() const;
+
+  /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b). In standardised units.
+  Eigen::MatrixXd whitened(const Eigen::MatrixXd& unit_x) const {
+    Eigen::MatrixXd v = correlation(x_, unit_x);
+    factor_.matrixL().solveInPlace(v);
+    return v;
+  }
+  Eigen::MatrixXd correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const;
+  Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const { return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix(); }
+  const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
+  double output_mean() const { return output_mean_; }
+  double output_scale() const { return output_scale_; }
+
+ private:
+  Eigen::MatrixXd x_;  ///< normalised
+  Eigen::VectorXd y_;  ///< standardised
+  Eigen::VectorXd lower_, inverse_width_;
+  double output_mean_ = 0.0, output_scale_ = 1.0;
+  Hyperparameters hyperparameters_;
+  Config config_;
+  Eigen::LLT<Eigen::MatrixXd> factor_;
+  Eigen::VectorXd whitened_y_;
+  double jitter_ = 0.0;
+  bool converged_ = true;
+
+  explicit GaussianProcess(const Observations& data, const Config& config);
+  void condition(const Hyperparameters& h);
+  HyperparameterPrior prior() const { return config_.prior ? *config_.prior : HyperparameterPrior::for_dimension(x_.rows()); }
+};
+
+template <CovarianceKernel Kernel>
+GaussianProcess<Kernel>::GaussianProcess(const Observations& data, const Config& config) : lower_(data.lower), config_(config) {
+  const Eigen::Index d = data.x.rows(), n = data.x.cols();
+  if (n < 1 || d < 1) throw InvalidArgument(detail::text("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
+  if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
+    throw InvalidArgument(detail::text("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(), " outputs, ", data.lower.size(), " lower and ",
+                                       data.upper.size(), " upper bounds"));
+  if (!data.x.allFinite() || !data.y.allFinite() || !data.lower.allFinite() || !data.upper.allFinite())
+    throw InvalidArgument("Gaussian process: observations and bounds must be finite numbers");
+  inverse_width_ = (data.upper - data.lower).unaryExpr([](double w) { return w > 0.0 ? 1.0 / w : 0.0; });
+  x_ = normalized(data.x);
+
+  const double size = std::max(data.y.cwiseAbs().maxCoeff(), std::numeric_limits<double>::min());  // so that squares neither overflow nor vanish
+  const Eigen::VectorXd scaled = data.y / size;
+  const double mean = scaled.mean();
+  const double deviation = n > 1 ? std::sqrt((scaled.array() - mean).square().sum() / double(n - 1)) : 0.0;
+  const bool constant = deviation < 1e-14;  // no more than rounding
+  output_mean_ = mean * size;
+  output_scale_ = constant ? 1.0 : deviation * size;
+  y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+}
+
+template <CovarianceKernel Kernel>
+GaussianProcess<Kernel>::GaussianProcess(const Observations& data, const Hyperparameters& h, const Config& config) : GaussianProcess(data, config) {
+  if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
+    throw InvalidArgument(detail::text("Gaussian process: needs ", x_.rows(), " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
+  condition(h);
+}
+
+template <CovarianceKernel Kernel>
+Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const {
+  const Eigen::ArrayXd inverse = hyperparameters_.length_scale.array().inverse();
+  const Eigen::MatrixXd a = (unit_a.array().colwise() * inverse).matrix(), b = (unit_b.array().colwise() * inverse).matrix();
+  Eigen::ArrayXXd r2 = Eigen::ArrayXXd::Zero(a.cols(), b.cols());
+  for (Eigen::Index i = 0; i < b.cols(); ++i)
+    for (Eigen::Index j = 0; j < a.rows(); ++j) r2.col(i) += (a.row(j).array() - b(j, i)).square().transpose();
+  return r2.unaryExpr([this](double v) { return config_.kernel.correlation(v); }).matrix();
+}
+
+template <CovarianceKernel Kernel>
+void GaussianProcess<Kernel>::condition(const Hyperparameters& h) {
+  hyperparameters_ = h;
+  Eigen::MatrixXd covariance = correlation(x_, x_);
+  covariance.diagonal().array() += h.noise;
+  for (jitter_ = 0.0;; jitter_ = jitter_ == 0.0 ? 1e-12 : 10.0 * jitter_) {
+    if (jitter_ > 2e-4) throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
+    Eigen::MatrixXd a = covariance;
+    a.diagonal().array() += jitter_;
+    factor_.compute(a);
+    if (factor_.info() == Eigen::Success && factor_.matrixLLT().diagonal().minCoeff() > 0.0) break;
+  }
+  whitened_y_ = (y_.array() - h.mean).matrix();
+  factor_.matrixL().solveInPlace(whitened_y_);
+}
+
+template <CovarianceKernel Kernel>
+GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const Observations& data, const Config& config) {
+  GaussianProcess gp(data, config);
+  const Eigen::Index d = gp.x_.rows();
+  const double n = double(gp.size());
+  const HyperparameterPrior prior = gp.prior();
+  const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, prior);
+  const auto unpack = [d](const Eigen::VectorXd& u) { return Hyperparameters{u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0}; };
+  const auto negative = [&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) {
+    const auto value = likelihood(unpack(u));
+    if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
+    gradient = -value.posterior_gradient / n;
+    return -(value.log_likelihood + value.log_prior) / n;
+  };
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(prior.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(prior.max_length_scale));
+  lower[d] = std::log(prior.min_noise);
+  upper[d] = std::log(prior.max_noise);
+  Eigen::VectorXd modes = Eigen::VectorXd::Constant(d + 1, std::log(prior.length_scale.mode()));
+  modes[d] = std::log(prior.noise.mode());
+  Minimum best = config.search.minimize(negative, modes, lower, upper);
+
+  // One start stops in local optima: try the most promising of some places spread between short and long length scales, little and much noise.
+  struct Probe {
+    double value;
+    Eigen::VectorXd at;
+  };
+  std::vector<Probe> probes;
+  for (int k = 0; config.starts > 1 && k < config.probes; ++k) {
+    Eigen::VectorXd u(d + 1);
+    for (Eigen::Index j = 0; j <= d; ++j) {
+      const double t = OwenSobol{detail::combine(7, std::uint64_t(j / Sobol::dimensions))}(std::uint32_t(k), int(j % Sobol::dimensions));
+      u[j] = j < d ? std::log(0.1) + t * std::log(100.0) + 0.5 * std::log(double(d)) * t : std::log(1e-4) + t * std::log(1e3);
+    }
+    u = u.cwiseMax(lower).cwiseMin(upper);
+    const auto value = likelihood(unpack(u), false);
+    if (std::isfinite(value.log_likelihood)) probes.push_back({-(value.log_likelihood + value.log_prior) / n, u});
+  }
+  std::stable_sort(probes.begin(), probes.end(), [](const Probe& a, const Probe& b) { return a.value < b.value; });
+  for (std::size_t k = 0; k < probes.size() && int(k) + 1 < config.starts; ++k) {
+    const Minimum other = config.search.minimize(negative, probes[k].at, lower, upper);
+    if (other.value < best.value - 1e-9) best = other;
+  }
+  Hyperparameters h = unpack(best.x);
+  h.mean = likelihood(h, false).mean;
+  gp.converged_ = best.converged;
+  gp.condition(h);
+  return gp;
+}
+
+template <CovarianceKernel Kernel>
+double GaussianProcess<Kernel>::objective() const {
+  const auto value = MarginalLikelihood<Kernel>(x_, y_, config_.kernel, prior())(hyperparameters_, false);
+  return (value.log_likelihood + value.log_prior) / double(size());
+}
+
+template <CovarianceKernel Kernel>
+typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::predict(const Eigen::MatrixXd& x) const {
+  const Eigen::MatrixXd v = whitened(normalized(x));
+  const Eigen::VectorXd standard = (v.transpose() * whitened_y_).array() + hyperparameters_.mean;
+  const Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).max(0.0).transpose();
+  return {(output_mean_ + output_scale_ * standard.array()).matrix(), output_scale_ * output_scale_ * variance};
+}
+
+template <CovarianceKernel Kernel>
+Eigen::VectorXd GaussianProcess<Kernel>::mean(const Eigen::MatrixXd& x) const {
+  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+  return (output_mean_ + output_scale_ * ((correlation(normalized(x), x_) * alpha).array() + hyperparameters_.mean)).matrix();
+}
+
+template <CovarianceKernel Kernel>
+Eigen::MatrixXd GaussianProcess<Kernel>::covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const {
+  const Eigen::MatrixXd ua = normalized(a), ub = normalized(b);
+  return output_scale_ * output_scale_ * (correlation(ua, ub) - whitened(ua).transpose() * whitened(ub));
+}
+
+template <CovarianceKernel Kernel>
+std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
+  if (normals.rows() != x.cols()) throw InvalidArgument(detail::text("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+  const auto factor = jittered_factor(covariance(x, x));
+  if (!factor) return std::nullopt;
+  return (factor->lower * normals).colwise() + predict(x).mean;
+}
+
+template <CovarianceKernel Kernel>
+typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::leave_one_out() const {
+  const Eigen::MatrixXd inverse = factor_.solve(Eigen::MatrixXd::Identity(size(), size()));
+  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+  const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
+  return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(), (output_scale_ * output_scale_ * variance).matrix()};
+}
+
+}  // namespace lumo

@@ -1,0 +1,100 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/optimize/pareto.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+namespace lumo {
+
+/// Boxes that overlap at their faces only: objectives × boxes; upper corners may be infinite.
+struct BoxDecomposition {
+  Eigen::MatrixXd lower, upper;
+};
+
+namespace detail {
+
+/// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
+inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
+                  std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
+  const double infinite = std::numeric_limits<double>::infinity();
+  if (along + 1 == reference.size()) {
+    low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
+    high[along] = infinite;
+    lower.push_back(low);
+    upper.push_back(high);
+    return;
+  }
+  std::vector<double> levels = {reference[along]};
+  for (Eigen::Index i = 0; i < y.cols(); ++i) levels.push_back(y(along, i));
+  std::sort(levels.begin(), levels.end());
+  levels.erase(std::unique(levels.begin(), levels.end()), levels.end());
+  for (std::size_t k = 0; k < levels.size(); ++k) {
+    const double top = k + 1 < levels.size() ? levels[k + 1] : infinite;
+    std::vector<Eigen::Index> reach;  // those that dominate inside the slice
+    for (Eigen::Index i = 0; i < y.cols(); ++i)
+      if (y(along, i) >= top) reach.push_back(i);
+    low[along] = levels[k];
+    high[along] = top;
+    slice(y(Eigen::all, reach), along + 1, low, high, reference, lower, upper);
+  }
+}
+
+}  // namespace detail
+
+/// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
+/// objectives: one more box than the front has points for two, more than proportional for three and above.
+inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+  if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
+    throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
+  std::vector<Eigen::Index> above;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
+  Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
+  front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
+  std::vector<Eigen::VectorXd> lower, upper;
+  Eigen::VectorXd low(reference.size()), high(reference.size());
+  detail::slice(front, 0, low, high, reference, lower, upper);
+  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())), Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
+  for (std::size_t k = 0; k < lower.size(); ++k) {
+    boxes.lower.col(Eigen::Index(k)) = lower[k];
+    boxes.upper.col(Eigen::Index(k)) = upper[k];
+  }
+  return boxes;
+}
+
+/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
+/// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
+inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+  const Eigen::Index m = reference.size();
+  if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", m));
+  std::vector<Eigen::Index> order;
+  for (Eigen::Index i = 0; i < y.cols(); ++i)
+    if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
+  if (order.empty()) return 0.0;
+  if (m == 1) {
+    double best = reference[0];
+    for (const Eigen::Index i : order) best = std::max(best, y(0, i));
+    return best - reference[0];
+  }
+  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
+  double volume = 0.0, widest = reference[0];
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];
+    const double height = y(m - 1, order[k]) - bottom;
+    if (m == 2) {  // the slice's section is one interval
+      widest = std::max(widest, y(0, order[k]));
+      volume += height * (widest - reference[0]);
+    } else if (height > 0.0) {
+      const std::vector<Eigen::Index> reach(order.begin(), order.begin() + std::ptrdiff_t(k) + 1);
+      volume += height * hypervolume(Eigen::MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
+    }
+  }
+  return volume;
+}
+
+}  // namespace lumo

@@ -1,0 +1,98 @@
+#pragma once
+
+#include "lumo/optimize/hyperparameters.hpp"
+#include "lumo/optimize/kernel.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <cmath>
+#include <limits>
+
+namespace lumo {
+
+/// Log marginal likelihood of a Gaussian process and its gradient in the logarithms of the hyper-parameters; the mean takes its best value,
+/// (1ᵀK⁻¹y) / (1ᵀK⁻¹1), at each. Source: Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, §5.4.
+template <CovarianceKernel Kernel>
+class MarginalLikelihood {
+ public:
+  struct Value {
+    double log_likelihood = -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
+    double log_prior = 0.0;
+    double mean = 0.0;
+    Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
+    Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
+  };
+
+  /// `x`: d × n, normalised; `y`: n, standardised.
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior);
+
+  Value operator()(const Hyperparameters& h, bool with_gradient = true) const;
+
+ private:
+  Eigen::Index size_;
+  Eigen::VectorXd y_;
+  Kernel kernel_;
+  HyperparameterPrior prior_;
+  Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
+};
+
+template <CovarianceKernel Kernel>
+MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
+    : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
+  for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
+    const Eigen::Index below = size_ - 1 - k;
+    squares_.middleRows(first, below) = (x.rightCols(below).colwise() - x.col(k)).array().square().matrix().transpose();
+    first += below;
+  }
+}
+
+template <CovarianceKernel Kernel>
+typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator()(const Hyperparameters& h, bool with_gradient) const {
+  const Eigen::Index n = size_, d = squares_.cols();
+  Value value;
+  for (Eigen::Index j = 0; j < d; ++j) value.log_prior += prior_.length_scale.log_density(h.length_scale[j]);
+  value.log_prior += prior_.noise.log_density(h.noise);
+
+  const Eigen::VectorXd weight = h.length_scale.array().square().inverse();
+  const Eigen::VectorXd r2 = squares_ * weight;
+  const Eigen::VectorXd correlation = r2.unaryExpr([this](double v) { return kernel_.correlation(v); });
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
+  for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
+    covariance(k, k) = 1.0 + h.noise;
+    covariance.col(k).tail(n - 1 - k) = correlation.segment(first, n - 1 - k);
+  }
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  if (factor.info() != Eigen::Success) return value;
+
+  Eigen::MatrixXd both(n, 2);
+  both << y_, Eigen::VectorXd::Ones(n);
+  factor.solveInPlace(both);
+  value.mean = both.col(0).sum() / both.col(1).sum();
+  const Eigen::VectorXd alpha = both.col(0) - value.mean * both.col(1);
+  double log_determinant = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) log_determinant += 2.0 * std::log(factor.matrixLLT()(i, i));
+  value.log_likelihood = -0.5 * (alpha.dot((y_.array() - value.mean).matrix()) + log_determinant + double(n) * std::log(2.0 * pi));
+  if (!std::isfinite(value.log_likelihood)) value.log_likelihood = -std::numeric_limits<double>::infinity();
+  if (!with_gradient || !std::isfinite(value.log_likelihood)) return value;
+
+  // ½ tr((α αᵀ − K⁻¹) dK): each pair counts twice. The mean is at its optimum and adds nothing.
+  Eigen::MatrixXd inverse_factor = Eigen::MatrixXd::Identity(n, n);
+  factor.matrixL().solveInPlace(inverse_factor);
+  Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
+  inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());
+  Eigen::VectorXd pull = r2.unaryExpr([this](double v) { return kernel_.slope(v); });
+  for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
+    const Eigen::Index below = n - 1 - k;
+    pull.segment(first, below).array() *= alpha.tail(below).array() * alpha[k] - inverse.col(k).tail(below).array();
+  }
+  value.gradient.resize(d + 1);
+  value.gradient.head(d) = -2.0 * weight.cwiseProduct(squares_.transpose() * pull);
+  value.gradient[d] = 0.5 * h.noise * (alpha.squaredNorm() - inverse.trace());
+  value.posterior_gradient = value.gradient;
+  for (Eigen::Index j = 0; j < d; ++j) value.posterior_gradient[j] += prior_.length_scale.log_slope(h.length_scale[j]);
+  value.posterior_gradient[d] += prior_.noise.log_slope(h.noise);
+  return value;
+}
+
+}  // namespace lumo

@@ -1,0 +1,73 @@
+#pragma once
+
+#include "lumo/core/design_space.hpp"
+
+#include <cmath>
+#include <cstdint>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace lumo {
+
+/// Values in variable order.
+using Design = std::vector<double>;
+using DesignSet = std::set<Design>;
+
+/// One figure of merit. Only what is better than `reference` adds to the hypervolume.
+struct Objective {
+  std::string name;
+  bool maximize = true;
+  double reference = 0.0;
+
+  double signed_value(double y) const { return maximize ? y : -y; }  ///< larger is better
+};
+
+/// What is to be optimised, and how much of it is fixed beforehand.
+struct Problem {
+  DesignSpace space;
+  std::vector<Objective> objectives;
+  std::vector<Design> initial;  ///< asked first
+  int sobol = 8;                ///< asked next: points spread over the space
+  int evaluations = 40;         ///< told trials at which it ends, initial and Sobol ones included
+  std::uint64_t seed = 0;
+
+  /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by DesignSampler.
+  void validate() const {
+    if (objectives.empty()) throw InvalidArgument("problem has no objectives, must have at least 1");
+    std::set<std::string> names;
+    for (const Objective& o : objectives) {
+      if (!names.insert(o.name).second) throw InvalidArgument(detail::text("objective ", o.name, " is there twice"));
+      if (!std::isfinite(o.reference)) throw InvalidArgument(detail::text("objective ", o.name, " has reference ", o.reference, ", must be a finite number"));
+    }
+    if (sobol < 0 || sobol > 100000) throw InvalidArgument(detail::text("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
+    if (evaluations < 1 || evaluations > 100000) throw InvalidArgument(detail::text("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
+    for (const Design& x : initial) space.check(x);
+  }
+};
+
+/// A design that was asked, and what became of it.
+struct Trial {
+  enum class State { pending, told, failed };
+  int id = 0;  ///< counts from 0 in the order of asking
+  Design x;
+  State state = State::pending;
+  std::vector<double> outputs;  ///< told ones, in their own units and sense
+  bool retry = false;           ///< failed for a reason that does not lie in the design
+  std::string why;
+};
+
+/// A told trial's objectives, in their own units and sense.
+struct Outcome {
+  int id = 0;
+  std::vector<double> objectives;
+};
+
+enum class OptimizerStatus {
+  running,   ///< there is more to ask
+  waiting,   ///< nothing to ask until a pending trial is answered
+  finished,  ///< as many trials are told as the problem wants
+  exhausted  ///< every feasible design that can be found has been asked
+};
+
+}  // namespace lumo

@@ -1,0 +1,131 @@
+#pragma once
+
+#include "lumo/optimize/design_sampler.hpp"
+#include "lumo/optimize/hypervolume.hpp"
+#include "lumo/optimize/problem.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// The trials of one optimisation: what was asked, told and failed, and what is next where no model is needed. All that an optimiser knows is
+/// here, so that restoring the trials restores the optimiser.
+class TrialLog {
+ public:
+  /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
+  TrialLog(Problem problem, int outputs, int retries) : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
+    problem_.validate();
+    DesignSet known;
+    for (const Design& x : problem_.initial)
+      if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), detail::combine(problem_.seed, 0), known)) starts_.push_back(std::move(x));
+  }
+
+  const Problem& problem() const { return problem_; }
+  const DesignSampler& sampler() const { return sampler_; }
+  const std::vector<Trial>& trials() const { return trials_; }
+  const DesignSet& taken() const { return taken_; }
+  int count(Trial::State state) const {
+    return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
+  }
+
+  /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
+  std::optional<Design> scheduled() const;
+  /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
+  const Trial& open(int id, Design x);
+  /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
+  void tell(int id, std::vector<double> outputs);
+  void fail(int id, bool retry, std::string why);
+
+  /// Inputs (d × n) of the trials in a state, by id.
+  Eigen::MatrixXd designs(Trial::State state) const;
+  /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
+  Eigen::MatrixXd told_outputs() const;
+
+ private:
+  Trial& pending(int id);
+
+  Problem problem_;
+  DesignSampler sampler_;
+  int outputs_, retries_;
+  std::vector<Design> starts_;
+  std::vector<Trial> trials_;
+  DesignSet taken_;
+};
+
+inline std::optional<Design> TrialLog::scheduled() const {
+  for (std::size_t i = 0; i < trials_.size(); ++i) {
+    if (trials_[i].state != Trial::State::failed || !trials_[i].retry) continue;
+    int attempts = 0;
+    bool latest = true;
+    for (std::size_t k = 0; k < trials_.size(); ++k) {
+      if (trials_[k].x != trials_[i].x) continue;
+      ++attempts;
+      latest = latest && k <= i;
+    }
+    if (latest && attempts <= retries_) return trials_[i].x;
+  }
+  for (const Design& x : starts_)
+    if (!taken_.contains(x)) return x;
+  return std::nullopt;
+}
+
+inline const Trial& TrialLog::open(int id, Design x) {
+  if (id != int(trials_.size())) throw InvalidArgument(detail::text("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
+  problem_.space.check(x);
+  x = sampler_.canonical(std::move(x));
+  if (taken_.contains(x))
+    for (const Trial& t : trials_)
+      if (t.x == x && !(t.state == Trial::State::failed && t.retry)) throw InvalidArgument(detail::text("trial ", id, " repeats the design of trial ", t.id));
+  taken_.insert(x);
+  trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
+  return trials_.back();
+}
+
+inline Trial& TrialLog::pending(int id) {
+  if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(detail::text("trial ", id, " was never asked"));
+  Trial& trial = trials_[std::size_t(id)];
+  if (trial.state == Trial::State::told) throw InvalidArgument(detail::text("trial ", id, " was told before"));
+  if (trial.state == Trial::State::failed) throw InvalidArgument(detail::text("trial ", id, " failed before"));
+  return trial;
+}
+
+inline void TrialLog::tell(int id, std::vector<double> outputs) {
+  Trial& trial = pending(id);
+  if (int(outputs.size()) != outputs_) throw InvalidArgument(detail::text("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
+  for (const double y : outputs)
+    if (!(std::abs(y) <= 1e150)) throw InvalidArgument(detail::text("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+  trial.outputs = std::move(outputs);
+  trial.state = Trial::State::told;
+}
+
+inline void TrialLog::fail(int id, bool retry, std::string why) {
+  Trial& trial = pending(id);
+  trial.state = Trial::State::failed;
+  trial.retry = retry;
+  trial.why = std::move(why);
+}
+
+inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
+  Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
+  Eigen::Index column = 0;
+  for (const Trial& t : trials_)
+    if (t.state == state) x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
+  return x;
+}
+
+inline Eigen::MatrixXd TrialLog::told_outputs() const {
+  Eigen::MatrixXd y(outputs_, count(Trial::State::told));
+  Eigen::Index column = 0;
+  for (const Trial& t : trials_)
+    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
+  return y;
+}
+
+}  // namespace lumo

@@ -1,0 +1,318 @@
+"""`lumo optimize` from outside: the protocol, its refusals, and transcripts that survive any end.
+
+usage: test_program.py path/to/lumo
+"""
+import copy
+import json
+import os
+import pathlib
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+LUMO = ""
+USAGE, BAD_FILE = 2, 5
+SPACE = {
+    "variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}, {"name": "b", "lower": 1, "upper": 20, "step": 0.5}, {"name": "t", "lower": -1, "upper": 1}],
+    "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 20}, {"terms": {"b": 1, "a": -1}, "lower": -15, "upper": 12}],
+    "objectives": [{"name": "f1", "goal": "maximize", "reference": -0.06}, {"name": "f2", "goal": "minimize", "reference": 2}],
+    "initial": [[6, 6, 0], [4, 8, 0.25]], "sobol": 4, "evaluations": 14, "seed": 1, "source": "paper",
+}
+
+
+def measure(x):
+    a, b, t = x[0] / 20, x[1] / 20, x[2]
+    return [1 - (a - 0.3) ** 2 - (b - 0.4) ** 2 - 0.1 * t * t, (a - 0.7) ** 2 + (b - 0.1) ** 2 + 0.1 * (t - 0.5) ** 2]
+
+
+class Session:
+    """The program with a space file of its own."""
+
+    def __init__(self, folder, space=SPACE, transcript=None):
+        path = pathlib.Path(folder) / "space.json"
+        path.write_text(json.dumps(space))
+        words = [LUMO, "optimize", "--space", str(path)] + (["--transcript", str(transcript)] if transcript else [])
+        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def read(self):
+        line = self.process.stdout.readline()
+        return json.loads(line) if line else None
+
+    def say(self, message):
+        self.process.stdin.write((message if isinstance(message, str) else json.dumps(message)) + "\n")
+        self.process.stdin.flush()
+
+    def answer(self, ask):
+        self.say({"tell": {"id": ask["id"], "y": measure(ask["x"])}})
+
+    def end(self):
+        self.process.stdin.close()
+        self.process.stdin = None
+        out, err = self.process.communicate(timeout=60)
+        return self.process.returncode, out, err
+
+    def finish(self):
+        """Answers all; returns what was asked and the last line."""
+        asks = []
+        while True:
+            message = self.read()
+            if message is None or "ask" not in message:
+                return asks, message
+            asks.append(message["ask"])
+            self.answer(message["ask"])
+
+
+class Protocol(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.transcript = pathlib.Path(self.folder.name) / "run.jsonl"
+
+    def session(self, space=SPACE, keep=True):
+        session = Session(self.folder.name, space, self.transcript if keep else None)
+        self.addCleanup(lambda: (session.process.kill(), session.process.wait(), [f.close() for f in (session.process.stdin, session.process.stdout, session.process.stderr) if f]))
+        return session
+
+    def whole_run(self, space=SPACE):
+        session = self.session(space, keep=False)
+        asks, last = session.finish()
+        self.assertEqual(session.end(), (0, "", ""))
+        return asks, last
+
+    def test_a_whole_run(self):
+        for source in ["paper", "default"]:
+            asks, last = self.whole_run(dict(SPACE, source=source))
+            self.assertEqual([a["id"] for a in asks], list(range(14)))
+            self.assertEqual([a["x"] for a in asks[:2]], SPACE["initial"])
+            self.assertEqual(len({tuple(a["x"]) for a in asks}), 14)
+            for a in asks:
+                x = a["x"]
+                self.assertTrue(2 <= x[0] <= 29 and 1 <= x[1] <= 20 and -1 <= x[2] <= 1)
+                self.assertTrue(x[0] + x[1] <= 20 and -15 <= x[1] - x[0] <= 12)
+                self.assertEqual((x[0] * 2 % 1, x[1] * 2 % 1), (0, 0))
+            told = {tuple(a["x"]): measure(a["x"]) for a in asks}
+            self.assertEqual(set(last), {"front", "hypervolume"})
+            for point in last["front"]:
+                self.assertEqual(point["y"], told[tuple(point["x"])])
+                self.assertFalse(any(y[0] >= point["y"][0] and y[1] <= point["y"][1] and y != point["y"] for y in told.values()))
+            total, level = 0.0, 2.0   # the staircase by hand
+            for f1, f2 in sorted((p["y"] for p in last["front"]), reverse=True):
+                if f1 > -0.06 and f2 < level:
+                    total, level = total + (f1 + 0.06) * (level - f2), f2
+            self.assertAlmostEqual(last["hypervolume"], total, places=12)
+
+    def test_same_input_same_bits(self):
+        self.assertEqual(self.whole_run(), self.whole_run())
+        self.assertNotEqual(self.whole_run(), self.whole_run(dict(SPACE, seed=2)))
+
+    def test_failures(self):
+        session = self.session()
+        first = session.read()["ask"]
+        session.say({"fail": {"id": first["id"], "retry": False, "why": "no mesh"}})
+        second = session.read()["ask"]
+        session.say({"fail": {"id": second["id"], "retry": True, "why": "killed"}})
+        again = session.read()["ask"]
+        self.assertEqual((again["x"], again["id"]), (second["x"], second["id"] + 1))
+        session.answer(again)
+        asks, last = session.finish()
+        self.assertEqual(len(asks), 13)   # 14 successful ones are wanted
+        self.assertNotIn(first["x"], [a["x"] for a in asks])
+        self.assertEqual(session.end()[0], 0)
+
+    def test_resume_at_every_line(self):
+        session = self.session()
+        asks, last = session.finish()
+        self.assertEqual(session.end()[0], 0)
+        lines = self.transcript.read_text().splitlines(keepends=True)
+        self.assertEqual(len(lines), 1 + 2 * 14)
+        for cut in range(len(lines) + 1):
+            for torn in ["", lines[cut][: len(lines[cut]) // 2] if cut < len(lines) else ""]:
+                self.transcript.write_text("".join(lines[:cut]) + torn)
+                resumed = self.session()
+                rest, end = resumed.finish()
+                self.assertEqual(resumed.end(), (0, "", ""))
+                self.assertEqual(end, last)
+                self.assertEqual(rest, asks[max(0, cut - 1) // 2:] if cut < len(lines) else [])
+                self.assertEqual(self.transcript.read_text(), "".join(lines))
+
+    def test_kill_at_any_time(self):
+        asks, last = self.whole_run()
+        rng, kills = random.Random(3), 0
+        end = None
+        while end is None:
+            session = self.session()
+            deadline = time.monotonic() + rng.uniform(0.0, 0.1)
+            while time.monotonic() < deadline or kills >= 25:
+                message = session.read()
+                if message is None or "ask" not in message:
+                    end = message
+                    break
+                session.answer(message["ask"])
+            if end is None:
+                session.process.send_signal(signal.SIGKILL)
+                kills += 1
+            session.process.wait()
+        self.assertEqual(end, last)
+        events = [json.loads(line) for line in self.transcript.read_text().splitlines()]
+        self.assertEqual([e["ask"] for e in events if "ask" in e], asks)
+        self.assertEqual([e["tell"]["id"] for e in events if "tell" in e], list(range(14)))
+
+    def test_bad_answers(self):
+        for message, words in [
+            ("nonsense", ["not JSON"]), ("{", ["not JSON"]), ("[]", ["object"]), ("{}", ["tell"]), ('{"tell":{"id":2,"y":[NaN,1]}}', ["NaN"]),
+            ('{"tell":{"id":2,"y":[1e999,1]}}', ["finite"]), ('{"tell":{"id":2,"y":[null,1]}}', ["null"]), ('{"tell":{"id":2,"y":["1",1]}}', ["finite"]),
+            ('{"tell":{"id":2,"y":[1]}}', ["1 values", "2"]), ('{"tell":{"id":2,"y":[1,2,3]}}', ["3 values"]), ('{"tell":{"id":2}}', ["y"]),
+            ('{"tell":{"y":[1,2]}}', ["id"]), ('{"tell":{"id":9,"y":[1,2]}}', ["trial 9", "never asked"]), ('{"tell":{"id":-1,"y":[1,2]}}', ["never asked"]),
+            ('{"tell":{"id":1,"y":[1,2]}}', ["trial 1", "told before"]), ('{"tell":{"id":2.5,"y":[1,2]}}', ["whole number"]),
+            ('{"tell":{"id":2,"y":[1,2],"z":1}}', ["unknown key", "z"]), ('{"told":{"id":2,"y":[1,2]}}', ["unknown key", "told"]),
+            ('{"fail":{"id":2,"retry":"no"}}', ["retry"]), ('{"fail":{"id":2,"why":3}}', ["why"]), ('{"tell":{"id":2,"y":[1,2]},"fail":{"id":2}}', ["tell", "fail"]),
+            ('{"tell":{"id":99999999999999999999,"y":[1,2]}}', ["id"]),
+        ]:
+            with self.subTest(message):
+                self.transcript.unlink(missing_ok=True)
+                session = self.session()
+                for _ in range(2):
+                    session.answer(session.read()["ask"])
+                third = session.read()["ask"]
+                before = self.transcript.read_bytes()
+                session.say(message)
+                code, out, err = session.end()
+                self.assertEqual((code, out), (BAD_FILE, ""), err)
+                self.assertEqual(err.count("\n"), 1)
+                for word in words + ["line 3"]:
+                    self.assertIn(word, err)
+                self.assertEqual(self.transcript.read_bytes(), before)
+                resumed = self.session()
+                self.assertEqual(resumed.read()["ask"], third)
+                self.assertEqual(resumed.end()[0], BAD_FILE)
+
+    def test_end_of_input(self):
+        session = self.session()
+        session.answer(session.read()["ask"])
+        session.read()
+        code, out, err = session.end()
+        self.assertEqual((code, out), (BAD_FILE, ""))
+        for word in ["standard input ended", "1 of 14", "run.jsonl"]:
+            self.assertIn(word, err)
+
+    def test_another_space_is_refused(self):
+        session = self.session()
+        session.answer(session.read()["ask"])
+        session.end()
+        before = self.transcript.read_bytes()
+        for change, words in [
+            (lambda s: s.update(seed=2), ["seed is 2, was 1"]), (lambda s: s["variables"][1].update(upper=19), ["variables[1].upper is 19, was 20"]),
+            (lambda s: s["variables"].pop(), ["initial", "variables"]), (lambda s: s["objectives"][0].update(goal="minimize"), ["objectives[0].goal", "maximize"]),
+            (lambda s: s.pop("constraints"), ["constraints has 0 entries, had 2"]), (lambda s: s.update(source="default"), ["source"]),
+        ]:
+            space = copy.deepcopy(SPACE)
+            change(space)
+            code, out, err = self.session(space).end()
+            self.assertEqual((code, out), (BAD_FILE, ""), err)
+            self.assertEqual(err.count("\n"), 1)
+            self.assertTrue(any(word in err for word in words), err)
+        self.assertEqual(self.transcript.read_bytes(), before)
+
+    def test_damaged_and_foreign_transcripts(self):
+        session = self.session()
+        session.finish()
+        session.end()
+        lines = self.transcript.read_text().splitlines(keepends=True)
+        for text, words in [
+            ("hello\nworld\n", ["transcript"]), ("".join(lines[:3] + ["garbage\n"] + lines[4:]), ["line 4"]), ("".join(lines[1:]), ["no transcript"]),
+            ("".join(lines[:3] + lines[5:]), ["line 4"]), ("".join(lines[:3] + [lines[2]] + lines[3:]), ["line 4"]),
+        ]:
+            self.transcript.write_text(text)
+            code, out, err = self.session().end()
+            self.assertEqual((code, out), (BAD_FILE, ""), err)
+            for word in words:
+                self.assertIn(word, err)
+            self.assertEqual(self.transcript.read_text(), text)
+
+    def test_one_process_at_a_time(self):
+        first = self.session()
+        first.read()
+        code, _, err = self.session().end()
+        self.assertEqual(code, BAD_FILE)
+        self.assertIn("in use", err)
+
+    def test_exhausted_lattice(self):
+        space = {"variables": [{"name": "a", "lower": 0, "upper": 1, "step": 0.1}, {"name": "b", "lower": 0, "upper": 1, "step": 0.1}], "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 0.3}],
+                 "objectives": [{"name": "f", "goal": "maximize", "reference": 0}, {"name": "g", "goal": "minimize", "reference": 1}], "evaluations": 40, "sobol": 3}
+        session = self.session(space)
+        asks = []
+        while "ask" in (message := session.read()):
+            x = message["ask"]["x"]
+            asks.append(tuple(x))
+            session.say({"tell": {"id": message["ask"]["id"], "y": [x[0], x[1]]}})
+        code, _, err = session.end()
+        self.assertEqual(code, 0)
+        self.assertIn("every feasible design", err)
+        self.assertEqual(len(asks), 10)
+        self.assertEqual(len(set(asks)), 10)
+        self.assertIn((0.3, 0.0), asks)
+
+    def test_interrupt(self):
+        session = self.session()
+        session.answer(session.read()["ask"])
+        ask = session.read()["ask"]
+        session.process.send_signal(signal.SIGINT)
+        self.assertEqual(session.process.wait(timeout=10), 130)
+        self.assertEqual(self.session().read()["ask"], ask)
+
+
+class Refusals(unittest.TestCase):
+    def refused(self, code, words, text=None, arguments=None):
+        with self.subTest(str(text or arguments)[:100]), tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "space.json"
+            if text is not None:
+                path.write_text(text if isinstance(text, str) else json.dumps(text))
+            done = subprocess.run([LUMO, "optimize"] + (arguments if arguments is not None else ["--space", str(path)]), capture_output=True, text=True, timeout=60, input="")
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertEqual(done.stdout, "")
+            self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+            for word in words:
+                self.assertIn(word, done.stderr)
+
+    def test_usage(self):
+        self.refused(USAGE, ["--space"], arguments=[])
+        self.refused(USAGE, ["--theta"], arguments=["--space", "x", "--theta", "1"])
+        self.refused(USAGE, ["--space"], arguments=["--space", ""])
+        self.refused(BAD_FILE, ["/nowhere/space.json"], arguments=["--space", "/nowhere/space.json"])
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "space.json"
+            path.write_text(json.dumps(SPACE))
+            self.refused(BAD_FILE, ["/nowhere/run.jsonl"], arguments=["--space", str(path), "--transcript", "/nowhere/run.jsonl"])
+            self.refused(BAD_FILE, ["not a regular file"], arguments=["--space", str(path), "--transcript", "/dev/null"])
+
+    def test_space_files(self):
+        def changed(change):
+            space = copy.deepcopy(SPACE)
+            change(space)
+            return space
+
+        for text, words in [
+            ("", ["not JSON"]), ("[]", ["object"]), ('{"variables":[{"name":"a","lower":NaN}]}', ["not JSON"]),
+            (changed(lambda s: s.update(frobnicate=1)), ["unknown key", "frobnicate"]), (changed(lambda s: s.pop("variables")), ["variables is missing"]),
+            (changed(lambda s: s.update(variables=[])), ["variables", "at least 1"]), (changed(lambda s: s.update(objectives={})), ["objectives", "list"]),
+            (changed(lambda s: s["variables"][0].update(lower=30)), ["variables[0]", "30", "29"]), (changed(lambda s: s["variables"][0].update(step=0)), ["variables[0].step", "> 0"]),
+            (changed(lambda s: s["variables"][0].update(step="x")), ["variables[0].step", "number"]), (changed(lambda s: s["variables"][0].update(unit="mm")), ["unknown key", "unit"]),
+            (changed(lambda s: s["variables"][1].update(name="a")), ["a", "twice"]), (changed(lambda s: s["constraints"][0]["terms"].update(zz=1)), ["zz", "no variable"]),
+            (changed(lambda s: s["constraints"][0].pop("upper")), ["constraints[0]", "neither"]), (changed(lambda s: s["objectives"][0].update(goal="best")), ["goal", "maximize"]),
+            (changed(lambda s: s["objectives"][0].pop("reference")), ["objectives[0].reference", "missing"]), (changed(lambda s: s["initial"][0].pop()), ["initial[0]", "2 values", "3"]),
+            (changed(lambda s: s.update(initial=[[6.25, 6, 0]])), ["initial[0]", "6.25", "0.5"]), (changed(lambda s: s.update(initial=[[12, 9, 0]])), ["initial[0]", "21", "20"]),
+            (changed(lambda s: s.update(sobol=-1)), ["sobol", "-1"]), (changed(lambda s: s.update(evaluations=2.5)), ["evaluations", "2.5"]), (changed(lambda s: s.pop("evaluations")), ["evaluations is missing"]),
+            (changed(lambda s: s.update(seed=-1)), ["seed"]), (changed(lambda s: s.update(source="best")), ["source", "paper", "default"]),
+            (changed(lambda s: s["constraints"].append({"terms": {"a": 1}, "upper": 1})), ["initial[0]"]),
+            (changed(lambda s: (s.update(initial=[]), s["constraints"].append({"terms": {"a": 1}, "upper": 1}))), ["no feasible design"]),
+        ]:
+            self.refused(BAD_FILE, ["space.json"] + words, text)
+
+
+if __name__ == "__main__":
+    LUMO = os.path.abspath(sys.argv.pop(1))
+    unittest.main()
