@@ -2,6 +2,7 @@
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
 #include "program/interrupt.hpp"
+#include "program/optimize.hpp"
 #include "program/options.hpp"
 #include "program/output.hpp"
 #include "program/present.hpp"
@@ -47,6 +48,10 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
 int run(const Options& options) {
   if (options.command == Command::doctor) {
     print(doctor(options.json));
+    return ok;
+  }
+  if (options.command == Command::optimize) {
+    optimize(options.space, options.transcript);
     return ok;
   }
   check_design(options);

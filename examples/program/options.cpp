@@ -78,6 +78,7 @@ std::array<double, 5> read_theta(std::string_view typed) {
 }
 
 void read(Options& o, const Typed& t) {
+  if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
@@ -126,7 +127,7 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 6> names = {"section", "mesh", "press", "trace", "evaluate", "doctor"};
+  static constexpr std::array<std::string_view, 7> names = {"section", "mesh", "press", "trace", "evaluate", "optimize", "doctor"};
   return names[std::size_t(command)];
 }
 
@@ -160,15 +161,23 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--y", t.y, "Place along the finger [mm], default 0", "N");
     text_option(c, "--loads", t.loads, "Increasing loads [N], default 1,2,5,10,15", "N,N,...");
   };
+  const auto optimization = [&](CLI::App* c) {
+    text_option(c, "--space", o.space, "Variables, constraints, objectives and budget (JSON)", "FILE");
+    text_option(c, "--transcript", o.transcript, "Keeps all that is asked and told; continues from it where it exists", "FILE");
+    c->allow_extras();
+    c->prefix_command(false);
+  };
   struct Entry {
     Command command;
     const char* help;
   };
   for (const Entry& e : {Entry{Command::section, "Draw the cross-section with its dimensions (SVG)"}, Entry{Command::mesh, "Make the tetrahedral mesh (VTU with --out)"},
                          Entry{Command::press, "Press a sphere on the pad: force, depth, contact"}, Entry{Command::trace, "Press, then trace light: response of each region"},
-                         Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::doctor, "What was found, which version, and what is off"}}) {
+                         Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
+                         Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
     if (e.command == Command::doctor) common(c);
+    else if (e.command == Command::optimize) optimization(c);
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
     if (e.command == Command::evaluate) text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");

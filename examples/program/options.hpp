@@ -11,7 +11,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, doctor };
+enum class Command { section, mesh, press, trace, evaluate, optimize, doctor };
 enum class Ensemble { flat, curved };
 
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
@@ -28,6 +28,8 @@ struct Options {
   double y_mm = 0.0;
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   Ensemble ensemble = Ensemble::flat;
+  std::string space;
+  std::string transcript;
 };
 
 /// The command line makes no sense.
