@@ -166,6 +166,46 @@ def table(options):
                 print(f"| {name} | {n} | {method} | {len(seeds)} | {np.median(peer):.5f} | {np.median(own):.5f} | {middle:+.5f} [{low:+.5f}, {high:+.5f}] | {100 * closed:.0f} % |")
 
 
+def cpu_seconds(pid):
+    fields = open(f"/proc/{pid}/stat").read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def time_iteration(options, points=160, repeats=20):
+    """Processor time of fit and acquisition over 256 candidates at 160 points and a few more, both in this run, one thread each."""
+    problem = problems.ALL["worst case"]
+    x = problem.fresh(np.random.default_rng(1), points)
+    y = problem.evaluate(x) * problem.sign
+    peer, rng = BoTorch(), np.random.default_rng(2)
+    peer.choose(problem, x[:20], y[:20], problem.fresh(rng, POOL), 0)  # what is compiled or loaded at first use
+    theirs, known, values = [], [tuple(r) for r in x], y
+    for k in range(repeats // 2):
+        candidates = problem.fresh(rng, POOL, known)
+        begin = time.process_time()
+        chosen = candidates[peer.choose(problem, np.array(known), values, candidates, k)]
+        theirs.append(time.process_time() - begin)
+        known.append(tuple(chosen))
+        values = np.vstack([values, problem.evaluate(chosen[None]) * problem.sign])
+    print(f"BoTorch: {1e3 * np.median(theirs):.1f} ms an iteration at {points} to {points + repeats // 2 - 1} points")
+    for source in ("paper", "default"):
+        space = problem.space(initial=x.tolist(), sobol=0, evaluations=points + repeats + 1, seed=1, source=source)
+        with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+            json.dump(space, file)
+            file.flush()
+            process = subprocess.Popen([options.lumo, "optimize", "--space", file.name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
+            for k in range(points + repeats):
+                ask = json.loads(process.stdout.readline())["ask"]
+                if k == points:
+                    begin = cpu_seconds(process.pid)   # the first proposal has been made
+                process.stdin.write(json.dumps({"tell": {"id": ask["id"], "y": problem.evaluate(np.array([ask["x"]]))[0].tolist()}}) + "\n")
+                process.stdin.flush()
+            process.stdout.readline()
+            own = (cpu_seconds(process.pid) - begin) / repeats
+            process.kill()
+            process.wait()
+        print(f"lumo, {source}: {1e3 * own:.1f} ms at {points + 1} to {points + repeats} points, 1/{np.median(theirs) / own:.1f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("command", choices=["run", "time", "table"])
@@ -176,4 +216,4 @@ if __name__ == "__main__":
     parser.add_argument("--problems", default="")
     parser.add_argument("--runs", default=str(pathlib.Path(__file__).parent / "runs.jsonl"))
     arguments = parser.parse_args()
-    {"run": run, "table": table}[arguments.command](arguments)
+    {"run": run, "table": table, "time": time_iteration}[arguments.command](arguments)

@@ -109,6 +109,12 @@ TEST_CASE("fitting finds the better of two optima, and is deterministic", "[gaus
   CHECK(many.hyperparameters().noise == again.hyperparameters().noise);
 }
 
+TEST_CASE("with many observations the search through a subset ends where the full search does", "[gaussian process]") {
+  const Observations data = wave(120);
+  const auto quick = GaussianProcess<>::fit(data), full = GaussianProcess<>::fit(data, {.prior = {}, .subset = 1000});
+  CHECK(quick.objective() >= full.objective() - 1e-5);
+}
+
 TEST_CASE("scale and shift of the outputs do not change the fit", "[gaussian process]") {
   const auto base = GaussianProcess<>::fit(wave(14));
   const Eigen::MatrixXd x = Eigen::Vector2d(0.37, 21.0);

@@ -35,7 +35,7 @@ class DesignSampler {
   /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
-  /// The feasible designs one move away from `x`: along each axis, along pairs of axes and in `extra` random directions. A move is `reach` times
+  /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
   /// the variable's range, and at least one step of its lattice.
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
@@ -240,9 +240,10 @@ inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, i
       Design y = x;
       y[i] = shifted(i, x[i], sign * by(i));
       offer(y);
-      // One up, its neighbour down (and so on) follows a constraint's face.
+      // One up, its neighbour down (and so on) follows a constraint's face; off lattices, and where pairs are many, the random moves do.
       for (std::size_t k = i + 1; k < d && d <= 8; ++k)
         for (const double other : {-1.0, 1.0}) {
+          if (axes_[i].nodes == 0.0 || axes_[k].nodes == 0.0) continue;
           Design z = y;
           z[k] = shifted(k, x[k], other * by(k));
           offer(z);

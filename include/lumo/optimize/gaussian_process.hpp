@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -50,6 +51,7 @@ class GaussianProcess {
     std::optional<HyperparameterPrior> prior;  ///< default: HyperparameterPrior::for_dimension
     int starts = 3;                            ///< searches for hyper-parameters; the first begins at the prior's modes
     int probes = 16;                           ///< places, the other starts are the best of
+    Eigen::Index subset = 64;                  ///< with more observations, the search over all begins at the best optimum of this many
     QuasiNewton search = {};
   };
 
@@ -108,6 +110,12 @@ class GaussianProcess {
 
   explicit GaussianProcess(const Observations& data, const Config& config);
   void condition(const Hyperparameters& h);
+  // The search for hyper-parameters is in their logarithms; it minimises −(log p(y) + log prior)/n.
+  static Hyperparameters unpack(const Eigen::VectorXd& u);
+  static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient);
+  Eigen::VectorXd modes() const;
+  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start) const;
+  std::vector<Minimum> optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const;
   HyperparameterPrior prior() const { return config_.prior ? *config_.prior : HyperparameterPrior::for_dimension(x_.rows()); }
 };
 
@@ -169,50 +177,80 @@ void GaussianProcess<Kernel>::condition(const Hyperparameters& h) {
 template <CovarianceKernel Kernel>
 GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const Observations& data, const Config& config) {
   GaussianProcess gp(data, config);
-  const Eigen::Index d = gp.x_.rows();
-  const double n = double(gp.size());
-  const HyperparameterPrior prior = gp.prior();
-  const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, prior);
-  const auto unpack = [d](const Eigen::VectorXd& u) { return Hyperparameters{u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0}; };
-  const auto negative = [&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) {
-    const auto value = likelihood(unpack(u));
-    if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
-    gradient = -value.posterior_gradient / n;
-    return -(value.log_likelihood + value.log_prior) / n;
-  };
-  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(prior.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(prior.max_length_scale));
-  lower[d] = std::log(prior.min_noise);
-  upper[d] = std::log(prior.max_noise);
-  Eigen::VectorXd modes = Eigen::VectorXd::Constant(d + 1, std::log(prior.length_scale.mode()));
-  modes[d] = std::log(prior.noise.mode());
-  Minimum best = config.search.minimize(negative, modes, lower, upper);
+  const Eigen::Index n = gp.size();
+  const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());
+  std::vector<Minimum> optima;
+  if (n <= config.subset) {
+    optima = gp.optima(likelihood, n);
+  } else {
+    std::vector<Eigen::Index> some;
+    for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
+    const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+    Eigen::VectorXd start;
+    double least = std::numeric_limits<double>::infinity();
+    for (const Minimum& o : gp.optima(coarse, config.subset))
+      if (const double value = negative(likelihood, n, o.x, nullptr); value < least) least = value, start = o.x;
+    optima = {gp.descend(likelihood, n, start.size() ? start : gp.modes())};
+  }
+  const Minimum* best = &optima.front();
+  for (const Minimum& o : optima)
+    if (o.value < best->value - 1e-9) best = &o;
+  Hyperparameters h = unpack(best->x);
+  h.mean = likelihood(h, false).mean;
+  gp.converged_ = best->converged;
+  gp.condition(h);
+  return gp;
+}
 
-  // One start stops in local optima: try the most promising of some places spread between short and long length scales, little and much noise.
-  struct Probe {
-    double value;
-    Eigen::VectorXd at;
-  };
-  std::vector<Probe> probes;
-  for (int k = 0; config.starts > 1 && k < config.probes; ++k) {
+template <CovarianceKernel Kernel>
+Hyperparameters GaussianProcess<Kernel>::unpack(const Eigen::VectorXd& u) {
+  const Eigen::Index d = u.size() - 1;
+  return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
+}
+
+template <CovarianceKernel Kernel>
+double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient) {
+  const auto value = likelihood(unpack(u), gradient != nullptr);
+  if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
+  if (gradient) *gradient = -value.posterior_gradient / double(n);
+  return -(value.log_likelihood + value.log_prior) / double(n);
+}
+
+template <CovarianceKernel Kernel>
+Eigen::VectorXd GaussianProcess<Kernel>::modes() const {
+  Eigen::VectorXd u = Eigen::VectorXd::Constant(x_.rows() + 1, std::log(prior().length_scale.mode()));
+  u[x_.rows()] = std::log(prior().noise.mode());
+  return u;
+}
+
+template <CovarianceKernel Kernel>
+Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start) const {
+  const Eigen::Index d = x_.rows();
+  const HyperparameterPrior p = prior();
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(p.max_length_scale));
+  lower[d] = std::log(p.min_noise);
+  upper[d] = std::log(p.max_noise);
+  return config_.search.minimize([&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper);
+}
+
+/// One start stops in local optima: after the prior's modes come the most promising of some places spread between short and long length
+/// scales, little and much noise.
+template <CovarianceKernel Kernel>
+std::vector<Minimum> GaussianProcess<Kernel>::optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const {
+  const Eigen::Index d = x_.rows();
+  std::vector<Minimum> found = {descend(likelihood, n, modes())};
+  std::vector<std::pair<double, Eigen::VectorXd>> probes;
+  for (int k = 0; config_.starts > 1 && k < config_.probes; ++k) {
     Eigen::VectorXd u(d + 1);
     for (Eigen::Index j = 0; j <= d; ++j) {
       const double t = OwenSobol{detail::combine(7, std::uint64_t(j / Sobol::dimensions))}(std::uint32_t(k), int(j % Sobol::dimensions));
-      u[j] = j < d ? std::log(0.1) + t * std::log(100.0) + 0.5 * std::log(double(d)) * t : std::log(1e-4) + t * std::log(1e3);
+      u[j] = j < d ? std::log(0.1) + t * (std::log(100.0) + 0.5 * std::log(double(d))) : std::log(1e-4) + t * std::log(1e3);
     }
-    u = u.cwiseMax(lower).cwiseMin(upper);
-    const auto value = likelihood(unpack(u), false);
-    if (std::isfinite(value.log_likelihood)) probes.push_back({-(value.log_likelihood + value.log_prior) / n, u});
+    if (const double value = negative(likelihood, n, u, nullptr); std::isfinite(value)) probes.emplace_back(value, u);
   }
-  std::stable_sort(probes.begin(), probes.end(), [](const Probe& a, const Probe& b) { return a.value < b.value; });
-  for (std::size_t k = 0; k < probes.size() && int(k) + 1 < config.starts; ++k) {
-    const Minimum other = config.search.minimize(negative, probes[k].at, lower, upper);
-    if (other.value < best.value - 1e-9) best = other;
-  }
-  Hyperparameters h = unpack(best.x);
-  h.mean = likelihood(h, false).mean;
-  gp.converged_ = best.converged;
-  gp.condition(h);
-  return gp;
+  std::stable_sort(probes.begin(), probes.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (std::size_t k = 0; k < probes.size() && int(k) + 1 < config_.starts; ++k) found.push_back(descend(likelihood, n, probes[k].second));
+  return found;
 }
 
 template <CovarianceKernel Kernel>

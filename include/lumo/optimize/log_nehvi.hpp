@@ -12,7 +12,7 @@ namespace lumo {
 /// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with Expected Hypervolume
 /// Improvement", NeurIPS 2021.
 struct LogNehvi {
-  int draws = 32;
+  int draws = 16;
   bool noisy = true;  ///< false: told values stand as they are, and only pending designs are drawn
 
   template <CovarianceKernel Kernel>

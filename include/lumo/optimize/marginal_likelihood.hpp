@@ -6,6 +6,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -78,7 +79,10 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
 
   // ½ tr((α αᵀ − K⁻¹) dK): each pair counts twice. The mean is at its optimum and adds nothing.
   Eigen::MatrixXd inverse_factor = Eigen::MatrixXd::Identity(n, n);
-  factor.matrixL().solveInPlace(inverse_factor);
+  for (Eigen::Index first = 0; first < n; first += 32) {  // in blocks of columns, which are zero above the diagonal
+    auto below = inverse_factor.block(first, first, n - first, std::min<Eigen::Index>(32, n - first));
+    factor.matrixLLT().bottomRightCorner(n - first, n - first).template triangularView<Eigen::Lower>().solveInPlace(below);
+  }
   Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
   inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());
   Eigen::VectorXd pull = r2.unaryExpr([this](double v) { return kernel_.slope(v); });

