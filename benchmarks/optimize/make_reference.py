@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes tests/optimize/reference/botorch.json: what BoTorch computes on small problems, for the tests to compare with.
 
-usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch, see ../requirements.txt)
+usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch, see requirements.txt beside this file)
 """
 import json
 import math

@@ -186,15 +186,16 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const Observations& data, c
     std::vector<Eigen::Index> some;
     for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
     const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
+    gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
     Eigen::VectorXd start;
     double least = std::numeric_limits<double>::infinity();
     for (const Minimum& o : gp.optima(coarse, config.subset))
       if (const double value = negative(likelihood, n, o.x, nullptr); value < least) least = value, start = o.x;
+    gp.config_.search = config.search;
     optima = {gp.descend(likelihood, n, start.size() ? start : gp.modes())};
   }
   const Minimum* best = &optima.front();
-  for (const Minimum& o : optima)
-    if (o.value < best->value - 1e-9) best = &o;
+  for (const Minimum& o : optima) best = o.value < best->value - 1e-9 ? &o : best;
   Hyperparameters h = unpack(best->x);
   h.mean = likelihood(h, false).mean;
   gp.converged_ = best->converged;

@@ -26,7 +26,7 @@ struct Minimum {
 struct QuasiNewton {
   int max_evaluations = 200;
   double gradient_tolerance = 1e-6;  ///< largest entry of the projected gradient
-  double value_tolerance = 1e-10;    ///< relative decrease in one step
+  double value_tolerance = 1e-9;     ///< relative decrease in one step
   double longest_step = 2.0;         ///< largest change of one variable in one step
 
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
