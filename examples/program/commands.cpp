@@ -9,7 +9,6 @@
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 
-#include <chrono>
 
 namespace lumo::program {
 
@@ -24,22 +23,13 @@ auto pipeline_for(const Options& o) {
   return Pipeline<TetgenMesher, Simulation, Light>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light{}};
 }
 
-class Stopwatch {
- public:
-  double seconds() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  Clock::time_point start_ = Clock::now();
-};
-
 Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material)); }
 
 Scenario<Sphere> scenario_of(const Options& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
 
 template <class P>
 TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
-  const Stopwatch watch;
+  const lumo::detail::Stopwatch watch;
   progress.stage("mesh");
   TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus);
   progress.step();
@@ -78,7 +68,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   PressResult result;
   result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
   result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
-  const Stopwatch watch;
+  const lumo::detail::Stopwatch watch;
   progress.stage("press");
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.press(body, result.mesh, scenario);
@@ -112,21 +102,21 @@ MeshResult make_mesh(const Options& o, Progress& progress) {
 }
 
 PressResult make_press(const Options& o, Progress& progress) {
-  const Stopwatch watch;
+  const lumo::detail::Stopwatch watch;
   PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seconds.total = watch.seconds();
   return result;
 }
 
 TraceResult make_trace(const Options& o, Progress& progress) {
-  const Stopwatch watch;
+  const lumo::detail::Stopwatch watch;
   const Body body = body_of(o);
   const auto pipeline = pipeline_for(o);
   PressResult press = pressed(o, body, pipeline, progress);
   TraceResult result{press.scenario, press.size, press.seconds, {}, {}};
   if (result.scenario.status != "converged") return result;
 
-  const Stopwatch light;
+  const lumo::detail::Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
   const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o));
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first

@@ -26,4 +26,8 @@
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
 
+#include "lumo/optimize/optimizer.hpp"
+#include "lumo/optimize/qlog_nehvi.hpp"
+
 #include "lumo/campaign/evaluate.hpp"
+#include "lumo/campaign/log.hpp"

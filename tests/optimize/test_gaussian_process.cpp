@@ -7,8 +7,8 @@ using namespace lumo;
 
 namespace {
 
-Observations wave(Eigen::Index n, double scale = 1.0) {
-  Observations data{Eigen::MatrixXd(2, n), Eigen::VectorXd(n), Eigen::Vector2d(0.0, 10.0), Eigen::Vector2d(1.0, 30.0)};
+TrainingData wave(Eigen::Index n, double scale = 1.0) {
+  TrainingData data{Eigen::MatrixXd(2, n), Eigen::VectorXd(n), Eigen::Vector2d(0.0, 10.0), Eigen::Vector2d(1.0, 30.0)};
   for (Eigen::Index i = 0; i < n; ++i) {
     const double a = OwenSobol{3}(std::uint32_t(i), 0), b = OwenSobol{3}(std::uint32_t(i), 1);
     data.x.col(i) << a, 10.0 + 20.0 * b;
@@ -25,7 +25,7 @@ void check_kernel(Kernel kernel) {
     CHECK(kernel.slope(r2) == Approx((kernel.correlation(r2 + h) - kernel.correlation(r2 - h)) / (2 * h)).epsilon(1e-6));
     CHECK(kernel.slope(r2) < 0.0);
   }
-  const Observations data = wave(12);
+  const TrainingData data = wave(12);
   Eigen::MatrixXd unit = data.x;
   unit.row(1) = (unit.row(1).array() - 10.0) / 20.0;
   const MarginalLikelihood<Kernel> likelihood(unit, data.y, kernel, HyperparameterPrior::for_dimension(2));
@@ -52,7 +52,7 @@ TEST_CASE("kernels and the likelihood have the slopes of finite differences", "[
 }
 
 TEST_CASE("with almost no noise the process passes through its data, far from it it falls back to its prior", "[gaussian process]") {
-  const Observations data = wave(15);
+  const TrainingData data = wave(15);
   const GaussianProcess<> gp(data, {Eigen::Vector2d(0.3, 0.3), 1e-10, 0.0});
   const auto at = gp.predict(data.x);
   CHECK((at.mean - data.y).cwiseAbs().maxCoeff() < 1e-6);
@@ -63,7 +63,7 @@ TEST_CASE("with almost no noise the process passes through its data, far from it
 }
 
 TEST_CASE("leave-one-out in closed form is what leaving one out gives", "[gaussian process]") {
-  const Observations data = wave(10);
+  const TrainingData data = wave(10);
   const Hyperparameters h{Eigen::Vector2d(0.4, 0.8), 0.02, 0.1};
   const GaussianProcess<> gp(data, h);
   const auto closed = gp.leave_one_out();
@@ -102,7 +102,7 @@ TEST_CASE("joint samples have the posterior's mean and covariance", "[gaussian p
 }
 
 TEST_CASE("fitting finds the better of two optima, and is deterministic", "[gaussian process]") {
-  const Observations data = wave(13);
+  const TrainingData data = wave(13);
   const auto one = GaussianProcess<>::fit(data, {.prior = {}, .starts = 1}), many = GaussianProcess<>::fit(data), again = GaussianProcess<>::fit(data);
   CHECK(many.objective() >= one.objective() - 1e-9);
   CHECK(many.hyperparameters().length_scale == again.hyperparameters().length_scale);
@@ -110,7 +110,7 @@ TEST_CASE("fitting finds the better of two optima, and is deterministic", "[gaus
 }
 
 TEST_CASE("with many observations the search through a subset ends where the full search does", "[gaussian process]") {
-  const Observations data = wave(120);
+  const TrainingData data = wave(120);
   const auto quick = GaussianProcess<>::fit(data), full = GaussianProcess<>::fit(data, {.prior = {}, .subset = 1000});
   CHECK(quick.objective() >= full.objective() - 1e-5);
 }
@@ -126,7 +126,7 @@ TEST_CASE("scale and shift of the outputs do not change the fit", "[gaussian pro
 }
 
 TEST_CASE("duplicates, constant outputs, single observations and fixed inputs survive", "[gaussian process]") {
-  Observations twice = wave(6);
+  TrainingData twice = wave(6);
   twice.x.rightCols(3) = twice.x.leftCols(3);
   CHECK(GaussianProcess<>::fit(twice).predict(twice.x).mean.allFinite());
   twice.y.tail(3) = twice.y.head(3);
@@ -135,15 +135,15 @@ TEST_CASE("duplicates, constant outputs, single observations and fixed inputs su
   CHECK(exact.sample(twice.x, base_normals(6, 4, 0)).has_value());
 
   for (const double level : {0.0, 3.0, 1e12, -1e-12}) {
-    Observations flat = wave(6);
+    TrainingData flat = wave(6);
     flat.y.setConstant(level);
     const auto gp = GaussianProcess<>::fit(flat);
     CHECK(gp.predict(flat.x).mean.isApproxToConstant(level, 1e-9));
     CHECK(gp.predict(flat.x).variance.allFinite());
   }
-  Observations one = wave(1);
+  TrainingData one = wave(1);
   CHECK(GaussianProcess<>::fit(one).predict(one.x).mean[0] == Approx(one.y[0]));
-  Observations fixed = wave(5);
+  TrainingData fixed = wave(5);
   fixed.x.row(0).setConstant(0.5);
   fixed.lower[0] = fixed.upper[0] = 0.5;
   CHECK(GaussianProcess<>::fit(fixed).predict(fixed.x).mean.allFinite());
@@ -162,13 +162,13 @@ TEST_CASE("jitter is as small as it can be and bounded", "[gaussian process]") {
 }
 
 TEST_CASE("what makes no sense is refused", "[gaussian process]") {
-  Observations data = wave(5);
+  TrainingData data = wave(5);
   data.y[2] = std::nan("");
   CHECK_THROWS_AS(GaussianProcess<>::fit(data), InvalidArgument);
   data = wave(5);
   data.y.conservativeResize(4);
   CHECK_THROWS_AS(GaussianProcess<>::fit(data), InvalidArgument);
-  CHECK_THROWS_AS(GaussianProcess<>::fit(Observations{Eigen::MatrixXd(2, 0), Eigen::VectorXd(0), Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}), InvalidArgument);
+  CHECK_THROWS_AS(GaussianProcess<>::fit(TrainingData{Eigen::MatrixXd(2, 0), Eigen::VectorXd(0), Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}), InvalidArgument);
   CHECK_THROWS_AS(GaussianProcess<>(wave(5), {Eigen::VectorXd::Ones(3), 0.1, 0.0}), InvalidArgument);
 }
 

@@ -10,7 +10,7 @@ namespace {
 template <CovarianceKernel Kernel>
 void check_regression(const nlohmann::json& c) {
   const Eigen::Index d = Eigen::Index(c["x"][0].size());
-  const Observations data{columns(c["x"], d), vector(c["y"]), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Ones(d)};
+  const TrainingData data{columns(c["x"], d), vector(c["y"]), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Ones(d)};
   const Hyperparameters h{vector(c["length_scale"]), c["noise"], c["mean"]};
   const GaussianProcess<Kernel> gp(data, h);
   CHECK(gp.jitter() == 0.0);
@@ -72,7 +72,7 @@ TEST_CASE("qLogEHVI and qLogNEHVI agree with BoTorch on the same base samples", 
     e.reference = vector(c["reference"]);
     std::vector<GaussianProcess<RbfKernel>> models;
     for (int j = 0; j < 2; ++j)
-      models.emplace_back(Observations{e.x, e.outputs.row(j).transpose(), e.lower, e.upper}, Hyperparameters{vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)], c["mean"][std::size_t(j)]});
+      models.emplace_back(TrainingData{e.x, e.outputs.row(j).transpose(), e.lower, e.upper}, Hyperparameters{vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)], c["mean"][std::size_t(j)]});
 
     const auto& normals = c["normals"];  // draws × (base points, then the candidate) × outputs
     const std::size_t draws = normals.size(), base = normals[0].size() - 1;

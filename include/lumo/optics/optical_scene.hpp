@@ -14,6 +14,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <map>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -48,8 +50,8 @@ class OpticalScene {
   ScenePoint locate(int t, const Vec3& p) const;
   /// Unit normal of triangle `t` (flat, outward).
   Vec3 flat_normal(int t) const;
-  /// Unit outward normal of the deformed quadratic face; not finite on a face that is crushed to nothing.
-  Vec3 smooth_normal(const ScenePoint& p) const { return detail::quadratic_normal(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
+  /// Unit outward normal of the deformed body.
+  Vec3 smooth_normal(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
   /// Undeformed position [m].
   Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
@@ -64,7 +66,7 @@ class OpticalScene {
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const;
   double area(int face) const;      ///< of its triangles [m²]
-  bool has_region(int face) const;  ///< may a point of it lie in a region?
+  bool has_region(int face) const { return labels_[0][std::size_t(face)] != -1; }  ///< may a point of it lie in a region?
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
   int triangle_at(int face, double b1, double b2, Vec3& point) const;
@@ -89,6 +91,7 @@ class OpticalScene {
  private:
   static constexpr int mixed = -2;
   void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
+  void recover_normals(const TetMesh& mesh);
   void add_carrier(const Config& config);
   void label(Symmetry images);
 
@@ -100,7 +103,7 @@ class OpticalScene {
   std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
   std::vector<std::array<Vec3, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
-  std::array<std::vector<int>, 4> labels_;  ///< per image and sub-facet: region, or `mixed`
+  std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
 };
 
 inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
@@ -119,6 +122,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
       if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
     }
   add_faces(mesh, displacement, contact_field);
+  recover_normals(mesh);
   body_triangles_ = triangles_.size();
   add_carrier(config);
   label(images);
@@ -165,6 +169,31 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
   }
 }
 
+// Normals of neighbouring quadratic faces differ, by about as much as a light load turns them. Their mean at a node is more exact than each
+// (Zienkiewicz, Zhu 1992), and where the body is undeformed its shape is known: so the means only say how the exact normals turn.
+inline void OpticalScene::recover_normals(const TetMesh& mesh) {
+  struct Means {
+    Vec3 reference = Vec3::Zero(), deformed = Vec3::Zero();
+  };
+  static constexpr std::array<std::array<double, 2>, 6> at = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
+  std::map<std::pair<int, int>, Means> means;   // by patch and node: a crease keeps both its normals
+  const auto each = [&](const auto& visit) {
+    for (std::size_t f = 0; f < faces_.size(); ++f)
+      for (std::size_t k = 0; k < 6; ++k) visit(faces_[f], k, means[{faces_[f].patch, mesh.faces[f].nodes[k]}]);
+  };
+  each([](const detail::QuadraticFace& f, std::size_t k, Means& m) {
+    m.reference += detail::quadratic_normal(f.reference, at[k][0], at[k][1]);
+    if (const Vec3 n = detail::quadratic_normal(f.deformed, at[k][0], at[k][1]); n.allFinite()) m.deformed += n;   // else the face is crushed
+  });
+  each([&](detail::QuadraticFace& f, std::size_t k, const Means& m) {
+    const Shape& shape = body_->patches[std::size_t(f.patch)].shape;
+    const Vec3 mean = m.reference.normalized(), middle = f.reference[0] + f.reference[1] + f.reference[2];
+    const Vec3 mirror(middle.x() < 0.0 ? -1.0 : 1.0, middle.y() < 0.0 ? -1.0 : 1.0, 1.0);   // a symmetric body may give the shapes of one quarter only
+    const Vec3 whole = outward_normal(shape, f.reference[k]), quarter = mirror.cwiseProduct(outward_normal(shape, mirror.cwiseProduct(f.reference[k])));
+    f.normal[k] = (m.deformed.normalized() + (whole.dot(mean) > quarter.dot(mean) ? whole : quarter) - mean).normalized();
+  });
+}
+
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3> soft;
@@ -191,34 +220,20 @@ inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
-// Facets whose corners share a region need no look-up at a hit. Most of the time whole faces do.
+// Faces whose nodes share a region need no look-up at a hit; most do.
 inline void OpticalScene::label(Symmetry images) {
-  const double h = 1.0 / n_;
-  std::vector<int> at(std::size_t((n_ + 1) * (n_ + 1)));
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
-    std::vector<int>& labels = labels_[image];
-    labels.reserve(body_triangles_);
     for (const detail::QuadraticFace& f : faces_) {
       std::array<int, 6> r{};
       for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], image);
-      if (std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; })) {
-        labels.insert(labels.end(), lattice_.size(), r[0]);
-        continue;
-      }
-      for (int i = 0; i <= n_; ++i)
-        for (int j = 0; i + j <= n_; ++j)
-          at[std::size_t(i * (n_ + 1) + j)] = region(f.patch, detail::on_quadratic(f.reference, i * h, j * h), image);
-      for (const auto& c : lattice_) {
-        const auto get = [&](std::size_t k) { return at[std::size_t(c[k][0] * (n_ + 1) + c[k][1])]; };
-        labels.push_back(get(0) == get(1) && get(1) == get(2) ? get(0) : mixed);
-      }
+      labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
     }
   }
 }
 
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
-  const int known = labels_[image][std::size_t(p.face) * lattice_.size() + std::size_t(p.sub)];
+  const int known = labels_[image][std::size_t(p.face)];
   return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
 }
 
@@ -260,11 +275,6 @@ inline double OpticalScene::area(int face) const {
   double sum = 0.0;
   for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
   return sum;
-}
-
-inline bool OpticalScene::has_region(int face) const {
-  const auto begin = labels_[0].begin() + std::ptrdiff_t(face) * std::ptrdiff_t(lattice_.size());
-  return std::any_of(begin, begin + std::ptrdiff_t(lattice_.size()), [](int label) { return label != -1; });
 }
 
 inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point) const {

@@ -44,6 +44,7 @@ inline Vec3 quadratic_normal(const std::array<Vec3, 6>& x, double b1, double b2)
 /// A boundary face of the mesh in one state.
 struct QuadraticFace {
   std::array<Vec3, 6> reference, deformed;  ///< [m]
+  std::array<Vec3, 6> normal;               ///< unit outward normals of the deformed face at its nodes, shared with its neighbours
   std::array<double, 6> contact;            ///< contact field, > 0 in contact, −infinity where there can be none
   int patch;
   bool may_touch;

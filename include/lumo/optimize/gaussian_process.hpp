@@ -16,7 +16,7 @@
 namespace lumo {
 
 /// What a Gaussian process learns from: inputs d × n inside [lower, upper], finite outputs n.
-struct Observations {
+struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
   Eigen::VectorXd lower, upper;
@@ -57,10 +57,10 @@ class GaussianProcess {
 
   /// Fits hyper-parameters to their maximum a posteriori. Deterministic. Throws InvalidArgument for shapes that do not fit, values that are
   /// not finite, or no observations.
-  static GaussianProcess fit(const Observations& data, const Config& config = {});
+  static GaussianProcess fit(const TrainingData& data, const Config& config = {});
 
   /// With given hyper-parameters. Throws as fit(), and when no bounded jitter makes the covariance positive definite.
-  GaussianProcess(const Observations& data, const Hyperparameters& h, const Config& config = {});
+  GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {});
 
   const Hyperparameters& hyperparameters() const { return hyperparameters_; }
   double jitter() const { return jitter_; }  ///< added to the diagonal of the standardised covariance
@@ -108,7 +108,7 @@ class GaussianProcess {
   double jitter_ = 0.0;
   bool converged_ = true;
 
-  explicit GaussianProcess(const Observations& data, const Config& config);
+  explicit GaussianProcess(const TrainingData& data, const Config& config);
   void condition(const Hyperparameters& h);
   // The search for hyper-parameters is in their logarithms; it minimises −(log p(y) + log prior)/n.
   static Hyperparameters unpack(const Eigen::VectorXd& u);
@@ -120,7 +120,7 @@ class GaussianProcess {
 };
 
 template <CovarianceKernel Kernel>
-GaussianProcess<Kernel>::GaussianProcess(const Observations& data, const Config& config) : lower_(data.lower), config_(config) {
+GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Config& config) : lower_(data.lower), config_(config) {
   const Eigen::Index d = data.x.rows(), n = data.x.cols();
   if (n < 1 || d < 1) throw InvalidArgument(detail::text("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
   if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
@@ -142,7 +142,7 @@ GaussianProcess<Kernel>::GaussianProcess(const Observations& data, const Config&
 }
 
 template <CovarianceKernel Kernel>
-GaussianProcess<Kernel>::GaussianProcess(const Observations& data, const Hyperparameters& h, const Config& config) : GaussianProcess(data, config) {
+GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config) : GaussianProcess(data, config) {
   if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
     throw InvalidArgument(detail::text("Gaussian process: needs ", x_.rows(), " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
   condition(h);
@@ -175,7 +175,7 @@ void GaussianProcess<Kernel>::condition(const Hyperparameters& h) {
 }
 
 template <CovarianceKernel Kernel>
-GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const Observations& data, const Config& config) {
+GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, const Config& config) {
   GaussianProcess gp(data, config);
   const Eigen::Index n = gp.size();
   const MarginalLikelihood<Kernel> likelihood(gp.x_, gp.y_, config.kernel, gp.prior());

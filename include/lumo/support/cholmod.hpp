@@ -6,6 +6,7 @@
 #include "lumo/mechanics/linear_solver.hpp"
 
 #include <memory>
+#include <mutex>
 #include <suitesparse/cholmod.h>
 #include <utility>
 
@@ -71,6 +72,9 @@ class Cholmod {
   }
 
   void analyze(const SparseLower& lower) {
+    // METIS draws from the C library's one random sequence: side by side, orderings and so the last bits of solutions would differ.
+    static std::mutex metis;
+    const std::lock_guard one_at_a_time(metis);
     cholmod_sparse view = view_of(lower);
     symbolic_ = own(cholmod_analyze(&view, common_.get()));
     if (!symbolic_) throw Error(detail::text("symbolic factorisation of ", lower.rows(), " unknowns failed: out of memory"));
