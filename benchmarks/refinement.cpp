@@ -130,15 +130,11 @@ int main(int argc, char** argv) {
     for (const FingerDesign& d : list) {
       const std::string key = detail::text(name, " ", material, " ", ensemble.diameters_m.size(), " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
-      Light::Config light;
-      light.rays_per_emitter *= s.rays;
-      light.carrier_rays *= s.rays;
-      light.exit_rays *= s.rays;
       Focus focus;
       for (double* edge : {&focus.finest, &focus.growth, &focus.depth_growth}) *edge *= s.mesh;
       FingerOptions options;
       for (double* edge : {&options.mesh.contact_edge, &options.mesh.coarsest_edge, &options.mesh.growth}) *edge *= s.mesh;
-      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{light}, focus};
+      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), focus};
       const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);

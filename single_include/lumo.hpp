@@ -3963,7 +3963,6 @@ namespace lumo {
 /// Where a ray met the scene.
 struct ScenePoint {
   int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
-  int sub = 0;                ///< sub-facet of the face
   double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
   double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
 };
@@ -4126,11 +4125,8 @@ inline void OpticalScene::recover_normals(const TetMesh& mesh) {
     if (const Vec3 n = detail::quadratic_normal(f.deformed, at[k][0], at[k][1]); n.allFinite()) m.deformed += n;   // else the face is crushed
   });
   each([&](detail::QuadraticFace& f, std::size_t k, const Means& m) {
-    const Shape& shape = body_->patches[std::size_t(f.patch)].shape;
-    const Vec3 mean = m.reference.normalized(), middle = f.reference[0] + f.reference[1] + f.reference[2];
-    const Vec3 mirror(middle.x() < 0.0 ? -1.0 : 1.0, middle.y() < 0.0 ? -1.0 : 1.0, 1.0);   // a symmetric body may give the shapes of one quarter only
-    const Vec3 whole = outward_normal(shape, f.reference[k]), quarter = mirror.cwiseProduct(outward_normal(shape, mirror.cwiseProduct(f.reference[k])));
-    f.normal[k] = (m.deformed.normalized() + (whole.dot(mean) > quarter.dot(mean) ? whole : quarter) - mean).normalized();
+    const Vec3 exact = outward_normal(*body_, f.patch, f.reference[k]);
+    f.normal[k] = (m.deformed.normalized() + (exact - m.reference.normalized())).normalized();
   });
 }
 
@@ -4155,7 +4151,7 @@ inline void OpticalScene::add_carrier(const Config& config) {
 inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
   if (!body_->region) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-  const Vec3 n = outward_normal(body_->patches[std::size_t(patch)].shape, reference);
+  const Vec3 n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
@@ -4188,8 +4184,7 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
   r.u = u, r.v = v;
   if (!on_body(t)) return r;
   r.face = t / int(lattice_.size());
-  r.sub = t % int(lattice_.size());
-  const auto& l = lattice_[std::size_t(r.sub)];
+  const auto& l = lattice_[std::size_t(t) % lattice_.size()];
   r.b1 = (l[0][0] + u * (l[1][0] - l[0][0]) + v * (l[2][0] - l[0][0])) / n_;
   r.b2 = (l[0][1] + u * (l[1][1] - l[0][1]) + v * (l[2][1] - l[0][1])) / n_;
   return r;
@@ -5701,39 +5696,38 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
   return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
 }
 
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
-  struct Pair {
-    std::size_t first, second;
-    Estimate distance;
-  };
-  std::vector<Pair> pairs;
-  const Pair* least = nullptr;
+namespace detail {
+
+/// Distances of all pairs that may be compared.
+inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
+  std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
     for (std::size_t j = i + 1; j < states.size(); ++j)
-      if (comparable(states[i], states[j])) pairs.push_back({i, j, response_distance(states[i].change, states[j].change)});
-  for (const Pair& p : pairs)  // the least of the upper bounds, so that one very noisy pair does not stand for all
-    if (least == nullptr || p.distance.value + 2.0 * p.distance.error < least->distance.value + 2.0 * least->distance.error) least = &p;
+      if (comparable(states[i], states[j])) pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
+  return pairs;
+}
+
+}  // namespace detail
+
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
+  const std::vector<Separation> pairs = detail::separations(states);
+  // The least of the upper bounds, so that one very noisy pair does not stand for all.
+  const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
+  const auto least = std::min_element(pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
-  if (least != nullptr) {
-    const auto within_reach = [&](const Pair& p) {
-      return p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    };
-    for (const Pair& p : pairs)
-      if (within_reach(p) && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+  for (const Separation& p : pairs) {
+    const bool within_reach = p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
   }
   return {wanted.begin(), wanted.end()};
 }
 
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  std::optional<Separation> least;
-  for (std::size_t i = 0; i < states.size(); ++i)
-    for (std::size_t j = i + 1; j < states.size(); ++j) {
-      const ObservedState &a = states[i], &b = states[j];
-      if (!comparable(a, b)) continue;
-      const Estimate d = response_distance(a.change, b.change);
-      if (!least || d.value < least->distance.value) least = Separation{d, i, j};
-    }
-  if (least) least->distance.error = std::hypot(2.0 * least->distance.error, error.mesh * least->distance.value);
+  const std::vector<Separation> pairs = detail::separations(states);
+  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
+  if (closest == pairs.end()) return std::nullopt;
+  Separation least = *closest;
+  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
   return least;
 }
 
@@ -7938,8 +7932,8 @@ struct Pipeline {
 /// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
-/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is
-/// a status in its record.
+/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
+/// executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
 template <class P, Executor E>
 Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 

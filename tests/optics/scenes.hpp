@@ -186,12 +186,13 @@ inline Model pad(const PadShape& s = {}) {
     m.body.patches.push_back(q);
   };
   patch(EllipticCylinder{{0, 0, s.flat}, a, s.dome}, false);
-  patch(Plane{{-a, 0, 0}, -Vec3::UnitX()}, false), patch(Plane{{a, 0, 0}, Vec3::UnitX()}, false);
-  patch(Plane{{0, -l, 0}, -Vec3::UnitY()}, false), patch(Plane{{0, l, 0}, Vec3::UnitY()}, false);
+  // Shapes are those of the sector x ≥ 0, y ≥ 0, also on the patches of its mirror images (Body::symmetry).
+  for (int image = 0; image < 2; ++image) patch(Plane{{a, 0, 0}, Vec3::UnitX()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{0, l, 0}, Vec3::UnitY()}, false);
   patch(Plane{{0, 0, hs}, -Vec3::UnitZ()}, true), patch(Plane{{0, 0, 0}, -Vec3::UnitZ()}, true);
-  patch(Plane{{-w, 0, 0}, Vec3::UnitX()}, true), patch(Plane{{w, 0, 0}, -Vec3::UnitX()}, true);
+  for (int image = 0; image < 2; ++image) patch(Plane{{w, 0, 0}, -Vec3::UnitX()}, true);
   patch(Plane{{0, 0, hs}, -Vec3::UnitZ()}, false);
-  patch(Plane{{-v, 0, 0}, Vec3::UnitX()}, false), patch(Plane{{v, 0, 0}, -Vec3::UnitX()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{v, 0, 0}, -Vec3::UnitX()}, false);
   if (s.gap > 0.0)
     for (double side : {-1.0, 1.0}) {
       const double x0 = side * w, x1 = side * v;

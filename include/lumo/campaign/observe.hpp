@@ -37,8 +37,8 @@ struct Pipeline {
 /// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
-/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is
-/// a status in its record.
+/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
+/// executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
 template <class P, Executor E>
 Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 

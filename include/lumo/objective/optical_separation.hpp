@@ -68,39 +68,38 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
   return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
 }
 
-inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
-  struct Pair {
-    std::size_t first, second;
-    Estimate distance;
-  };
-  std::vector<Pair> pairs;
-  const Pair* least = nullptr;
+namespace detail {
+
+/// Distances of all pairs that may be compared.
+inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
+  std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
     for (std::size_t j = i + 1; j < states.size(); ++j)
-      if (comparable(states[i], states[j])) pairs.push_back({i, j, response_distance(states[i].change, states[j].change)});
-  for (const Pair& p : pairs)  // the least of the upper bounds, so that one very noisy pair does not stand for all
-    if (least == nullptr || p.distance.value + 2.0 * p.distance.error < least->distance.value + 2.0 * least->distance.error) least = &p;
+      if (comparable(states[i], states[j])) pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
+  return pairs;
+}
+
+}  // namespace detail
+
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
+  const std::vector<Separation> pairs = detail::separations(states);
+  // The least of the upper bounds, so that one very noisy pair does not stand for all.
+  const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
+  const auto least = std::min_element(pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
-  if (least != nullptr) {
-    const auto within_reach = [&](const Pair& p) {
-      return p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
-    };
-    for (const Pair& p : pairs)
-      if (within_reach(p) && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
+  for (const Separation& p : pairs) {
+    const bool within_reach = p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
   }
   return {wanted.begin(), wanted.end()};
 }
 
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  std::optional<Separation> least;
-  for (std::size_t i = 0; i < states.size(); ++i)
-    for (std::size_t j = i + 1; j < states.size(); ++j) {
-      const ObservedState &a = states[i], &b = states[j];
-      if (!comparable(a, b)) continue;
-      const Estimate d = response_distance(a.change, b.change);
-      if (!least || d.value < least->distance.value) least = Separation{d, i, j};
-    }
-  if (least) least->distance.error = std::hypot(2.0 * least->distance.error, error.mesh * least->distance.value);
+  const std::vector<Separation> pairs = detail::separations(states);
+  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
+  if (closest == pairs.end()) return std::nullopt;
+  Separation least = *closest;
+  least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);
   return least;
 }
 

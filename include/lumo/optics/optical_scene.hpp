@@ -23,7 +23,6 @@ namespace lumo {
 /// Where a ray met the scene.
 struct ScenePoint {
   int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
-  int sub = 0;                ///< sub-facet of the face
   double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)
   double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
 };
@@ -186,11 +185,8 @@ inline void OpticalScene::recover_normals(const TetMesh& mesh) {
     if (const Vec3 n = detail::quadratic_normal(f.deformed, at[k][0], at[k][1]); n.allFinite()) m.deformed += n;   // else the face is crushed
   });
   each([&](detail::QuadraticFace& f, std::size_t k, const Means& m) {
-    const Shape& shape = body_->patches[std::size_t(f.patch)].shape;
-    const Vec3 mean = m.reference.normalized(), middle = f.reference[0] + f.reference[1] + f.reference[2];
-    const Vec3 mirror(middle.x() < 0.0 ? -1.0 : 1.0, middle.y() < 0.0 ? -1.0 : 1.0, 1.0);   // a symmetric body may give the shapes of one quarter only
-    const Vec3 whole = outward_normal(shape, f.reference[k]), quarter = mirror.cwiseProduct(outward_normal(shape, mirror.cwiseProduct(f.reference[k])));
-    f.normal[k] = (m.deformed.normalized() + (whole.dot(mean) > quarter.dot(mean) ? whole : quarter) - mean).normalized();
+    const Vec3 exact = outward_normal(*body_, f.patch, f.reference[k]);
+    f.normal[k] = (m.deformed.normalized() + (exact - m.reference.normalized())).normalized();
   });
 }
 
@@ -215,7 +211,7 @@ inline void OpticalScene::add_carrier(const Config& config) {
 inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
   if (!body_->region) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-  const Vec3 n = outward_normal(body_->patches[std::size_t(patch)].shape, reference);
+  const Vec3 n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
@@ -248,8 +244,7 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
   r.u = u, r.v = v;
   if (!on_body(t)) return r;
   r.face = t / int(lattice_.size());
-  r.sub = t % int(lattice_.size());
-  const auto& l = lattice_[std::size_t(r.sub)];
+  const auto& l = lattice_[std::size_t(t) % lattice_.size()];
   r.b1 = (l[0][0] + u * (l[1][0] - l[0][0]) + v * (l[2][0] - l[0][0])) / n_;
   r.b2 = (l[0][1] + u * (l[1][1] - l[0][1]) + v * (l[2][1] - l[0][1])) / n_;
   return r;

@@ -3,7 +3,6 @@
 // Linux: who am I, and does that process still live? (proc(5))
 
 #include <fstream>
-#include <iterator>
 #include <string>
 #include <unistd.h>
 

@@ -82,6 +82,9 @@ class SqliteLog {
   void insert(const LogEntry& entry, const std::string& before) const;
   std::int64_t number_of(const char* sql) const;
   static std::string text(const Statement& s, int column);
+  static void bind(const Statement& s, int place, const std::string& value) {
+    sqlite3_bind_text(s.get(), place, value.data(), int(value.size()), SQLITE_TRANSIENT);
+  }
   static std::string digest_of(const LogEntry& entry, const std::string& before);
 
   std::string path_;
@@ -183,7 +186,7 @@ inline bool SqliteLog::claim(std::int64_t number) {
     if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
   const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
   sqlite3_bind_int64(s.get(), 1, number);
-  sqlite3_bind_text(s.get(), 2, me.data(), int(me.size()), SQLITE_TRANSIENT);
+  bind(s, 2, me);
   step(s);
   t.commit();
   return true;
@@ -203,7 +206,6 @@ inline void SqliteLog::verify() const {
 
 inline void SqliteLog::insert(const LogEntry& e, const std::string& before) const {
   const std::string digest = digest_of(e, before);
-  const auto bind = [](const Statement& s, int place, const std::string& value) { sqlite3_bind_text(s.get(), place, value.data(), int(value.size()), SQLITE_TRANSIENT); };
   const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
   sqlite3_bind_int64(s.get(), 1, e.number);
   bind(s, 2, e.kind), bind(s, 3, e.content), bind(s, 4, e.record), bind(s, 5, e.notes), bind(s, 6, digest);
