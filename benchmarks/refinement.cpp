@@ -1,5 +1,6 @@
 // Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
-// One line of JSON per (design, setting) is appended to the file; lines that are there are not computed again.
+// Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file; lines that are
+// there are not computed again.
 //   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters 10,30]
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
@@ -30,7 +31,7 @@ struct Setting {
 };
 
 const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}}, {"mesh0.5", {0.5, 1}},
-                                                  {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}}, {"fine", {0.7, 4}},    {"finest", {0.5, 16}}};
+                                                  {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}}, {"fine", {0.63, 4}},    {"finest", {0.5, 16}}};
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(std::size_t count) {
@@ -133,7 +134,7 @@ int main(int argc, char** argv) {
       Focus focus;
       for (double* edge : {&focus.finest, &focus.growth, &focus.depth_growth}) *edge *= s.mesh;
       FingerOptions options;
-      for (double* edge : {&options.mesh.contact_edge, &options.mesh.coarsest_edge, &options.mesh.growth}) *edge *= s.mesh;
+      for (double* edge : {&options.mesh.contact_edge, &options.mesh.coarsest_edge, &options.mesh.growth, &options.mesh.max_turn_rad, &options.mesh.shortest_chord}) *edge *= s.mesh;
       const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), focus};
       const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
       append(out, key, e);

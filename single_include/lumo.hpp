@@ -28,6 +28,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
@@ -1214,9 +1215,9 @@ namespace lumo {
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow in proportion to
 /// the distance resolve the edge of every contact equally well.
 struct Focus {
-  double finest = 0.3e-3;     ///< edge length at a place of touch [m]
+  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
   double growth = 0.1;        ///< edge length gained per distance from it
-  double depth_growth = 0.5;  ///< and per depth below it: only the surface has to follow the edge of contact
+  double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
@@ -3707,61 +3708,20 @@ struct EnergyLedger {
 
 }  // namespace lumo
 
-// ---- lumo/optics/polygon_cells.hpp
-
-namespace lumo::detail {
-
-/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
-/// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
-/// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, const std::vector<Vec3>& like, double size_m) {
-  std::vector<std::array<Vec3, 3>> cells;
-  const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
-  if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
-    const int nu = 2 * pieces(0.5 * (like[1] - like[0]).norm()), nv = 2 * pieces(0.5 * (like[3] - like[0]).norm());
-    const auto at = [&](double i, double j) {
-      const double u = i / nu, v = j / nv;
-      return Vec3((1.0 - u) * (1.0 - v) * c[0] + u * (1.0 - v) * c[1] + u * v * c[2] + (1.0 - u) * v * c[3]);
-    };
-    for (int i = 0; i < nu; ++i)
-      for (int j = 0; j < nv; ++j) {
-        const Vec3 middle = at(i + 0.5, j + 0.5);
-        const std::array<Vec3, 4> p{at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)};
-        for (std::size_t k = 0; k < 4; ++k) cells.push_back({p[k], p[(k + 1) % 4], middle});
-      }
-    return cells;
-  }
-  const std::size_t m = c.size();
-  double longest = 0.0;
-  Vec3 middle = Vec3::Zero();
-  for (std::size_t k = 0; k < m; ++k) {
-    middle += c[k] / double(m);
-    for (std::size_t l = 0; l < k; ++l) longest = std::max(longest, (like[k] - like[l]).norm());
-  }
-  const int n = pieces(longest);
-  for (std::size_t k = 0; k < m; ++k) {
-    const auto at = [&](int i, int j) { return Vec3(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle)); };
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; i + j < n; ++j) {
-        cells.push_back({at(i, j), at(i + 1, j), at(i, j + 1)});
-        if (i + j + 1 < n) cells.push_back({at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
-      }
-  }
-  return cells;
-}
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, double size_m) { return polygon_cells(c, c, size_m); }
-
-}  // namespace lumo::detail
-
 // ---- lumo/optics/quadratic_face.hpp
 
 namespace lumo::detail {
 
-/// Point of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
-inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
+inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return b0 * (2.0 * b0 - 1.0) * x[0] + b1 * (2.0 * b1 - 1.0) * x[1] + b2 * (2.0 * b2 - 1.0) * x[2] + 4.0 * b0 * b1 * x[3] + 4.0 * b1 * b2 * x[4] +
-         4.0 * b2 * b0 * x[5];
+  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
+}
+
+/// Its point at (b1, b2).
+inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+  const std::array<double, 6> n = quadratic_shape(b1, b2);
+  return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
 }
 
 /// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
@@ -3818,6 +3778,110 @@ struct QuadraticFace {
     return value > 0.0;
   }
 };
+
+}  // namespace lumo::detail
+
+// ---- lumo/optics/normal_recovery.hpp
+
+namespace lumo::detail {
+
+/// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
+inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
+  std::vector<std::array<int, 6>> numbers(faces.size());
+  std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
+  for (std::size_t f = 0; f < faces.size(); ++f)
+    for (std::size_t k = 0; k < 6; ++k) {
+      const int a = faces[f].nodes[k % 3], b = k < 3 ? a : faces[f].nodes[(k + 1) % 3];
+      numbers[f][k] = known.try_emplace({faces[f].patch, std::min(a, b), std::max(a, b)}, int(known.size())).first->second;
+    }
+  return numbers;
+}
+
+/// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
+/// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
+/// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
+inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
+  struct Point {
+    double weight, b1, b2;
+  };
+  constexpr double w = 0.223381589678011, b = 0.445948490915965, v = 0.109951743655322, c = 0.091576213509771;  // degree 4: Dunavant 1985
+  constexpr std::array<Point, 6> rule = {{{w, b, b}, {w, 1 - 2 * b, b}, {w, b, 1 - 2 * b}, {v, c, c}, {v, 1 - 2 * c, c}, {v, c, 1 - 2 * c}}};
+
+  const std::vector<std::array<int, 6>> nodes = patchwise_nodes(mesh_faces);
+  int size = 0;
+  for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
+  std::vector<Eigen::Triplet<double>> entries;
+  entries.reserve(36 * faces.size());
+  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    const std::array<Vec3, 6>& x = faces[f].reference;
+    const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
+    Eigen::Matrix<double, 6, 6> mass = Eigen::Matrix<double, 6, 6>::Zero();
+    for (const Point& p : rule) {
+      const Eigen::Matrix<double, 6, 1> shape(quadratic_shape(p.b1, p.b2).data());
+      mass += area * p.weight * shape * shape.transpose();
+      const Vec3 turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
+      if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
+      for (std::size_t k = 0; k < 6; ++k) turned.row(nodes[f][k]) += area * p.weight * shape[int(k)] * turn.transpose();
+    }
+    for (std::size_t k = 0; k < 6; ++k)
+      for (std::size_t l = 0; l < 6; ++l) entries.emplace_back(nodes[f][k], nodes[f][l], mass(int(k), int(l)));
+  }
+  Eigen::SparseMatrix<double> mass(size, size);
+  mass.setFromTriplets(entries.begin(), entries.end());
+  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper> solver(mass);
+  solver.setTolerance(1e-10);
+  turned = solver.solve(turned).eval();
+  for (std::size_t f = 0; f < faces.size(); ++f)
+    for (std::size_t k = 0; k < 6; ++k)
+      faces[f].normal[k] = (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose()).normalized();
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/optics/polygon_cells.hpp
+
+namespace lumo::detail {
+
+/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
+/// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
+/// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
+inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, const std::vector<Vec3>& like, double size_m) {
+  std::vector<std::array<Vec3, 3>> cells;
+  const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
+  if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
+    const int nu = 2 * pieces(0.5 * (like[1] - like[0]).norm()), nv = 2 * pieces(0.5 * (like[3] - like[0]).norm());
+    const auto at = [&](double i, double j) {
+      const double u = i / nu, v = j / nv;
+      return Vec3((1.0 - u) * (1.0 - v) * c[0] + u * (1.0 - v) * c[1] + u * v * c[2] + (1.0 - u) * v * c[3]);
+    };
+    for (int i = 0; i < nu; ++i)
+      for (int j = 0; j < nv; ++j) {
+        const Vec3 middle = at(i + 0.5, j + 0.5);
+        const std::array<Vec3, 4> p{at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)};
+        for (std::size_t k = 0; k < 4; ++k) cells.push_back({p[k], p[(k + 1) % 4], middle});
+      }
+    return cells;
+  }
+  const std::size_t m = c.size();
+  double longest = 0.0;
+  Vec3 middle = Vec3::Zero();
+  for (std::size_t k = 0; k < m; ++k) {
+    middle += c[k] / double(m);
+    for (std::size_t l = 0; l < k; ++l) longest = std::max(longest, (like[k] - like[l]).norm());
+  }
+  const int n = pieces(longest);
+  for (std::size_t k = 0; k < m; ++k) {
+    const auto at = [&](int i, int j) { return Vec3(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle)); };
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; i + j < n; ++j) {
+        cells.push_back({at(i, j), at(i + 1, j), at(i, j + 1)});
+        if (i + j + 1 < n) cells.push_back({at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)});
+      }
+  }
+  return cells;
+}
+inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, double size_m) { return polygon_cells(c, c, size_m); }
 
 }  // namespace lumo::detail
 
@@ -4030,7 +4094,6 @@ class OpticalScene {
  private:
   static constexpr int mixed = -2;
   void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
-  void recover_normals(const TetMesh& mesh);
   void add_carrier(const Config& config);
   void label(Symmetry images);
 
@@ -4061,7 +4124,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
       if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
     }
   add_faces(mesh, displacement, contact_field);
-  recover_normals(mesh);
+  detail::recover_normals(faces_, mesh.faces, body);
   body_triangles_ = triangles_.size();
   add_carrier(config);
   label(images);
@@ -4106,28 +4169,6 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
     const auto at = [&](const std::array<int, 2>& k) { return detail::lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
     for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
   }
-}
-
-// Normals of neighbouring quadratic faces differ, by about as much as a light load turns them. Their mean at a node is more exact than each
-// (Zienkiewicz, Zhu 1992), and where the body is undeformed its shape is known: so the means only say how the exact normals turn.
-inline void OpticalScene::recover_normals(const TetMesh& mesh) {
-  struct Means {
-    Vec3 reference = Vec3::Zero(), deformed = Vec3::Zero();
-  };
-  static constexpr std::array<std::array<double, 2>, 6> at = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
-  std::map<std::pair<int, int>, Means> means;   // by patch and node: a crease keeps both its normals
-  const auto each = [&](const auto& visit) {
-    for (std::size_t f = 0; f < faces_.size(); ++f)
-      for (std::size_t k = 0; k < 6; ++k) visit(faces_[f], k, means[{faces_[f].patch, mesh.faces[f].nodes[k]}]);
-  };
-  each([](const detail::QuadraticFace& f, std::size_t k, Means& m) {
-    m.reference += detail::quadratic_normal(f.reference, at[k][0], at[k][1]);
-    if (const Vec3 n = detail::quadratic_normal(f.deformed, at[k][0], at[k][1]); n.allFinite()) m.deformed += n;   // else the face is crushed
-  });
-  each([&](detail::QuadraticFace& f, std::size_t k, const Means& m) {
-    const Vec3 exact = outward_normal(*body_, f.patch, f.reference[k]);
-    f.normal[k] = (m.deformed.normalized() + (exact - m.reference.normalized())).normalized();
-  });
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.

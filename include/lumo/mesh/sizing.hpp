@@ -11,9 +11,9 @@ namespace lumo {
 /// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow in proportion to
 /// the distance resolve the edge of every contact equally well.
 struct Focus {
-  double finest = 0.3e-3;     ///< edge length at a place of touch [m]
+  double finest = 0.2e-3;     ///< edge length at a place of touch [m]
   double growth = 0.1;        ///< edge length gained per distance from it
-  double depth_growth = 0.5;  ///< and per depth below it: only the surface has to follow the edge of contact
+  double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.

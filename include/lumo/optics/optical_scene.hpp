@@ -5,6 +5,7 @@
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
+#include "lumo/optics/normal_recovery.hpp"
 #include "lumo/optics/polygon_cells.hpp"
 #include "lumo/optics/quadratic_face.hpp"
 #include "lumo/optics/set_back.hpp"
@@ -14,8 +15,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <map>
-#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -90,7 +89,6 @@ class OpticalScene {
  private:
   static constexpr int mixed = -2;
   void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
-  void recover_normals(const TetMesh& mesh);
   void add_carrier(const Config& config);
   void label(Symmetry images);
 
@@ -121,7 +119,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
       if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
     }
   add_faces(mesh, displacement, contact_field);
-  recover_normals(mesh);
+  detail::recover_normals(faces_, mesh.faces, body);
   body_triangles_ = triangles_.size();
   add_carrier(config);
   label(images);
@@ -166,28 +164,6 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
     const auto at = [&](const std::array<int, 2>& k) { return detail::lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
     for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
   }
-}
-
-// Normals of neighbouring quadratic faces differ, by about as much as a light load turns them. Their mean at a node is more exact than each
-// (Zienkiewicz, Zhu 1992), and where the body is undeformed its shape is known: so the means only say how the exact normals turn.
-inline void OpticalScene::recover_normals(const TetMesh& mesh) {
-  struct Means {
-    Vec3 reference = Vec3::Zero(), deformed = Vec3::Zero();
-  };
-  static constexpr std::array<std::array<double, 2>, 6> at = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
-  std::map<std::pair<int, int>, Means> means;   // by patch and node: a crease keeps both its normals
-  const auto each = [&](const auto& visit) {
-    for (std::size_t f = 0; f < faces_.size(); ++f)
-      for (std::size_t k = 0; k < 6; ++k) visit(faces_[f], k, means[{faces_[f].patch, mesh.faces[f].nodes[k]}]);
-  };
-  each([](const detail::QuadraticFace& f, std::size_t k, Means& m) {
-    m.reference += detail::quadratic_normal(f.reference, at[k][0], at[k][1]);
-    if (const Vec3 n = detail::quadratic_normal(f.deformed, at[k][0], at[k][1]); n.allFinite()) m.deformed += n;   // else the face is crushed
-  });
-  each([&](detail::QuadraticFace& f, std::size_t k, const Means& m) {
-    const Vec3 exact = outward_normal(*body_, f.patch, f.reference[k]);
-    f.normal[k] = (m.deformed.normalized() + (exact - m.reference.normalized())).normalized();
-  });
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.

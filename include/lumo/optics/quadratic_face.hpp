@@ -8,11 +8,16 @@
 
 namespace lumo::detail {
 
-/// Point of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
-inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
+inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return b0 * (2.0 * b0 - 1.0) * x[0] + b1 * (2.0 * b1 - 1.0) * x[1] + b2 * (2.0 * b2 - 1.0) * x[2] + 4.0 * b0 * b1 * x[3] + 4.0 * b1 * b2 * x[4] +
-         4.0 * b2 * b0 * x[5];
+  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
+}
+
+/// Its point at (b1, b2).
+inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+  const std::array<double, 6> n = quadratic_shape(b1, b2);
+  return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
 }
 
 /// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
