@@ -8,7 +8,7 @@ namespace lumo {
 
 /// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
 struct FingerOptions {
-  /// Mesh size [m]; the defaults come from the refinement study (docs).
+  /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
     double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
     double coarsest_edge = 5.0e-3;    ///< at depth

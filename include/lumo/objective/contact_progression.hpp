@@ -25,7 +25,7 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (docs/refinement.md).
+/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (benchmarks/refinement/results.md).
 struct MechanicalError {
   double area = 0.03;         ///< relative, of A
   double overlap = 0.015;     ///< absolute, of an intersection over union

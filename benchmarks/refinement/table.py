@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Markdown tables from the lines that lumo_refinement wrote: how objectives, their terms and depths move with mesh size and ray count, how often
 the printed errors cover that, and whether the ranking of designs stays.
-usage: benchmarks/refinement_table.py FILE [--base default]"""
+usage: benchmarks/refinement/table.py FILE [--base default]"""
 import argparse
 import collections
 import json
