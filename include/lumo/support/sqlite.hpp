@@ -142,18 +142,21 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
     throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   std::vector<LogEntry> list;
   std::string before;
-  const Statement s = prepare("SELECT number, kind, content, record, notes, digest FROM entry ORDER BY number");
+  bool whole = false;
+  // One statement, so that entries and head are of one moment.
+  const Statement s = prepare(
+      "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN head ON id = 0 ORDER BY entry.number");
   while (step(s)) {
     LogEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
     const std::string found = text(s, 5);
     if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
       throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged at entry ", list.size()));
     before = found;
+    whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
     e.record.clear();
     list.push_back(std::move(e));
   }
-  const Statement head = prepare("SELECT number, digest FROM head");
-  if (list.empty() || !step(head) || sqlite3_column_int64(head.get(), 0) != list.back().number || text(head, 1) != before)
+  if (!whole)
     throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
   return list;
 }

@@ -1,0 +1,169 @@
+#pragma once
+
+#include "lumo/campaign/log.hpp"
+#include "lumo/campaign/trial_entry.hpp"
+#include "lumo/optimize/optimizer.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// What became of one evaluation.
+struct Verdict {
+  std::vector<double> outputs;   ///< empty: it failed
+  bool retry = false;            ///< failed for a reason of the machine, not of the design
+  std::string why;               ///< stage and scenario of the failure
+  std::string record;            ///< the whole result, the same in every run
+  std::string notes;             ///< what another run may give otherwise: times, machine
+};
+
+/// More evaluations failed than a campaign can stand.
+class CampaignError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A campaign's log, read by an optimiser: all that was asked, told and failed so far.
+template <class O>
+class CampaignState {
+ public:
+  /// `optimizer` knows the problem and nothing else.
+  explicit CampaignState(O optimizer) : optimizer_(std::move(optimizer)) {}
+
+  /// Takes in what is new. Throws StoreError for entries that no campaign of this problem wrote.
+  void read(const std::vector<LogEntry>& entries);
+  /// The next trial, as the entry that announces it.
+  std::optional<LogEntry> ask(const std::vector<LogEntry>& entries);
+
+  const O& optimizer() const { return optimizer_; }
+  /// Number of the entry that announced a trial, and of the one that answered it.
+  std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
+  std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
+  int failed() const;
+  /// Of the latest trial that failed; empty when none did.
+  std::string last_failure() const;
+
+ private:
+  O optimizer_;
+  std::size_t known_ = 1;   // entry 0 is the problem
+  std::vector<std::int64_t> asked_;
+  std::vector<std::optional<std::int64_t>> answered_;
+};
+
+/// How a campaign goes on when things go wrong.
+struct CampaignConfig {
+  int failures_at_least = 5;       ///< it stops once so many evaluations have failed
+  double failures_above = 0.5;     ///< and more than this share of all
+  double poll_s = 0.5;             ///< how often it looks whether another process has ended, or died
+};
+
+/// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues what the log holds; several
+/// processes may work on one log. Each entry depends only on those before it, so a campaign in one process has the same log, to the bit, after
+/// any number of crashes. `evaluate(design)` gives a Verdict; `watch(state, id, verdict)` sees each. Throws StoreError and CampaignError.
+template <CampaignLog Log, class O, class Evaluate, class Watch>
+OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {});
+
+template <class O>
+void CampaignState<O>::read(const std::vector<LogEntry>& entries) {
+  for (; known_ < entries.size(); ++known_) {
+    const LogEntry& e = entries[known_];
+    try {
+      const detail::TrialEntry t = detail::parse_trial(e);
+      if (t.kind == detail::TrialEntry::Kind::ask) {
+        optimizer_.restore(t.id, t.values);
+        asked_.push_back(e.number);
+        answered_.emplace_back();
+        continue;
+      }
+      if (t.kind == detail::TrialEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+      else optimizer_.fail(t.id, t.retry, t.why);
+      answered_[std::size_t(t.id)] = e.number;
+    } catch (const StoreError&) {
+      throw;
+    } catch (const Error& error) {
+      throw StoreError(StoreError::Reason::corrupt, detail::text("entry ", e.number, " does not fit those before it: ", error.what()));
+    }
+  }
+}
+
+template <class O>
+std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entries) {
+  read(entries);
+  O next = optimizer_;
+  const std::optional<Trial> trial = next.ask();
+  if (!trial) {
+    optimizer_ = std::move(next);   // knows why there is none
+    return std::nullopt;
+  }
+  return detail::ask_entry(trial->id, trial->x);
+}
+
+template <class O>
+int CampaignState<O>::failed() const {
+  int n = 0;
+  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed;
+  return n;
+}
+
+template <class O>
+std::string CampaignState<O>::last_failure() const {
+  std::string why;
+  for (const Trial& t : optimizer_.trials())
+    if (t.state == Trial::State::failed) why = t.why;
+  return why;
+}
+
+namespace detail {
+
+/// A trial for this process: one whose worker died, or a new one.
+template <CampaignLog Log, class O>
+std::optional<int> take(Log& log, CampaignState<O>& state) {
+  state.read(log.entries());
+  for (const Trial& t : state.optimizer().trials())
+    if (t.state == Trial::State::pending && log.claim(state.asked(t.id))) return t.id;
+  const auto entry = log.append([&](const std::vector<LogEntry>& entries) { return state.ask(entries); });
+  if (!entry) return std::nullopt;
+  state.read(log.entries());
+  const int id = parse_trial(*entry).id;
+  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && log.claim(entry->number)) return id;
+  return take(log, state);   // somebody else was faster
+}
+
+}  // namespace detail
+
+template <CampaignLog Log, class O, class Evaluate, class Watch>
+OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config) {
+  CampaignState<O> state(optimizer);
+  while (true) {
+    state.read(log.entries());
+    const int failed = state.failed(), ended = failed + state.optimizer().told();
+    if (failed >= config.failures_at_least && failed > config.failures_above * ended)
+      throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
+                                       " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
+    const std::optional<int> id = detail::take(log, state);
+    if (!id) {
+      if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
+      std::this_thread::sleep_for(std::chrono::duration<double>(config.poll_s));
+      continue;
+    }
+    const Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
+    log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
+      state.read(entries);
+      if (state.answered(*id)) return std::nullopt;
+      LogEntry e = verdict.outputs.empty() ? detail::fail_entry(*id, verdict.retry, verdict.why) : detail::tell_entry(*id, verdict.outputs);
+      e.record = verdict.record;
+      e.notes = verdict.notes;
+      return e;
+    });
+    state.read(log.entries());
+    watch(std::as_const(state), *id, verdict);
+  }
+}
+
+}  // namespace lumo

@@ -1,0 +1,242 @@
+#include "../catch.hpp"
+#include "lumo/campaign/campaign.hpp"
+#include "lumo/support/sqlite.hpp"
+
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <random>
+#include <set>
+#include <sys/wait.h>
+
+using namespace lumo;
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Folder {
+  fs::path path;
+  Folder() {
+    std::string name = (fs::temp_directory_path() / "lumo-campaign-XXXXXX").string();
+    REQUIRE(mkdtemp(name.data()));
+    path = name;
+  }
+  ~Folder() { fs::remove_all(path); }
+  std::string file(const char* name = "store") const { return (path / name).string(); }
+};
+
+using Cheap = Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
+
+/// Two objectives on a lattice of three variables under one constraint.
+Problem cheap_problem(int evaluations) {
+  Problem p;
+  p.space.variables = {{"a", 0.0, 10.0, 0.5, ""}, {"b", 0.0, 10.0, 0.5, ""}, {"c", 1.0, 6.0, 0.5, ""}};
+  p.space.constraints = {{.name = "a + b", .coefficients = {1.0, 1.0, 0.0}, .upper = 12.0, .unit = ""}};
+  p.objectives = {{"f", true, 0.0}, {"g", true, 0.0}};
+  p.initial = {{1.0, 1.0, 1.0}, {5.0, 5.0, 3.0}};
+  p.evaluations = evaluations;
+  p.seed = 3;
+  return p;
+}
+
+std::vector<double> cheap_outputs(const Design& x) {
+  return {std::exp(-0.05 * ((x[0] - 7.0) * (x[0] - 7.0) + (x[1] - 3.0) * (x[1] - 3.0))) + 0.1 * x[2],
+          std::exp(-0.05 * ((x[0] - 2.0) * (x[0] - 2.0) + (x[1] - 8.0) * (x[1] - 8.0))) + 1.0 / x[2]};
+}
+
+Verdict cheap(const Design& x) { return {cheap_outputs(x), false, "", std::string(500, 'r'), "took some time"}; }
+
+const auto unwatched = [](const auto&, int, const Verdict&) {};
+
+template <class Log>
+CampaignState<Cheap> state_of(const Log& log, int evaluations) {
+  CampaignState<Cheap> state(Cheap(cheap_problem(evaluations)));
+  state.read(log.entries());
+  return state;
+}
+
+}  // namespace
+
+TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result") {
+  MemoryLog log("p");
+  Cheap alone(cheap_problem(20));
+  while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
+  int watched = 0;
+  const OptimizerStatus end = run_campaign(log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const Verdict& v) {
+    ++watched;
+    CHECK(s.optimizer().told() == watched);
+    CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
+    CHECK(log.record(*s.answered(id)) == v.record);
+  });
+  CHECK(end == OptimizerStatus::finished);
+  CHECK(watched == 20);
+  const auto state = state_of(log, 20);
+  REQUIRE(state.optimizer().trials().size() == alone.trials().size());
+  for (std::size_t k = 0; k < alone.trials().size(); ++k) CHECK(state.optimizer().trials()[k].x == alone.trials()[k].x);
+  CHECK(state.optimizer().hypervolume() == alone.hypervolume());
+
+  SECTION("and goes on with a larger budget as if it had always been so large") {
+    run_campaign(log, Cheap(cheap_problem(26)), cheap, unwatched);
+    MemoryLog whole("p");
+    run_campaign(whole, Cheap(cheap_problem(26)), cheap, unwatched);
+    const auto a = log.entries(), b = whole.entries();
+    REQUIRE(a.size() == b.size());
+    for (std::size_t k = 0; k < a.size(); ++k) CHECK(a[k].content == b[k].content);
+  }
+}
+
+TEST_CASE("Failures: never scored; a design's own is final, a machine's is tried again; too many stop the campaign") {
+  MemoryLog log("p");
+  std::map<Design, int> attempts;
+  const auto failing = [&](const Design& x) {
+    const int n = ++attempts[x];
+    if (std::lround(2.0 * x[0]) % 5 == 2) return Verdict{{}, false, "mesh: no tetrahedra", "what was there", ""};
+    if (std::lround(2.0 * x[1]) % 5 == 2 && n == 1) return Verdict{{}, true, "press d = 10 mm: out of memory", "", ""};
+    return cheap(x);
+  };
+  run_campaign(log, Cheap(cheap_problem(25)), failing, unwatched);
+  const auto state = state_of(log, 25);
+  CHECK(state.optimizer().told() == 25);
+  int final = 0, again = 0;
+  for (const Trial& t : state.optimizer().trials()) {
+    if (t.state != Trial::State::failed) continue;
+    (t.retry ? again : final) += 1;
+    CHECK(attempts[t.x] == (t.retry ? 2 : 1));
+    if (!t.retry) {
+      CHECK(t.why == "mesh: no tetrahedra");
+      CHECK(log.record(*state.answered(t.id)) == "what was there");
+    }
+  }
+  CHECK(final > 0);
+  CHECK(again > 0);
+  for (const auto& [x, n] : attempts) CHECK(n <= 2);
+
+  MemoryLog bad("p");
+  int calls = 0;
+  const auto mostly_failing = [&](const Design& x) { return ++calls % 3 == 0 ? cheap(x) : Verdict{{}, false, "press: inverted", "", ""}; };
+  CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), CampaignError);
+  CHECK(calls == 7);   // 5 of 7 failed
+  CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
+  CHECK(calls == 7);
+}
+
+TEST_CASE("Entries that no campaign wrote are refused") {
+  for (const auto& [kind, content] : std::map<std::string, std::string>{
+           {"ask", "0 1 1"}, {"tell", "0 1 1"}, {"fail", "0 maybe x"}, {"fail", "x final y"}, {"told", "0 1"}, {"ask", "7 1 1 1"}, {"ask", "0 1 1 nan"}, {"ask", "-1 1 1 1"}, {"ask", ""}}) {
+    MemoryLog log("p");
+    log.append([&](const auto&) { return std::optional(LogEntry{0, kind, content, "", ""}); });
+    INFO(kind << ' ' << content);
+    CHECK_THROWS_AS(state_of(log, 20), StoreError);
+  }
+}
+
+namespace {
+
+/// Runs `work` in a child process that leaves nothing but an exit code and a line about what was thrown.
+pid_t in_child(const std::function<void()>& work) {
+  const pid_t pid = fork();
+  if (pid != 0) return pid;
+  try {
+    work();
+    _exit(0);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "%s\n", e.what());
+    _exit(1);
+  }
+}
+
+/// Kills a campaign of 160 evaluations at random moments until it has ended, or there were `kills`; returns how many kills it took.
+int kill_and_resume(const std::string& store, const std::string& journal, int kills, std::mt19937& random) {
+  std::uniform_real_distribution<double> moment(0.0, 0.2);
+  for (int killed = 0;; ++killed) {
+    const pid_t pid = in_child([&] {
+      SqliteLog log(store, "p");
+      run_campaign(log, Cheap(cheap_problem(160)), [&](const Design& x) {
+        std::ofstream(journal, std::ios::app) << x[0] << ' ' << x[1] << ' ' << x[2] << std::endl;
+        return cheap(x);
+      }, unwatched);
+    });
+    if (killed < kills) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(moment(random)));
+      kill(pid, SIGKILL);
+    }
+    int status = 0;
+    waitpid(pid, &status, 0);
+    if (WIFEXITED(status)) {
+      REQUIRE(WEXITSTATUS(status) == 0);
+      return killed;
+    }
+  }
+}
+
+void killed_campaigns(int kills) {
+  const Folder folder;
+  SqliteLog whole(folder.file("whole"), "p");
+  run_campaign(whole, Cheap(cheap_problem(160)), cheap, unwatched);
+  std::mt19937 random(11);
+  for (int n = 0, run = 0; n < kills; ++run) {
+    const std::string store = folder.file(("store" + std::to_string(run)).c_str()), journal = folder.file(("journal" + std::to_string(run)).c_str());
+    const int here = kill_and_resume(store, journal, kills - n, random);
+    n += here;
+    const SqliteLog log(store);
+    log.verify();
+    CHECK(log.digest() == whole.digest());
+    const auto state = state_of(log, 160);
+    CHECK(state.optimizer().told() == 160);
+    std::ifstream in(journal);
+    std::multiset<std::string> evaluated;
+    for (std::string line; std::getline(in, line);) evaluated.insert(line);
+    CHECK(int(evaluated.size()) <= 160 + here);   // a kill costs at most the evaluation that it hit
+  }
+}
+
+}  // namespace
+
+TEST_CASE("200 kills at random moments: nothing lost, nothing twice, the same log to the bit") { killed_campaigns(200); }
+
+TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
+
+TEST_CASE("Three processes on one store, of which some are killed: each design once") {
+  const Folder folder;
+  const std::string store = folder.file();
+  { SqliteLog log(store, "p"); }
+  const auto start = [&] {
+    return in_child([&] {
+      SqliteLog log(store, "p");
+      CampaignConfig config;
+      config.poll_s = 0.01;
+      run_campaign(log, Cheap(cheap_problem(40)), [](const Design& x) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+        return cheap(x);
+      }, unwatched, config);
+    });
+  };
+  std::vector<pid_t> workers = {start(), start(), start()};
+  std::mt19937 random(5);
+  for (int k = 0; k < 6; ++k) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100 + random() % 100));
+    pid_t& victim = workers[random() % 3];
+    kill(victim, SIGKILL);
+    waitpid(victim, nullptr, 0);
+    victim = start();
+  }
+  for (const pid_t pid : workers) {
+    int status = 0;
+    waitpid(pid, &status, 0);
+    CHECK(WIFEXITED(status));
+    CHECK(WEXITSTATUS(status) == 0);
+  }
+  const SqliteLog log(store);
+  log.verify();
+  const auto state = state_of(log, 40);
+  CHECK(state.optimizer().told() == 40);
+  CHECK(state.optimizer().pending() == 0);
+  std::set<Design> designs;
+  for (const Trial& t : state.optimizer().trials()) designs.insert(t.x);
+  CHECK(designs.size() == state.optimizer().trials().size());
+}
