@@ -24,7 +24,8 @@ namespace lumo {
 ///
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
 /// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
-/// after that. A stride on which the tangent is lost is taken again in smaller ones.
+/// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
+/// equilibrium.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
@@ -60,10 +61,11 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride;
+    const typename System::Place start = now_;
+    const double from = load_;
+    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
-      const typename System::Place before = now_;
-      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : loose;
+      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : on_the_way;
       const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
@@ -71,9 +73,10 @@ class QuasiStaticRun {
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = before;
+      now_ = start, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
       stride = std::sqrt(stride);
+      on_the_way = close;
     }
     return certify_stability();
   }
@@ -84,7 +87,7 @@ class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
-  static constexpr double loose = 0.3;   ///< residual over load at which a stride on the way may end
+  static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
