@@ -1,4 +1,5 @@
 // The command-line program: reads the options, runs one command, writes its result, and turns errors into one line and an exit code.
+#include "program/campaign.hpp"
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
 #include "program/interrupt.hpp"
@@ -54,6 +55,15 @@ int run(const Options& options) {
     optimize(options.space, options.transcript);
     return ok;
   }
+  if (options.command == Command::campaign_status || options.command == Command::campaign_verify || options.command == Command::campaign_export) {
+    print(options.command == Command::campaign_status ? campaign_status(options) : options.command == Command::campaign_verify ? campaign_verify(options) : campaign_export(options));
+    return ok;
+  }
+  if (options.command == Command::campaign_run) {
+    Progress progress(options.quiet);
+    print(campaign_run(options, progress));
+    return ok;
+  }
   check_design(options);
   Output files(options.out);
   Progress progress(options.quiet);
@@ -94,7 +104,11 @@ int main(int argc, char** argv) {
     return complain(e.what(), infeasible);
   } catch (const lumo::MeshError& e) {
     return complain(e.what(), numerical);
+  } catch (const lumo::CampaignError& e) {
+    return complain(e.what(), numerical);
   } catch (const lumo::InputError& e) {
+    return complain(e.what(), bad_file);
+  } catch (const lumo::StoreError& e) {
     return complain(e.what(), bad_file);
   } catch (const std::bad_alloc&) {
     return complain("out of memory", numerical);

@@ -1,6 +1,6 @@
 #include "program/commands.hpp"
 
-#include "lumo/campaign/evaluate.hpp"
+#include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/optics/tracer.hpp"
@@ -8,7 +8,11 @@
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "program/json.hpp"
+#include "program/version.hpp"
 
+#include <memory>
+#include <new>
 
 namespace lumo::program {
 
@@ -35,6 +39,15 @@ TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress&
   progress.step();
   seconds = watch.seconds();
   return mesh;
+}
+
+lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
+
+ProgressReport shown_in(Progress& progress) {
+  return [&progress, stage = std::string()](std::string_view now, int, int total) mutable {
+    if (now != stage) progress.stage(stage = now, total);
+    progress.step();
+  };
 }
 
 double value_of(const std::optional<Estimate>& e) { return e ? e->value : undefined; }
@@ -82,6 +95,42 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
     result.scenario.status = std::string(to_string(s.status));
     if (s.status != Status::converged) break;
   }
+  return result;
+}
+
+EvaluationResult report(const Evaluation& e) {
+  const Observations& seen = e.observations;
+  EvaluationResult result;
+  const auto record = [](const std::optional<Estimate>& j, double& value, double& error) {
+    if (j) value = j->value, error = j->error;
+  };
+  record(e.J_contact, result.J_contact, result.J_contact_err);
+  record(e.J_obs, result.J_obs, result.J_obs_err);
+  for (const ScenarioRecord& s : seen.scenarios) {
+    ScenarioReport report;
+    report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
+    report.status = std::string(to_string(s.status));
+    report_terms(report, s.terms);
+    for (const StateRecord& k : s.states) {
+      StateReport state{k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
+      state.response = k.response;
+      if (k.change.size() > 0) state.change_error = standard_error(k.change);
+      report.states.push_back(std::move(state));
+    }
+    result.scenarios.push_back(std::move(report));
+  }
+  if (e.worst_contact) {
+    const ScenarioReport& s = result.scenarios[*e.worst_contact];
+    result.worst_contact = WorstContact{s.diameter_mm, s.angle_deg, s.y_mm, result.J_contact};
+  }
+  if (e.worst_observation) {
+    const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
+    result.worst_observation = WorstObservation{1e3 * a.diameter_m, a.angle_rad * 180.0 / pi, a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
+  }
+  result.unloaded_response = seen.unloaded_response;
+  result.ledger = report(seen.ledger);
+  result.size = {seen.nodes, seen.elements};
+  result.seconds = {seen.seconds.mesh, seen.seconds.mechanics, seen.seconds.optics, seen.seconds.total};
   return result;
 }
 
@@ -142,46 +191,31 @@ TraceResult make_trace(const Options& o, Progress& progress) {
 
 EvaluationResult make_evaluation(const Options& o, Progress& progress) {
   const auto pipeline = pipeline_for(o);
-  const lumo::Ensemble ensemble = o.ensemble == Ensemble::flat ? flat_ensemble() : curved_ensemble();
-  std::string stage;
-  const Evaluation e = evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), ensemble, pipeline, {}, TbbExecutor{o.threads},
-                                [&](std::string_view now, int, int total) {
-                                  if (now != stage) progress.stage(stage = now, total);
-                                  progress.step();
-                                });
-  const Observations& seen = e.observations;
-  EvaluationResult result;
-  const auto record = [](const std::optional<Estimate>& j, double& value, double& error) {
-    if (j) value = j->value, error = j->error;
-  };
-  record(e.J_contact, result.J_contact, result.J_contact_err);
-  record(e.J_obs, result.J_obs, result.J_obs_err);
-  for (const ScenarioRecord& s : seen.scenarios) {
-    ScenarioReport report;
-    report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
-    report.status = std::string(to_string(s.status));
-    report_terms(report, s.terms);
-    for (const StateRecord& k : s.states) {
-      StateReport state{k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
-      state.response = k.response;
-      if (k.change.size() > 0) state.change_error = standard_error(k.change);
-      report.states.push_back(std::move(state));
+  return report(evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, {}, TbbExecutor{o.threads}, shown_in(progress)));
+}
+
+Evaluator campaign_evaluator(const Options& o, Progress& progress) {
+  return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
+    Verdict verdict;
+    Json record = {{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, notes = {{"lumo", version}, {"threads", o.threads}};
+    try {
+      const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, {}, TbbExecutor{o.threads},
+                                    progress.watched() ? shown_in(progress) : ProgressReport{});
+      const EvaluationResult result = report(e);
+      verdict = verdict_of(e);
+      append(record, json(result));
+      notes["seconds"] = json(result.seconds);
+    } catch (const MeshError& e) {
+      verdict = verdict_of(e);
+    } catch (const std::bad_alloc&) {
+      verdict.why = "out of memory";
+      verdict.retry = true;
     }
-    result.scenarios.push_back(std::move(report));
-  }
-  if (e.worst_contact) {
-    const ScenarioReport& s = result.scenarios[*e.worst_contact];
-    result.worst_contact = WorstContact{s.diameter_mm, s.angle_deg, s.y_mm, result.J_contact};
-  }
-  if (e.worst_observation) {
-    const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    result.worst_observation = WorstObservation{1e3 * a.diameter_m, a.angle_rad * 180.0 / pi, a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
-  }
-  result.unloaded_response = seen.unloaded_response;
-  result.ledger = report(seen.ledger);
-  result.size = {seen.nodes, seen.elements};
-  result.seconds = {seen.seconds.mesh, seen.seconds.mechanics, seen.seconds.optics, seen.seconds.total};
-  return result;
+    if (!verdict.why.empty()) record["why"] = verdict.why;
+    verdict.record = record.dump();
+    verdict.notes = notes.dump();
+    return verdict;
+  };
 }
 
 }  // namespace lumo::program

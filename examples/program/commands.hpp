@@ -5,6 +5,10 @@
 #include "program/report.hpp"
 #include "program/section_drawing.hpp"
 
+#include "lumo/campaign/campaign.hpp"
+
+#include <functional>
+
 /// What each command computes. This is where the program meets the library's stages; nothing here reads options or writes files.
 /// All throw lumo's errors; a solve that ends badly is a status in the result.
 namespace lumo::program {
@@ -17,5 +21,10 @@ MeshResult make_mesh(const Options& options, Progress& progress);
 PressResult make_press(const Options& options, Progress& progress);
 TraceResult make_trace(const Options& options, Progress& progress);
 EvaluationResult make_evaluation(const Options& options, Progress& progress);
+
+/// Evaluates designs for a campaign over the options' material and ensemble; what goes wrong is in the verdict. Make it before a store is
+/// opened, for the mesher forks.
+using Evaluator = std::function<Verdict(const Design& theta_mm)>;
+Evaluator campaign_evaluator(const Options& options, Progress& progress);
 
 }  // namespace lumo::program

@@ -13,5 +13,6 @@ MeshResult make_mesh(const Options& options, Progress&) { off(options.command); 
 PressResult make_press(const Options& options, Progress&) { off(options.command); }
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
 EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
+Evaluator campaign_evaluator(const Options& options, Progress&) { off(options.command); }
 
 }  // namespace lumo::program

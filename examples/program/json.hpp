@@ -56,6 +56,29 @@ inline Json json(const Ledger& l) {
           {"lost", number(l.lost)}};
 }
 
+inline Json json(const WorstContact& w) { return {{"diameter_mm", w.diameter_mm}, {"angle_deg", w.angle_deg}, {"y_mm", w.y_mm}, {"value", number(w.value)}}; }
+
+inline Json json(const WorstObservation& w) {
+  return {{"diameter_mm", w.diameter_mm}, {"angle_deg", w.angle_deg}, {"load_N", w.load_N}, {"y_mm", {w.y_a_mm, w.y_b_mm}}, {"value", number(w.value)}};
+}
+
+/// All but the design, and the time that it took.
+inline Json json(const EvaluationResult& e) {
+  Json j;
+  j["J_contact"] = number(e.J_contact);
+  j["J_contact_err"] = number(e.J_contact_err);
+  j["J_obs"] = number(e.J_obs);
+  j["J_obs_err"] = number(e.J_obs_err);
+  j["worst_contact"] = e.worst_contact ? json(*e.worst_contact) : Json(nullptr);
+  j["worst_observation"] = e.worst_observation ? json(*e.worst_observation) : Json(nullptr);
+  j["unloaded_response"] = numbers(e.unloaded_response);
+  j["scenarios"] = Json::array();
+  for (const auto& s : e.scenarios) j["scenarios"].push_back(json(s));
+  j["ledger"] = json(e.ledger);
+  j["mesh"] = json(e.size);
+  return j;
+}
+
 /// The design that a result belongs to; the first keys of every result.
 inline Json heading(const Options& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
 

@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <thread>
 
 namespace lumo::program {
@@ -17,7 +18,8 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, source;
+  bool csv = false;
 };
 
 std::vector<std::string_view> split(std::string_view s) {
@@ -79,6 +81,10 @@ std::array<double, 5> read_theta(std::string_view typed) {
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
+  if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::detail::text("--store is missing (see lumo ", name(o.command), " --help)"));
+  if (!t.evaluations.empty()) o.evaluations = whole_number("--evaluations", t.evaluations, 1, 100000);
+  if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
+  if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
@@ -109,6 +115,12 @@ CLI::Option* text_option(CLI::App* app, const std::string& flag, std::string& in
   return option;
 }
 
+/// The last command that was typed, or the program itself.
+const CLI::App* innermost(const CLI::App& app) {
+  const auto chosen = app.get_subcommands();
+  return chosen.empty() ? &app : innermost(*chosen.front());
+}
+
 std::string one_line(std::string s) {
   std::replace(s.begin(), s.end(), '\n', ' ');
   return s;
@@ -127,7 +139,8 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 7> names = {"section", "mesh", "press", "trace", "evaluate", "optimize", "doctor"};
+  static constexpr std::array<std::string_view, 11> names = {"section",      "mesh",            "press",           "trace",           "evaluate", "optimize",
+                                                             "campaign run", "campaign status", "campaign verify", "campaign export", "doctor"};
   return names[std::size_t(command)];
 }
 
@@ -167,6 +180,23 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     c->allow_extras();
     c->prefix_command(false);
   };
+  const auto campaign = [&](CLI::App* c, Command command) {
+    text_option(c, "--store", o.store, "File that keeps the campaign", "FILE");
+    if (command != Command::campaign_export) common(c);
+    else {
+      c->add_flag("--json", o.json, "Everything, as JSON");
+      c->add_flag("--csv", t.csv, "A table (default)")->excludes("--json");
+      c->allow_extras();
+      c->prefix_command(false);
+    }
+    if (command != Command::campaign_run) return;
+    text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME");
+    text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");
+    text_option(c, "--evaluations", t.evaluations, "Successful evaluations to reach, default 160", "N");
+    text_option(c, "--seed", t.seed, "Of the optimiser, default 1", "N");
+    text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
+    text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N");
+  };
   struct Entry {
     Command command;
     const char* help;
@@ -183,6 +213,15 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (e.command == Command::evaluate) text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
+  CLI::App* group = app.add_subcommand("campaign", "Search for the best design; the store continues after any interruption");
+  group->require_subcommand(0, 1);
+  group->allow_extras();
+  for (const Entry& e : {Entry{Command::campaign_run, "Evaluate until the store holds enough; continues if the file exists"}, Entry{Command::campaign_status, "What a store holds"},
+                         Entry{Command::campaign_verify, "Check every entry of a store; names the first bad one"}, Entry{Command::campaign_export, "All evaluations, to standard output"}}) {
+    CLI::App* c = group->add_subcommand(std::string(name(e.command).substr(std::string_view("campaign ").size())), e.help);
+    campaign(c, e.command);
+    c->parse_complete_callback([&o, command = e.command] { o.command = command; });
+  }
   app.allow_extras();
 
   std::vector<std::string> words;
@@ -190,8 +229,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   try {
     app.parse(words);
   } catch (const CLI::CallForHelp&) {
-    const auto chosen = app.get_subcommands();
-    text = chosen.empty() ? app.help() : chosen.front()->help("lumo", CLI::AppFormatMode::Normal);
+    const CLI::App* chosen = innermost(app);
+    text = chosen == &app ? app.help() : chosen->help(chosen->get_parent() == &app ? "lumo" : "lumo campaign", CLI::AppFormatMode::Normal);
     return std::nullopt;
   } catch (const CLI::CallForVersion& e) {
     text = std::string(e.what()) + "\n";
@@ -199,15 +238,16 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   } catch (const CLI::ParseError& e) {
     throw UsageError(printable(one_line(e.what())) + " (see lumo --help)");
   }
-  const auto chosen = app.get_subcommands();
-  const std::string help = "lumo " + (chosen.empty() ? "" : chosen.front()->get_name() + " ") + "--help";
+  const CLI::App* chosen = innermost(app);
+  const bool complete = chosen != &app && chosen != group;
+  const std::string help = lumo::detail::text("lumo ", complete ? std::string(name(o.command)) + " " : chosen == group ? "campaign " : "", "--help");
   const auto extras = app.remaining(true);
   if (!extras.empty()) {
     const std::string& word = extras.front();
-    const char* kind = word.starts_with('-') && word.size() > 1 ? "unknown option " : chosen.empty() ? "unknown command " : "unexpected argument ";
+    const char* kind = word.starts_with('-') && word.size() > 1 ? "unknown option " : complete ? "unexpected argument " : "unknown command ";
     throw UsageError(kind + in_quotes(word) + " (see " + help + ")");
   }
-  if (chosen.empty()) throw UsageError("no command given (see lumo --help)");
+  if (!complete) throw UsageError("no command given (see " + help + ")");
   read(o, t);
   return o;
 }

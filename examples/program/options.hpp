@@ -11,7 +11,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, optimize, doctor };
+enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, doctor };
 enum class Ensemble { flat, curved };
 
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
@@ -30,6 +30,10 @@ struct Options {
   Ensemble ensemble = Ensemble::flat;
   std::string space;
   std::string transcript;
+  std::string store;
+  int evaluations = 160;
+  int seed = 1;
+  std::string source = "default";
 };
 
 /// The command line makes no sense.
@@ -41,6 +45,7 @@ class UsageError : public Error {
 /// Reads a command line. Empty when it asked for help or the version, which are then in `text`. Throws UsageError.
 std::optional<Options> parse(std::span<char* const> arguments, std::string& text);
 
+/// As typed: "press", or "campaign run".
 std::string_view name(Command command);
 std::string_view name(Ensemble ensemble);
 

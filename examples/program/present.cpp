@@ -3,6 +3,7 @@
 #include "lumo/mesh/vtu.hpp"
 #include "program/contact_picture.hpp"
 #include "program/json.hpp"
+#include "program/text.hpp"
 
 #include <iomanip>
 #include <sstream>
@@ -10,14 +11,6 @@
 namespace lumo::program {
 
 namespace {
-
-std::string cell(double v, int digits, int width = 0) {
-  std::ostringstream out;
-  out << std::setw(width);
-  if (std::isfinite(v)) out << std::fixed << std::setprecision(digits) << v;
-  else out << "-";
-  return out.str();
-}
 
 std::string dump(const Json& j) { return j.dump(2) + "\n"; }
 
@@ -119,12 +112,6 @@ std::string ledger_text(const Ledger& l) {
          " elsewhere + " + cell(l.absorbed_medium, 6) + " silicone + " + cell(l.absorbed_carrier, 6) + " carrier + " + cell(l.sampling, 6) + " sampling + " + cell(l.lost, 6) + " lost\n";
 }
 
-Json json(const WorstContact& w) { return {{"diameter_mm", w.diameter_mm}, {"angle_deg", w.angle_deg}, {"y_mm", w.y_mm}, {"value", number(w.value)}}; }
-
-Json json(const WorstObservation& w) {
-  return {{"diameter_mm", w.diameter_mm}, {"angle_deg", w.angle_deg}, {"load_N", w.load_N}, {"y_mm", {w.y_a_mm, w.y_b_mm}}, {"value", number(w.value)}};
-}
-
 const StateReport* find_state(const EvaluationResult& e, double diameter, double angle, double y, double load) {
   for (const auto& s : e.scenarios)
     if (s.diameter_mm == diameter && s.angle_deg == angle && s.y_mm == y)
@@ -222,17 +209,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
 std::string present(const Options& o, const EvaluationResult& e, Output& files) {
   Json j = heading(o);
   j["ensemble"] = name(o.ensemble);
-  j["J_contact"] = number(e.J_contact);
-  j["J_contact_err"] = number(e.J_contact_err);
-  j["J_obs"] = number(e.J_obs);
-  j["J_obs_err"] = number(e.J_obs_err);
-  j["worst_contact"] = e.worst_contact ? json(*e.worst_contact) : Json(nullptr);
-  j["worst_observation"] = e.worst_observation ? json(*e.worst_observation) : Json(nullptr);
-  j["unloaded_response"] = numbers(e.unloaded_response);
-  j["scenarios"] = Json::array();
-  for (const auto& s : e.scenarios) j["scenarios"].push_back(json(s));
-  j["ledger"] = json(e.ledger);
-  j["mesh"] = json(e.size);
+  append(j, json(e));
   j["seconds"] = json(e.seconds);
 
   if (files.wanted()) {

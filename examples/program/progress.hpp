@@ -1,5 +1,7 @@
 #pragma once
 
+#include "program/text.hpp"
+
 #include <unistd.h>
 
 #include <algorithm>
@@ -49,6 +51,9 @@ class Progress {
     close();
   }
 
+  /// Is there somebody who watches a bar?
+  bool watched() const { return terminal_ && !quiet_; }
+
   /// A line of its own, such as a file that was written.
   void note(const std::string& line) {
     const std::lock_guard lock(mutex_);
@@ -60,13 +65,6 @@ class Progress {
   using Clock = std::chrono::steady_clock;
 
   double elapsed() const { return std::chrono::duration<double>(Clock::now() - start_).count(); }
-
-  static std::string span(double seconds) {
-    char text[32];
-    if (seconds < 99.95) std::snprintf(text, sizeof text, "%.1f s", seconds);
-    else std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
-    return text;
-  }
 
   std::string left() const { return done_ > 0 ? span(elapsed() / done_ * (total_ - done_)) : "?"; }
 

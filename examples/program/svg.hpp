@@ -1,5 +1,7 @@
 #pragma once
 
+#include "program/text.hpp"
+
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -22,19 +24,6 @@ inline std::string shade(int k, int n) {
   for (const int c : {mix(0xa9, 0x08), mix(0xcf, 0x2c), mix(0xea, 0x5c)})
     for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
   return colour;
-}
-
-/// A number with at most `digits` decimals and no trailing zeros; the same in every locale.
-inline std::string short_number(double v, int digits = 2) {
-  std::array<char, 400> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
-  if (end.ec != std::errc{}) return "?";
-  std::string s(buffer.data(), end.ptr);
-  if (s.find('.') != std::string::npos) {
-    while (s.back() == '0') s.pop_back();
-    if (s.back() == '.') s.pop_back();
-  }
-  return s == "-0" ? "0" : s;
 }
 
 /// How a shape is painted; an empty colour means none.

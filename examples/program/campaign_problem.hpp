@@ -1,0 +1,36 @@
+#pragma once
+
+#include "program/options.hpp"
+
+#include "lumo/campaign/finger_campaign.hpp"
+#include "lumo/optimize/optimizer.hpp"
+
+#include <cstdint>
+#include <string>
+
+namespace lumo::program {
+
+/// What a store of a campaign was made for.
+struct CampaignProblem {
+  std::string material = "DS";
+  Ensemble ensemble = Ensemble::flat;
+  std::string source = "default";   ///< of candidates: "paper" or "default"
+  std::uint64_t seed = 1;
+
+  lumo::Ensemble contacts() const { return ensemble == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
+};
+
+/// One line a key, with every number that decides the results; how many evaluations are wanted is not among them.
+std::string problem_text(const CampaignProblem& problem);
+/// Throws InputError for a text that problem_text() has not written.
+CampaignProblem read_problem(const std::string& text, const std::string& store);
+
+/// Calls `use` with the optimiser of a campaign that has seen nothing yet.
+template <class Use>
+auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
+  const Problem problem = finger_problem(evaluations, p.seed);
+  if (p.source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
+  return use(Optimizer<>(problem));
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,40 @@
+#pragma once
+
+#include "program/campaign_problem.hpp"
+#include "program/json.hpp"
+
+#include "lumo/campaign/campaign.hpp"
+#include "lumo/support/sqlite.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lumo::program {
+
+/// One trial of a campaign as it stands in the store.
+struct StoredTrial {
+  int id = 0;
+  std::array<double, 5> theta_mm{};
+  std::string state;                ///< "evaluated", "failed" or "under way"
+  std::string why;                  ///< it failed
+  Json record, notes;               ///< null while it is under way
+  bool on_front = false, selected = false;
+  double hypervolume = undefined;   ///< of all that was evaluated up to it; undefined unless it was
+};
+
+/// A campaign that was run, whole or in part.
+struct StoredCampaign {
+  CampaignProblem problem;
+  std::string digest;
+  std::vector<StoredTrial> trials;
+  double hypervolume = 0.0;
+  std::optional<std::size_t> selected;   ///< index into `trials`
+
+  int count(std::string_view state) const;
+};
+
+/// Reads a store. Throws StoreError, or InputError for another program's.
+StoredCampaign read_campaign(const std::string& store);
+
+}  // namespace lumo::program

@@ -1,0 +1,56 @@
+#pragma once
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <string>
+
+/// Numbers and columns of the tables that people read.
+namespace lumo::program {
+
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale.
+inline std::string short_number(double v, int digits = 2) {
+  std::array<char, 400> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
+  if (end.ec != std::errc{}) return "?";
+  std::string s(buffer.data(), end.ptr);
+  if (s.find('.') != std::string::npos) {
+    while (s.back() == '0') s.pop_back();
+    if (s.back() == '.') s.pop_back();
+  }
+  return s == "-0" ? "0" : s;
+}
+
+/// With `digits` after the point, or a dash where it is not defined.
+inline std::string cell(double v, int digits, int width = 0) {
+  char buffer[64];
+  if (std::isfinite(v)) std::snprintf(buffer, sizeof buffer, "%*.*f", width, digits, v);
+  else std::snprintf(buffer, sizeof buffer, "%*s", width, "-");
+  return buffer;
+}
+
+inline std::string scientific(double v) {
+  if (!std::isfinite(v)) return "-";
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.3e", v);
+  return buffer;
+}
+
+/// Filled up with blanks, on the left, or for a negative width on the right.
+inline std::string pad(std::string s, int width) {
+  const std::size_t wanted = std::size_t(std::abs(width));
+  if (s.size() < wanted) s.insert(width > 0 ? 0 : s.size(), wanted - s.size(), ' ');
+  return s;
+}
+
+/// A time as people say it.
+inline std::string span(double seconds) {
+  char text[32];
+  if (seconds < 99.95) std::snprintf(text, sizeof text, "%.1f s", seconds);
+  else if (seconds < 5400) std::snprintf(text, sizeof text, "%d min %02d s", int(seconds) / 60, int(seconds) % 60);
+  else std::snprintf(text, sizeof text, "%d h %02d min", int(seconds) / 3600, int(seconds) / 60 % 60);
+  return text;
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,54 @@
+#pragma once
+
+#include "lumo/campaign/campaign.hpp"
+#include "lumo/campaign/evaluate.hpp"
+
+#include <cstdint>
+#include <string>
+
+namespace lumo {
+
+/// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs. Source: paper §III-D.
+inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
+  Problem p;
+  p.space = finger_space();
+  p.objectives = {{"J_contact", true, 0.0}, {"J_obs", true, 0.0}};
+  for (const FingerDesign& d : reference_designs()) {
+    const auto x = d.values();
+    p.initial.emplace_back(x.begin(), x.end());
+  }
+  p.sobol = 8;
+  p.evaluations = evaluations;
+  p.seed = seed;
+  return p;
+}
+
+/// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
+inline std::string failure_of(const Evaluation& e) {
+  if (e.J_contact && e.J_obs) return "";
+  for (const ScenarioRecord& s : e.observations.scenarios)
+    if (s.status != Status::converged)
+      return detail::text("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
+                          " deg, y = ", 1e3 * s.y_m, " mm");
+  return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
+}
+
+/// What a campaign keeps of an evaluation; a solve that ran out of time may be tried again.
+inline Verdict verdict_of(const Evaluation& e) {
+  Verdict v;
+  v.why = failure_of(e);
+  if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
+  for (const ScenarioRecord& s : e.observations.scenarios) v.retry = v.retry || s.status == Status::time_limit;
+  return v;
+}
+
+/// The same of a mesh that could not be made; the machine's limits are not the design's.
+inline Verdict verdict_of(const MeshError& e) {
+  using enum MeshError::Reason;
+  Verdict v;
+  v.why = detail::text("mesh: ", e.what());
+  v.retry = e.reason() == timed_out || e.reason() == out_of_memory;
+  return v;
+}
+
+}  // namespace lumo
