@@ -12,6 +12,9 @@
 #include <algorithm>
 #include <iostream>
 #include <new>
+#include <string>
+#include <string_view>
+#include <vector>
 
 namespace {
 
@@ -30,6 +33,14 @@ void print(const std::string& text) {
   if (!std::cout) throw lumo::InputError("cannot write to standard output");
 }
 
+std::string_view meaning(std::string_view status) {
+  if (status == "not_positive_definite") return "the pad gives way, or buckles";
+  if (status == "inverted") return "an element is crushed";
+  if (status == "max_iterations") return "the residual stays too large";
+  if (status == "time_limit") return "out of time";
+  return "the solver found no way on";
+}
+
 /// Shows the result even where a solve went wrong, for the states before it are sound; files are for good results only.
 template <class Result>
 int deliver(const Options& options, const Result& result, const std::vector<ScenarioReport>& scenarios, Output& files, Progress& progress) {
@@ -38,9 +49,17 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
   for (const auto& s : scenarios)
     if (s.status != "converged") {
       print(text);
-      return complain(lumo::detail::text("solve ended '", s.status, "' for the sphere of ", s.diameter_mm, " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"), numerical);
+      return complain(lumo::detail::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", s.status, ": ", meaning(s.status), "), sphere of ", s.diameter_mm,
+                                         " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"),
+                      numerical);
     }
-  const auto paths = files.write();
+  std::vector<std::string> paths;
+  try {
+    paths = files.write();
+  } catch (const lumo::InputError&) {
+    print(text);   // the work is done, and not to be lost with the files
+    throw;
+  }
   print(text);
   for (const auto& path : paths) progress.note("wrote " + path);
   return ok;
@@ -88,8 +107,9 @@ int run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  without_blas_threads(argv);
+  open_standard_streams();
   stop_on_interrupt();
-  single_threaded_blas();
   try {
     std::string text;
     const auto options = parse({argv, std::size_t(argc)}, text);

@@ -58,7 +58,9 @@ void report_terms(ScenarioReport& report, const ContactTerms& terms) {
   report.q_stiff = value_of(terms.stiff);
 }
 
+/// Of a solve that failed only the load is known.
 StateReport report(const MechanicalState& s) {
+  if (s.status != Status::converged) return {s.load_N};
   return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
 }
 
@@ -112,7 +114,8 @@ EvaluationResult report(const Evaluation& e) {
     report.status = std::string(to_string(s.status));
     report_terms(report, s.terms);
     for (const StateRecord& k : s.states) {
-      StateReport state{k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
+      StateReport state{k.load_N};
+      if (k.status == Status::converged) state = {k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
       state.response = k.response;
       if (k.change.size() > 0) state.change_error = standard_error(k.change);
       report.states.push_back(std::move(state));

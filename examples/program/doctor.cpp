@@ -164,10 +164,6 @@ constexpr bool assertions = true;
 
 }  // namespace
 
-void single_threaded_blas() {
-  if (const auto set = blas_function<void(int)>("openblas_set_num_threads")) set(1);
-}
-
 std::string doctor(bool as_json) {
   const auto parts = components();
   const unsigned threads = std::thread::hardware_concurrency();

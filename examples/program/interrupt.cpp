@@ -1,52 +1,64 @@
 #include "program/interrupt.hpp"
 
+#include <fcntl.h>
 #include <signal.h>
 #include <unistd.h>
 
-#include <atomic>
+#include <cstdlib>
+#include <mutex>
+#include <string_view>
+#include <thread>
 
 namespace lumo::program {
 
 namespace {
 
-std::atomic<bool> writing = false, asked = false;
-pid_t owner = 0;   // forked helpers inherit the handler, but only the program itself speaks
-static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler may only touch lock-free atomics");
+std::recursive_mutex files;   // held while files are written
 
 [[noreturn]] void stop() {
-  if (getpid() == owner) {
-    // The bar, where there is one, is on the line that the cursor is on.
-    static constexpr char plain[] = "lumo: interrupted\n", terminal[] = "\nlumo: interrupted\n";
-    const bool bar = isatty(STDERR_FILENO) == 1;
-    [[maybe_unused]] const auto written = ::write(STDERR_FILENO, bar ? terminal : plain, (bar ? sizeof terminal : sizeof plain) - 1);
-  }
+  // The bar, where there is one, is on the line that the cursor is on.
+  static constexpr char plain[] = "lumo: interrupted\n", terminal[] = "\nlumo: interrupted\n";
+  const bool bar = isatty(STDERR_FILENO) == 1;
+  [[maybe_unused]] const auto written = ::write(STDERR_FILENO, bar ? terminal : plain, (bar ? sizeof terminal : sizeof plain) - 1);
   _exit(130);
-}
-
-extern "C" void on_signal(int) {
-  if (!writing) stop();
-  asked = true;
 }
 
 }  // namespace
 
+void without_blas_threads(char** argv) {
+  const char* const variable = "OPENBLAS_NUM_THREADS";
+  if (const char* set = getenv(variable); set != nullptr && std::string_view(set) == "1") return;
+  if (setenv(variable, "1", 1) == 0) execv("/proc/self/exe", argv);   // goes on as it is if that fails
+}
+
+void open_standard_streams() {
+  // The next file to be opened would take the number of one that is missing, and get what is meant for it. Writing to standard output fails then.
+  for (int stream = 0; stream < 3; ++stream)
+    if (fcntl(stream, F_GETFD) == -1 && open("/dev/null", stream == STDERR_FILENO ? O_WRONLY : O_RDONLY) != stream) _exit(1);
+}
+
+// A thread of its own waits for the signals, and all others are deaf to them: METIS puts a handler of its own in the place of any other while it
+// orders a matrix, and jumps out of it.
 void stop_on_interrupt() {
-  owner = getpid();
-  struct sigaction action = {};
-  action.sa_handler = on_signal;
-  sigemptyset(&action.sa_mask);
-  for (const int signal : {SIGINT, SIGTERM}) {
+  for (const int signal : {SIGPIPE, SIGXFSZ}) ::signal(signal, SIG_IGN);   // errors to report
+  sigset_t signals;
+  sigemptyset(&signals);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     struct sigaction before = {};
     sigaction(signal, nullptr, &before);
-    if (before.sa_handler != SIG_IGN) sigaction(signal, &action, nullptr);   // nohup and background jobs stay deaf
+    if (before.sa_handler != SIG_IGN) sigaddset(&signals, signal);   // nohup and background jobs stay deaf
   }
+  pthread_sigmask(SIG_BLOCK, &signals, nullptr);
+  std::thread([signals] {
+    int signal = 0;
+    while (sigwait(&signals, &signal) != 0) {}
+    const std::lock_guard whole(files);
+    stop();
+  }).detach();
 }
 
-FilesBeingWritten::FilesBeingWritten() { writing = true; }
+FilesBeingWritten::FilesBeingWritten() { files.lock(); }
 
-FilesBeingWritten::~FilesBeingWritten() {
-  writing = false;
-  if (asked) stop();
-}
+FilesBeingWritten::~FilesBeingWritten() { files.unlock(); }
 
 }  // namespace lumo::program

@@ -2,7 +2,15 @@
 
 namespace lumo::program {
 
-/// From here on Ctrl-C and a termination request end the program at once with exit code 130 and one line on standard error.
+/// Starts the program again where OpenBLAS has made threads: it does so before main(), they hear signals, and lumo runs scenarios side by side
+/// instead.
+void without_blas_threads(char** argv);
+
+/// Opens those of standard input, output and error that are closed on nothing. Call it before anything else.
+void open_standard_streams();
+
+/// From here on Ctrl-C, a hang-up and a termination request end the program at once with exit code 130 and one line on standard error; a broken
+/// pipe and a file that becomes too large are errors of the write. Call it before other threads start.
 /// Solves write nothing, so there is nothing to tidy up; files are completed first (see FilesBeingWritten).
 void stop_on_interrupt();
 

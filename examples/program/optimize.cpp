@@ -2,7 +2,6 @@
 
 #include "lumo/optimize/optimizer.hpp"
 
-#include <csignal>
 #include <functional>
 #include <iostream>
 #include <optional>
@@ -69,7 +68,7 @@ Json answer(Optimizer& optimizer, const Json& message) {
 /// Numbers that JSON allows but a double does not hold, and words such as NaN, are refused here.
 Json parse(const std::string& line) {
   try {
-    return Json::parse(line);
+    return Json::parse(line, flat_enough);
   } catch (const nlohmann::json::out_of_range&) {
     throw InvalidArgument("holds a number that is not finite");
   } catch (const nlohmann::json::exception&) {
@@ -86,6 +85,8 @@ std::string one_line(std::string s) {
 template <class Optimizer>
 void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
   for (const auto& event : transcript.events()) try {
+      if (event.content.contains("ask") && optimizer.told() + optimizer.pending() >= optimizer.problem().evaluations)
+        throw InvalidArgument(lumo::detail::text("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
       if (event.content.contains("ask")) optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
       else answer(optimizer, event.content);
     } catch (const Error& e) {
@@ -140,7 +141,6 @@ void run(Optimizer& optimizer, const std::string& path, const Json& space) {
 }  // namespace
 
 void optimize(const std::string& space_path, const std::string& transcript_path) {
-  std::signal(SIGPIPE, SIG_IGN);  // a reader that has gone is an error to report
   const SpaceFile space = read_space(space_path);
   if (space.source == "paper") {
     Optimizer<RbfKernel, LogNehvi, FreshCandidates> optimizer(space.problem);

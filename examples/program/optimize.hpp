@@ -10,6 +10,9 @@
 /// `lumo optimize`: ask and tell as JSON lines.
 namespace lumo::program {
 
+/// Parser callback: throws InvalidArgument where values are nested so deeply that only an attack makes sense of it.
+bool flat_enough(int depth, nlohmann::ordered_json::parse_event_t event, nlohmann::ordered_json& parsed);
+
 /// What a space file says.
 struct SpaceFile {
   Problem problem;

@@ -2,7 +2,11 @@
 
 #include "lumo/optimize/design_sampler.hpp"
 
+#include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <initializer_list>
 #include <iterator>
@@ -43,7 +47,8 @@ class Reader {
     return object[key];
   }
   double number(const Json& value, const std::string& where) const {
-    if (!value.is_number() || !std::isfinite(value.get<double>())) refuse(where, "is " + short_form(value) + ", must be a finite number");
+    // Sums and products of such numbers are finite.
+    if (!value.is_number() || !(std::abs(value.get<double>()) <= 1e150)) refuse(where, "is " + short_form(value) + ", must be a number within +-1e150");
     return value.get<double>();
   }
   std::int64_t whole(const Json& value, const std::string& where, std::int64_t low, std::int64_t high) const {
@@ -76,6 +81,8 @@ Variable read_variable(const Reader& reader, const Json& j, const std::string& w
   v.lower = reader.number(reader.at(j, where + ".", "lower"), where + ".lower");
   v.upper = reader.number(reader.at(j, where + ".", "upper"), where + ".upper");
   if (!(v.lower <= v.upper)) reader.refuse(where, lumo::detail::text("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
+  if (v.lower < v.upper && v.upper - v.lower < 1e-12 * std::max({std::abs(v.lower), std::abs(v.upper), 1e-100}))
+    reader.refuse(where, lumo::detail::text("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
   if (!j.contains("step")) return v;
   v.step = reader.number(j["step"], where + ".step");
   if (!(v.step > 0.0)) reader.refuse(where + ".step", lumo::detail::text("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
@@ -106,17 +113,28 @@ LinearConstraint read_constraint(const Reader& reader, const Json& j, const std:
 }
 
 Json parse_file(const std::string& path) {
+  if (std::filesystem::is_directory(path)) throw InputError("cannot read space file '" + path + "': it is a directory");
   std::ifstream in(path, std::ios::binary);
-  std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  if (!in.good() && !in.eof()) throw InputError("cannot read space file '" + path + "'");
+  if (!in) throw InputError("cannot read space file '" + path + "': " + std::strerror(errno));
+  const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  if (in.bad()) throw InputError("cannot read space file '" + path + "'");
   try {
-    return Json::parse(text);
-  } catch (const nlohmann::json::exception& e) {
-    throw InputError("space file '" + path + "' is not JSON: " + e.what());
+    return Json::parse(text, flat_enough);
+  } catch (const nlohmann::json::parse_error& e) {
+    throw InputError(lumo::detail::text("space file '", path, "' is not JSON: something is wrong near byte ", e.byte));
+  } catch (const nlohmann::json::exception&) {
+    throw InputError("space file '" + path + "' holds a number that is not finite");
+  } catch (const InvalidArgument& e) {
+    throw InputError("space file '" + path + "' " + e.what());
   }
 }
 
 }  // namespace
+
+bool flat_enough(int depth, Json::parse_event_t, Json&) {
+  if (depth > 32) throw InvalidArgument("nests values more than 32 deep");
+  return true;
+}
 
 SpaceFile read_space(const std::string& path) {
   const Json j = parse_file(path);

@@ -42,17 +42,19 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
     if (flock(file_, LOCK_EX | LOCK_NB) != 0) refuse(path, "is in use by another process");
     const std::string text = read_all(file_, path);
 
-    // A line counts once its end is there. The last one may have been cut off; any other is damage.
+    // A line counts once its end is there. What follows the last end was cut off.
     std::vector<Event> lines;
     std::size_t good = 0;
     for (std::size_t begin = 0, number = 1; begin < text.size(); ++number) {
       const std::size_t end = text.find('\n', begin);
       if (end == std::string::npos) break;
-      Json content = Json::parse(text.begin() + std::ptrdiff_t(begin), text.begin() + std::ptrdiff_t(end), nullptr, false);
-      if (!content.is_object() || content.size() != 1) {
-        if (end + 1 == text.size()) break;
-        refuse(path, lumo::detail::text("line ", number, " is damaged: not a JSON object with one key"));
+      Json content;
+      try {
+        content = Json::parse(text.begin() + std::ptrdiff_t(begin), text.begin() + std::ptrdiff_t(end), flat_enough, false);
+      } catch (const InvalidArgument& e) {
+        refuse(path, lumo::detail::text("line ", number, ' ', e.what()));
       }
+      if (!content.is_object() || content.size() != 1) refuse(path, lumo::detail::text("line ", number, " is damaged: not a JSON object with one key"));
       lines.push_back({int(number), std::move(content)});
       begin = good = end + 1;
     }

@@ -110,7 +110,8 @@ CLI::Option* text_option(CLI::App* app, const std::string& flag, std::string& in
   auto* option = app->add_option(flag, into, help)->type_name(kind);
   // An empty value would be taken for an absent one.
   option->each([flag](const std::string& value) {
-    if (value.empty()) throw CLI::ValidationError(flag + " is empty");
+    if (value.empty()) throw CLI::ValidationError("is empty");
+    if (value.starts_with("--")) throw CLI::ValidationError("needs a value, found " + value);
   });
   return option;
 }
@@ -156,8 +157,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
              "Results go to standard output, progress to standard error.");
 
   const auto common = [&](CLI::App* c) {
-    c->add_flag("--json", o.json, "Print the result as JSON");
-    c->add_flag("--quiet", o.quiet, "No progress on standard error");
+    c->add_flag("--json", o.json, "Print the result as JSON")->disable_flag_override();
+    c->add_flag("--quiet", o.quiet, "No progress on standard error")->disable_flag_override();
     c->allow_extras();   // unknown words are reported below, with the nearest known one
     c->prefix_command(false);
   };
@@ -184,8 +185,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--store", o.store, "File that keeps the campaign", "FILE");
     if (command != Command::campaign_export) common(c);
     else {
-      c->add_flag("--json", o.json, "Everything, as JSON");
-      c->add_flag("--csv", t.csv, "A table (default)")->excludes("--json");
+      c->add_flag("--json", o.json, "Everything, as JSON")->disable_flag_override();
+      c->add_flag("--csv", t.csv, "A table (default)")->disable_flag_override()->excludes("--json");
       c->allow_extras();
       c->prefix_command(false);
     }
@@ -244,8 +245,9 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   const auto extras = app.remaining(true);
   if (!extras.empty()) {
     const std::string& word = extras.front();
-    const char* kind = word.starts_with('-') && word.size() > 1 ? "unknown option " : complete ? "unexpected argument " : "unknown command ";
-    throw UsageError(kind + in_quotes(word) + " (see " + help + ")");
+    const bool option = word.starts_with('-') && word.size() > 1;
+    if (option && complete && chosen->get_option_no_throw(word) != nullptr) throw UsageError("option " + in_quotes(word) + " must follow the command (see " + help + ")");
+    throw UsageError((option ? "unknown option " : complete ? "unexpected argument " : "unknown command ") + in_quotes(word) + " (see " + help + ")");
   }
   if (!complete) throw UsageError("no command given (see " + help + ")");
   read(o, t);

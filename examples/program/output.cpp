@@ -20,23 +20,20 @@ namespace {
 
 }  // namespace
 
+// Whether a directory can be made is known when it has been made; nothing is left of that.
 Output::Output(std::optional<std::string> directory) : directory_(std::move(directory)) {
   if (!directory_) return;
   std::error_code error;
   const fs::path wanted = fs::absolute(*directory_, error).lexically_normal();
-  for (fs::path p = wanted; !error; p = p.parent_path()) {   // the nearest ancestor that is there decides
-    const auto status = fs::status(p, error);
-    if (status.type() == fs::file_type::not_found) {
-      error.clear();
-      if (p == p.parent_path()) break;
-      continue;
-    }
-    if (error) break;
-    if (!fs::is_directory(status)) refuse(*directory_, "'" + p.string() + "' is not a directory");
-    if (access(p.c_str(), W_OK | X_OK) != 0) refuse(*directory_, std::strerror(errno));
-    return;
-  }
-  refuse(*directory_, error ? error.message() : "no such directory");
+  std::vector<fs::path> made;
+  for (fs::path p = wanted; !fs::exists(fs::symlink_status(p, error)) && p != p.parent_path(); p = p.parent_path()) made.push_back(p);
+  fs::create_directories(wanted, error);
+  std::string why = error == std::errc::not_a_directory ? "part of it is not a directory" : error ? error.message() : "";
+  if (why.empty() && !fs::is_directory(wanted, error)) why = "it is not a directory";
+  if (why.empty() && access(wanted.c_str(), W_OK | X_OK) != 0) why = std::strerror(errno);
+  for (const fs::path& p : made)
+    if (fs::is_empty(p, error) && !error) fs::remove(p, error);
+  if (!why.empty()) refuse(*directory_, why);
 }
 
 void Output::add(std::string name, std::string contents) {
@@ -52,6 +49,8 @@ std::vector<std::string> Output::write() {
   std::error_code error;
   fs::create_directories(directory, error);
   if (error) refuse(directory, error.message());
+  for (const auto& [name, contents] : files_)
+    if (fs::is_directory(directory / name, error)) refuse(directory / name, "it is a directory");
 
   std::vector<fs::path> parts;
   const auto give_up = [&](const fs::path& path, const std::string& why) {

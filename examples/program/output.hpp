@@ -10,7 +10,7 @@ namespace lumo::program {
 /// The files of one command. They are collected first and appear together, complete, under their names, or not at all.
 class Output {
  public:
-  /// Throws InputError when `directory` cannot be written to; makes nothing yet, so that a long run does not end in vain.
+  /// Throws InputError when `directory` cannot be made or written to, so that a long run does not end in vain; makes nothing yet.
   explicit Output(std::optional<std::string> directory);
 
   bool wanted() const { return directory_.has_value(); }

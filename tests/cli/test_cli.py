@@ -46,8 +46,40 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["--diameter"], "evaluate", "--diameter", "10")
         self.refused(USAGE, ["--ensemble"], "press", "--ensemble", "flat")
 
+    def test_campaign(self):
+        self.refused(USAGE, ["no command", "lumo campaign --help"], "campaign")
+        self.refused(USAGE, ["unknown command", "'go'"], "campaign", "go")
+        for command in ["run", "status", "verify", "export"]:
+            self.refused(USAGE, ["--store is missing", f"lumo campaign {command} --help"], "campaign", command)
+            self.refused(USAGE, ["--frobnicate", "unknown option"], "campaign", command, "--store", "s", "--frobnicate")
+        for command in ["status", "verify", "export"]:
+            self.refused(BAD_FILE, ["missing"], "campaign", command, "--store", "missing")
+            self.refused(USAGE, ["--material"], "campaign", command, "--store", "s", "--material", "DS")
+        self.refused(USAGE, ["--evaluations", "1 to 100000"], "campaign", "run", "--store", "s", "--evaluations", "0")
+        self.refused(USAGE, ["--source", "default or paper"], "campaign", "run", "--store", "s", "--source", "best")
+        self.refused(BAD_FILE, ["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
+
+    def test_flags_and_values(self):
+        self.refused(USAGE, ["'--json'", "must follow the command"], "--json", "section")
+        for option in ["--out", "--theta"]:
+            self.refused(USAGE, [option, "needs a value"], "section", option, "--json")
+        for value in ["--json=5", "--json=false", "--quiet=1"]:
+            self.refused(USAGE, [value.split("=")[0].strip("-")], "section", value)
+
+    def test_closed_streams(self):
+        with tempfile.TemporaryDirectory() as folder:
+            space = pathlib.Path(folder) / "space.json"
+            space.write_text(json.dumps({"variables": [{"name": "a", "lower": 0, "upper": 1}], "objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "sobol": 2, "evaluations": 3}))
+            done = subprocess.run(f"'{LUMO}' optimize --space space.json --transcript t >&- </dev/null", shell=True, cwd=folder, capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, BAD_FILE)
+            self.assertIn("cannot write to standard output", done.stderr)
+            self.assertEqual([list(json.loads(line)) for line in (pathlib.Path(folder) / "t").read_text().splitlines()], [["space"], ["ask"]])
+            done = subprocess.run(f"'{LUMO}' mesh --json 2>&-", shell=True, cwd=folder, capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 0)
+            json.loads(done.stdout)
+
     def test_theta_is_five_numbers(self):
-        for text in ["6", "6,6,8,5", "6,6,8,5,0,1", "a,b,c,d,e", "6,6,8,5,", ",6,8,5,0", "6;6;8;5;0", "6 6 8 5 0", "6,6,8,5,0x", "6,6,8,5,0 ", "0x6,6,8,5,0", "6,6,8,5,1e", "6,6,8,5,--1", "6,6,8,5,+-1", "6.,6,8,5,0.5.5", "--json"]:
+        for text in ["6", "6,6,8,5", "6,6,8,5,0,1", "a,b,c,d,e", "6,6,8,5,", ",6,8,5,0", "6;6;8;5;0", "6 6 8 5 0", "6,6,8,5,0x", "6,6,8,5,0 ", "0x6,6,8,5,0", "6,6,8,5,1e", "6,6,8,5,--1", "6,6,8,5,+-1", "6.,6,8,5,0.5.5"]:
             self.refused(USAGE, ["--theta", "five numbers"], "section", "--theta", text)
         self.refused(USAGE, ["--theta"], "section", "--theta", "")
         self.refused(USAGE, ["--theta"], "section", "--theta=")

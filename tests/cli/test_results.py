@@ -109,11 +109,25 @@ class Quick(unittest.TestCase):
         self.assertAlmostEqual(ledger["emitted"], sum(v for k, v in ledger.items() if k != "emitted"), delta=1e-6)
 
     def test_interrupt_is_clean(self):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            with self.subTest(number):
+                self.interrupted(number)
+
+    def test_termination_is_heard_at_any_moment(self):   # METIS has a handler of its own for it
+        for moment in range(25):
+            process = subprocess.Popen([LUMO, "press", "--loads", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            time.sleep(0.1 + 0.04 * moment)
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=20)
+            self.assertIn(process.returncode, (130, 0))   # 0: it had already ended
+            self.assertTrue(process.returncode == 130 or moment > 10)
+
+    def interrupted(self, number):
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "out")
             process = subprocess.Popen([LUMO, "trace", "--angle", "20", "--y", "5.5", "--out", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
             time.sleep(1)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             stdout, stderr = process.communicate(timeout=20)
             self.assertEqual(process.returncode, 130)
             self.assertEqual(stdout, "")

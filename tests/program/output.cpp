@@ -29,11 +29,35 @@ std::string read(const fs::path& path) {
 
 }  // namespace
 
-TEST_CASE("nothing to write makes no directory") {
+TEST_CASE("nothing to write leaves no directory") {
   const Scratch scratch;
-  Output files((scratch.path / "out").string());
+  Output files((scratch.path / "out" / "deep").string());
   CHECK(files.write().empty());
   CHECK(!fs::exists(scratch.path / "out"));
+  fs::create_directory(scratch.path / "empty");
+  Output there((scratch.path / "empty").string());
+  CHECK(fs::exists(scratch.path / "empty"));
+}
+
+TEST_CASE("what cannot become a directory is refused before any work") {
+  const Scratch scratch;
+  fs::create_symlink(scratch.path / "nowhere", scratch.path / "link");
+  for (const fs::path& p : {scratch.path / "link", scratch.path / std::string(300, 'n'), fs::path("/proc/lumo")}) {
+    INFO(p);
+    CHECK_THROWS_AS(Output(p.string()), lumo::InputError);
+  }
+}
+
+TEST_CASE("a directory in the way of a file leaves the older files as they were") {
+  const Scratch scratch;
+  fs::create_directories(scratch.path / "y.txt");
+  std::ofstream(scratch.path / "x.txt") << "old";
+  Output files(scratch.path.string());
+  files.add("x.txt", "new");
+  files.add("y.txt", "new");
+  CHECK_THROWS_AS(files.write(), lumo::InputError);
+  CHECK(read(scratch.path / "x.txt") == "old");
+  CHECK(scratch.entries(scratch.path) == 2);
 }
 
 TEST_CASE("files appear complete, in new directories too, and replace older ones") {

@@ -34,7 +34,7 @@ void validate(const Scenario<Tool>& s) {
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
   for (double load : s.loads_N) {
-    require_in_range("load", load, 1e-6, 1e4, "N");
+    require_in_range("load", load, 1e-3, 1e4, "N");
     if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
     last = load;
   }
