@@ -763,7 +763,7 @@ namespace lumo {
 
 /// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
 struct FingerOptions {
-  /// Mesh size [m]; the defaults come from the refinement study (docs).
+  /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
     double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
     double coarsest_edge = 5.0e-3;    ///< at depth
@@ -1422,7 +1422,7 @@ void validate(const Scenario<Tool>& s) {
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
   for (double load : s.loads_N) {
-    require_in_range("load", load, 1e-6, 1e4, "N");
+    require_in_range("load", load, 1e-3, 1e4, "N");
     if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
     last = load;
   }
@@ -2925,7 +2925,8 @@ namespace lumo {
 ///
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
 /// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
-/// after that. A stride on which the tangent is lost is taken again in smaller ones.
+/// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
+/// equilibrium.
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
@@ -2961,10 +2962,11 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
-    double first = std::min(load, largest_first_load()), stride = config_.load_stride;
+    const typename System::Place start = now_;
+    const double from = load_;
+    double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
-      const typename System::Place before = now_;
-      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : loose;
+      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : on_the_way;
       const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
@@ -2972,9 +2974,10 @@ class QuasiStaticRun {
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = before;
+      now_ = start, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
       stride = std::sqrt(stride);
+      on_the_way = close;
     }
     return certify_stability();
   }
@@ -2985,7 +2988,7 @@ class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
-  static constexpr double loose = 0.3;   ///< residual over load at which a stride on the way may end
+  static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
@@ -5621,7 +5624,7 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (docs/refinement.md).
+/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (benchmarks/refinement/results.md).
 struct MechanicalError {
   double area = 0.03;         ///< relative, of A
   double overlap = 0.015;     ///< absolute, of an intersection over union

@@ -2,11 +2,11 @@
 
 // Adapter to SuiteSparse's CHOLMOD (its supernodal part is GPL-2+). Link with -lcholmod and a BLAS; OpenBLAS is much the fastest.
 
-#include "lumo/core/error.hpp"
 #include "lumo/mechanics/linear_solver.hpp"
 
 #include <memory>
 #include <mutex>
+#include <new>
 #include <suitesparse/cholmod.h>
 #include <utility>
 
@@ -46,6 +46,8 @@ class WithoutOpenMp {
 
 /// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008) after nested dissection (METIS; Karypis, Kumar 1998):
 /// a third fewer operations here than minimum degree, which CHOLMOD would try first. One object per thread; copies carry the symbolic analysis along.
+/// Throws std::bad_alloc. METIS replaces the process's handler of SIGTERM while it orders: a program that must hear it blocks the signal in its
+/// threads and waits for it in one of them.
 class Cholmod {
  public:
   Cholmod() : common_(new cholmod_common, &finish) {
@@ -77,7 +79,7 @@ class Cholmod {
     const std::lock_guard one_at_a_time(metis);
     cholmod_sparse view = view_of(lower);
     symbolic_ = own(cholmod_analyze(&view, common_.get()));
-    if (!symbolic_) throw Error(detail::text("symbolic factorisation of ", lower.rows(), " unknowns failed: out of memory"));
+    if (!symbolic_) throw std::bad_alloc();
     factor_ = nullptr;
   }
 
@@ -90,7 +92,7 @@ class Cholmod {
     const detail::WithoutOpenMp one_thread;
     cholmod_factorize(&view, factor_.get(), common_.get());
     if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
-    if (common_->status == CHOLMOD_OUT_OF_MEMORY) throw Error(detail::text("factorisation of ", lower.rows(), " unknowns failed: out of memory"));
+    if (common_->status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
     return FactorStatus::not_positive_definite;
   }
 
@@ -105,7 +107,7 @@ class Cholmod {
     b.dtype = CHOLMOD_DOUBLE;
     const detail::WithoutOpenMp one_thread;
     cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
-    if (!x) throw Error("linear solve failed: out of memory");
+    if (!x) throw std::bad_alloc();
     Eigen::MatrixXd result = Eigen::Map<Eigen::MatrixXd>(static_cast<double*>(x->x), rhs.rows(), rhs.cols());
     cholmod_free_dense(&x, common_.get());
     return result;

@@ -104,10 +104,13 @@ inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem)
   const auto [a, b] = std::mismatch(stored.begin(), stored.end(), problem.begin(), problem.end());
   const auto line_of = [](const std::string& s, std::size_t at) {
     const std::size_t from = at == 0 ? 0 : s.rfind('\n', at - 1) + 1;
-    return s.substr(from, s.find('\n', from) - from);
+    std::string line = s.substr(from, s.find('\n', from) - from);
+    line.erase(0, line.find_first_not_of(' '));
+    if (line.ends_with(',')) line.pop_back();
+    return line;
   };
-  throw StoreError(StoreError::Reason::different, detail::text("store ", path, " belongs to another problem: it has \"", line_of(stored, std::size_t(a - stored.begin())),
-                                                               "\", asked for is \"", line_of(problem, std::size_t(b - problem.begin())), "\""));
+  throw StoreError(StoreError::Reason::different, detail::text("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
+                                                               ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
 }
 
 inline SqliteLog::SqliteLog(const std::string& path) : path_(path) {
