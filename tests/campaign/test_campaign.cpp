@@ -126,11 +126,11 @@ TEST_CASE("Failures: never scored; a design's own is final, a machine's is tried
 }
 
 TEST_CASE("Entries that no campaign wrote are refused") {
-  for (const auto& [kind, content] : std::map<std::string, std::string>{
+  for (const auto& entry : std::vector<std::pair<std::string, std::string>>{
            {"ask", "0 1 1"}, {"tell", "0 1 1"}, {"fail", "0 maybe x"}, {"fail", "x final y"}, {"told", "0 1"}, {"ask", "7 1 1 1"}, {"ask", "0 1 1 nan"}, {"ask", "-1 1 1 1"}, {"ask", ""}}) {
     MemoryLog log("p");
-    log.append([&](const auto&) { return std::optional(LogEntry{0, kind, content, "", ""}); });
-    INFO(kind << ' ' << content);
+    log.append([&](const auto&) { return std::optional(LogEntry{0, entry.first, entry.second, "", ""}); });
+    INFO(entry.first << ' ' << entry.second);
     CHECK_THROWS_AS(state_of(log, 20), StoreError);
   }
 }
