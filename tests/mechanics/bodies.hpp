@@ -65,7 +65,8 @@ inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const
       std::sort(key.begin(), key.end());
       if (!open.emplace(key, f).second) open.erase(key);
     }
-  for (const auto& [key, f] : open) {
+  for (const auto& side : open) {
+    const std::array<int, 3>& f = side.second;
     const auto all = [&](int axis, double value) {
       for (int n : f)
         if (std::abs(m.nodes[std::size_t(n)][axis] - value) > 1e-12) return false;
