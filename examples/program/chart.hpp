@@ -99,6 +99,20 @@ inline std::string superscript(int e) {
   return s;
 }
 
+/// A number at an axis, with a true minus sign.
+inline std::string tick(double v, int digits) {
+  const std::string s = short_number(v, digits);
+  return s.starts_with('-') ? "−" + s.substr(1) : s;
+}
+
+/// A label with the power of ten by which the axis is divided in its unit.
+inline std::string with_power(const std::string& label, int e) {
+  if (e == 0) return label;
+  const std::string power = "10" + superscript(e);
+  const std::size_t unit = label.rfind('[');
+  return unit == std::string::npos ? label + " [" + power + "]" : label.substr(0, unit + 1) + power + " " + label.substr(unit + 1);
+}
+
 inline void y_axis(Svg& svg, const Frame& f, const std::string& label) {
   const int e = common_exponent(f.y_ticks);
   std::vector<double> shown = f.y_ticks;
@@ -107,10 +121,9 @@ inline void y_axis(Svg& svg, const Frame& f, const std::string& label) {
   for (std::size_t k = 0; k < shown.size(); ++k) {
     const double y = f.y(f.y_ticks[k]);
     svg.line({f.left, y}, {f.right, y}, {.stroke = std::string(faint)});
-    svg.text({f.left - 8, y + 4}, short_number(shown[k], digits), {.anchor = "end"});
+    svg.text({f.left - 8, y + 4}, tick(shown[k], digits), {.anchor = "end"});
   }
-  const std::string words = e == 0 ? label : label + " × 10" + superscript(e);
-  svg.text({22, 0.5 * (f.top + f.bottom)}, words, {.size = 13, .anchor = "middle", .rotate_deg = -90});
+  svg.text({22, 0.5 * (f.top + f.bottom)}, with_power(label, e), {.size = 13, .anchor = "middle", .rotate_deg = -90});
 }
 
 struct LegendEntry {
@@ -166,7 +179,7 @@ inline std::string draw(const LineChart& chart) {
   const int digits = detail::decimals(f.x_ticks);
   for (const double t : f.x_ticks) {
     svg.line({f.x(t), f.top}, {f.x(t), f.bottom}, {.stroke = std::string(detail::faint)});
-    svg.text({f.x(t), f.bottom + 18}, short_number(t, digits), {.anchor = "middle"});
+    svg.text({f.x(t), f.bottom + 18}, detail::tick(t, digits), {.anchor = "middle"});
   }
   svg.text({0.5 * (f.left + f.right), f.bottom + 42}, chart.x_label, {.size = 13, .anchor = "middle"});
   svg.polyline({{f.left, f.top}, {f.left, f.bottom}, {f.right, f.bottom}}, {.stroke = std::string(detail::ink), .width = 1.2});

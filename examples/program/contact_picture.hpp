@@ -44,18 +44,20 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   f.x0 = -y_max, f.x1 = y_max, f.y0 = -x_max, f.y1 = x_max;
   double room = 24;
   for (const auto& e : entries) room = std::max(room, 52 + detail::text_width(e.label, 12));
-  Svg svg(f.right + room, f.bottom + 58);
+  Svg svg(f.right + room, std::max(f.bottom + 74, f.top + 20.0 * double(entries.size()) + 16));
   detail::headline(svg, f, title, subtitle);
-  svg.rect({f.left, f.top}, plot_width, f.bottom - f.top, {.fill = "#f4f6f8", .stroke = "#0072b2", .width = 1.4});
+  svg.rect({f.left, f.top}, plot_width, f.bottom - f.top, {.fill = "#f4f6f8"});
   for (int t = -10 * int(y_max / 10); t <= y_max; t += 10) {
     svg.line({f.x(t), f.top}, {f.x(t), f.bottom}, {.stroke = std::string(detail::faint)});
-    svg.text({f.x(t), f.bottom + 18}, short_number(t, 0), {.anchor = "middle"});
+    svg.text({f.x(t), f.bottom + 18}, detail::tick(t, 0), {.anchor = "middle"});
   }
   for (int t = -10 * int(x_max / 10); t <= x_max; t += 10) {
     svg.line({f.left, f.y(t)}, {f.right, f.y(t)}, {.stroke = std::string(detail::faint)});
-    svg.text({f.left - 8, f.y(t) + 4}, short_number(t, 0), {.anchor = "end"});
+    svg.text({f.left - 8, f.y(t) + 4}, detail::tick(t, 0), {.anchor = "end"});
   }
+  svg.rect({f.left, f.top}, plot_width, f.bottom - f.top, {.stroke = "#0072b2", .width = 1.4});
   svg.text({0.5 * (f.left + f.right), f.bottom + 42}, "place along the finger y [mm]", {.size = 13, .anchor = "middle"});
+  svg.text({0.5 * (f.left + f.right), f.bottom + 62}, "drawn on the undeformed pad; areas are those of the deformed surface", {.size = 11, .anchor = "middle"});
   svg.text({30, 0.5 * (f.top + f.bottom)}, "across x [mm]", {.size = 13, .anchor = "middle", .rotate_deg = -90});
 
   // Sub-facets as in the contact set's definition: four per quadratic face.

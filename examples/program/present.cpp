@@ -76,7 +76,7 @@ std::vector<double> difference(const std::vector<double>& a, const std::vector<d
 }
 
 BarChart response_chart(const Options& o, const std::string& title, const std::string& subtitle, std::size_t regions) {
-  BarChart c{title, theta_text(o) + "; " + subtitle, "region along the finger, proximal to distal", "change of response [1 per emitted power]", {}, {}};
+  BarChart c{title, theta_text(o) + "; " + subtitle, "region along the finger, proximal to distal", "change of response per emitted power", {}, {}};
   for (std::size_t b = 1; b <= regions; ++b) c.categories.push_back(std::to_string(b));
   return c;
 }
