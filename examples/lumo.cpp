@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <iostream>
 #include <new>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -65,22 +66,25 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
   return ok;
 }
 
+/// Commands that are not about one design.
+std::optional<std::string> general(const Options& options) {
+  switch (options.command) {
+    case Command::doctor: return doctor(options.json);
+    case Command::optimize: optimize(options.space, options.transcript); return "";
+    case Command::campaign_run: {
+      Progress progress(options.quiet);
+      return campaign_run(options, progress);
+    }
+    case Command::campaign_status: return campaign_status(options);
+    case Command::campaign_verify: return campaign_verify(options);
+    case Command::campaign_export: return campaign_export(options);
+    default: return std::nullopt;
+  }
+}
+
 int run(const Options& options) {
-  if (options.command == Command::doctor) {
-    print(doctor(options.json));
-    return ok;
-  }
-  if (options.command == Command::optimize) {
-    optimize(options.space, options.transcript);
-    return ok;
-  }
-  if (options.command == Command::campaign_status || options.command == Command::campaign_verify || options.command == Command::campaign_export) {
-    print(options.command == Command::campaign_status ? campaign_status(options) : options.command == Command::campaign_verify ? campaign_verify(options) : campaign_export(options));
-    return ok;
-  }
-  if (options.command == Command::campaign_run) {
-    Progress progress(options.quiet);
-    print(campaign_run(options, progress));
+  if (const auto text = general(options)) {
+    print(*text);
     return ok;
   }
   check_design(options);

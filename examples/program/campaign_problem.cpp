@@ -1,8 +1,9 @@
 #include "program/campaign_problem.hpp"
 
+#include "program/contacts.hpp"
 #include "program/json.hpp"
 
-#include <array>
+#include <cmath>
 
 namespace lumo::program {
 
@@ -27,7 +28,7 @@ Json with_limits(const LinearConstraint& c) {
 }  // namespace
 
 std::string problem_text(const CampaignProblem& p) {
-  const lumo::Ensemble contacts = p.contacts();
+  const lumo::Ensemble ensemble = contacts(p.ensemble);
   const Silicone card = silicone(p.material);
   const Problem problem = finger_problem(1, p.seed);
   Json j = {{"campaign", 1},
@@ -36,10 +37,10 @@ std::string problem_text(const CampaignProblem& p) {
             {"shear_modulus_Pa", card.mu_Pa},
             {"first_lame_parameter_Pa", card.lambda_Pa},
             {"ensemble", name(p.ensemble)},
-            {"diameters_mm", scaled(contacts.diameters_m, 1e-3)},
-            {"angles_deg", scaled(contacts.angles_rad, pi / 180.0)},
-            {"places_mm", scaled(contacts.places_m, 1e-3)},
-            {"loads_N", contacts.loads_N}};
+            {"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
+            {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
+            {"places_mm", scaled(ensemble.places_m, 1e-3)},
+            {"loads_N", ensemble.loads_N}};
   for (const Variable& v : problem.space.variables) j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
   for (const Objective& o : problem.objectives) j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};

@@ -16,8 +16,6 @@ struct CampaignProblem {
   Ensemble ensemble = Ensemble::flat;
   std::string source = "default";   ///< of candidates: "paper" or "default"
   std::uint64_t seed = 1;
-
-  lumo::Ensemble contacts() const { return ensemble == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
 };
 
 /// One line a key, with every number that decides the results; how many evaluations are wanted is not among them.

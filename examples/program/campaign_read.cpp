@@ -18,9 +18,7 @@ Json summary(const StoredTrial& t) {
 }
 
 std::string line(const StoredTrial& t) {
-  std::string theta;
-  for (const double x : t.theta_mm) theta += (theta.empty() ? "" : ",") + short_number(x);
-  return pad(std::to_string(t.id), 5) + "  " + pad(theta, -22) + pad(cell(value_at(t.record, "J_contact"), 4), 10) + pad(scientific(value_at(t.record, "J_obs")), 12) +
+  return pad(std::to_string(t.id), 5) + "  " + pad(joined(t.theta_mm), -22) + pad(cell(value_at(t.record, "J_contact"), 4), 10) + pad(scientific(value_at(t.record, "J_obs")), 12) +
          (t.selected ? "  selected" : "") + "\n";
 }
 
@@ -29,7 +27,7 @@ std::string field(const Json& v) { return v.is_number() ? v.dump() : v.is_string
 }  // namespace
 
 std::string campaign_status(const Options& o) {
-  const StoredCampaign c = read_campaign(o.store);
+  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
   double seconds = 0.0;
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(seconds_of(t)) ? seconds_of(t) : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
@@ -57,13 +55,13 @@ std::string campaign_status(const Options& o) {
 std::string campaign_verify(const Options& o) {
   const SqliteLog log(o.store);
   log.verify();
-  const StoredCampaign c = read_campaign(o.store);
+  const StoredCampaign c = read_campaign(log, o.store);
   if (o.json) return Json{{"store", o.store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
   return lumo::detail::text(o.store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
 }
 
 std::string campaign_export(const Options& o) {
-  const StoredCampaign c = read_campaign(o.store);
+  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
   if (o.json) {
     Json rows = Json::array();
     for (const StoredTrial& t : c.trials)
@@ -78,9 +76,7 @@ std::string campaign_export(const Options& o) {
   for (const StoredTrial& t : c.trials) {
     const Json r = t.record.is_object() ? t.record : Json::object();
     const auto at = [&](const char* pointer) { return field(r.value(Json::json_pointer(pointer), Json(nullptr))); };
-    text += std::to_string(t.id);
-    for (const double x : t.theta_mm) text += "," + short_number(x);
-    text += "," + t.state;
+    text += std::to_string(t.id) + "," + joined(t.theta_mm) + "," + t.state;
     for (const char* key : {"/J_contact", "/J_contact_err", "/J_obs", "/J_obs_err"}) text += "," + at(key);
     text += "," + field(number(t.hypervolume)) + (t.on_front ? ",1" : ",0") + (t.selected ? ",1" : ",0");
     for (const char* key : {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm", "/worst_observation/diameter_mm", "/worst_observation/angle_deg",

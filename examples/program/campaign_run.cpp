@@ -24,9 +24,7 @@ class Ticker {
     last_ = now;
     spent_ += seconds, ++ended_;
     const auto& optimizer = state.optimizer();
-    std::string theta;
-    for (const double x : optimizer.trials()[std::size_t(id)].x) theta += (theta.empty() ? "" : ",") + short_number(x);
-    std::string line = pad(std::to_string(optimizer.told()), 3) + "/" + std::to_string(optimizer.problem().evaluations) + "  #" + pad(std::to_string(id), -3) + " " + pad(theta, -20) + "  ";
+    std::string line = pad(std::to_string(optimizer.told()), 3) + "/" + std::to_string(optimizer.problem().evaluations) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
     if (v.outputs.empty()) line += "failed, " + v.why;
     else line += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
     line += "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + span(seconds);

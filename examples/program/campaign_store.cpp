@@ -36,8 +36,7 @@ int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
-StoredCampaign read_campaign(const std::string& store) {
-  const SqliteLog log(store);
+StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
   const std::vector<LogEntry> entries = log.entries();
   StoredCampaign campaign;
   campaign.problem = read_problem(entries.front().content, store);

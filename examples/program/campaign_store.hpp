@@ -34,7 +34,7 @@ struct StoredCampaign {
   int count(std::string_view state) const;
 };
 
-/// Reads a store. Throws StoreError, or InputError for another program's.
-StoredCampaign read_campaign(const std::string& store);
+/// Reads the log in the file `store`. Throws StoreError, or InputError for another program's.
+StoredCampaign read_campaign(const SqliteLog& log, const std::string& store);
 
 }  // namespace lumo::program

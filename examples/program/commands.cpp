@@ -8,6 +8,7 @@
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "program/contacts.hpp"
 #include "program/json.hpp"
 #include "program/version.hpp"
 
@@ -41,8 +42,6 @@ TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress&
   return mesh;
 }
 
-lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
-
 ProgressReport shown_in(Progress& progress) {
   return [&progress, stage = std::string()](std::string_view now, int, int total) mutable {
     if (now != stage) progress.stage(stage = now, total);
@@ -58,8 +57,9 @@ void report_terms(ScenarioReport& report, const ContactTerms& terms) {
   report.q_stiff = value_of(terms.stiff);
 }
 
-/// Of a solve that failed only the load is known.
-StateReport report(const MechanicalState& s) {
+/// Of a MechanicalState or a StateRecord. Of a solve that failed only the load is known.
+template <class State>
+StateReport report_state(const State& s) {
   if (s.status != Status::converged) return {s.load_N};
   return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
 }
@@ -93,7 +93,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
 
   result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
   for (const auto& s : result.states) {
-    result.scenario.states.push_back(report(s));
+    result.scenario.states.push_back(report_state(s));
     result.scenario.status = std::string(to_string(s.status));
     if (s.status != Status::converged) break;
   }
@@ -114,8 +114,7 @@ EvaluationResult report(const Evaluation& e) {
     report.status = std::string(to_string(s.status));
     report_terms(report, s.terms);
     for (const StateRecord& k : s.states) {
-      StateReport state{k.load_N};
-      if (k.status == Status::converged) state = {k.load_N, k.force_N, 1e3 * k.depth_m, 1e6 * k.contact_area_m2, 1e6 * k.reference_area_m2, k.residual_N};
+      StateReport state = report_state(k);
       state.response = k.response;
       if (k.change.size() > 0) state.change_error = standard_error(k.change);
       report.states.push_back(std::move(state));

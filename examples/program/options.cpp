@@ -156,16 +156,22 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   app.footer("Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 bad file, 130 interrupted.\n"
              "Results go to standard output, progress to standard error.");
 
-  const auto common = [&](CLI::App* c) {
-    c->add_flag("--json", o.json, "Print the result as JSON")->disable_flag_override();
-    c->add_flag("--quiet", o.quiet, "No progress on standard error")->disable_flag_override();
+  const auto strict = [](CLI::App* c) {
     c->allow_extras();   // unknown words are reported below, with the nearest known one
     c->prefix_command(false);
   };
+  const auto common = [&](CLI::App* c) {
+    c->add_flag("--json", o.json, "Print the result as JSON")->disable_flag_override();
+    c->add_flag("--quiet", o.quiet, "No progress on standard error")->disable_flag_override();
+    strict(c);
+  };
+  const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
+  const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
+  const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
   const auto design = [&](CLI::App* c) {
     text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
-    text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME");
-    text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N");
+    material(c);
+    threads(c);
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
     common(c);
   };
@@ -178,25 +184,24 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   const auto optimization = [&](CLI::App* c) {
     text_option(c, "--space", o.space, "Variables, constraints, objectives and budget (JSON)", "FILE");
     text_option(c, "--transcript", o.transcript, "Keeps all that is asked and told; continues from it where it exists", "FILE");
-    c->allow_extras();
-    c->prefix_command(false);
+    strict(c);
   };
   const auto campaign = [&](CLI::App* c, Command command) {
     text_option(c, "--store", o.store, "File that keeps the campaign", "FILE");
-    if (command != Command::campaign_export) common(c);
-    else {
+    if (command == Command::campaign_export) {
       c->add_flag("--json", o.json, "Everything, as JSON")->disable_flag_override();
       c->add_flag("--csv", t.csv, "A table (default)")->disable_flag_override()->excludes("--json");
-      c->allow_extras();
-      c->prefix_command(false);
+      strict(c);
+      return;
     }
+    common(c);
     if (command != Command::campaign_run) return;
-    text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME");
-    text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");
+    material(c);
+    ensemble(c);
     text_option(c, "--evaluations", t.evaluations, "Successful evaluations to reach, default 160", "N");
     text_option(c, "--seed", t.seed, "Of the optimiser, default 1", "N");
     text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
-    text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N");
+    threads(c);
   };
   struct Entry {
     Command command;
@@ -211,7 +216,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     else if (e.command == Command::optimize) optimization(c);
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
-    if (e.command == Command::evaluate) text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME");
+    if (e.command == Command::evaluate) ensemble(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   CLI::App* group = app.add_subcommand("campaign", "Search for the best design; the store continues after any interruption");

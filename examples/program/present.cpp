@@ -15,9 +15,7 @@ namespace {
 std::string dump(const Json& j) { return j.dump(2) + "\n"; }
 
 std::string theta_text(const Options& o) {
-  std::string s = "θ = [";
-  for (std::size_t i = 0; i < 5; ++i) s += (i > 0 ? ", " : "") + short_number(o.theta_mm[i]);
-  return s + "] mm, " + o.material;
+  return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material;
 }
 
 std::string scenario_text(const ScenarioReport& s) {

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <span>
 #include <string>
 
 /// Numbers and columns of the tables that people read.
@@ -20,6 +21,13 @@ inline std::string short_number(double v, int digits = 2) {
     if (s.back() == '.') s.pop_back();
   }
   return s == "-0" ? "0" : s;
+}
+
+/// A design as it is typed, or with another separator.
+inline std::string joined(std::span<const double> values, const char* separator = ",") {
+  std::string s;
+  for (const double v : values) s += (s.empty() ? "" : separator) + short_number(v);
+  return s;
 }
 
 /// With `digits` after the point, or a dash where it is not defined.

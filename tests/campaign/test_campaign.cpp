@@ -1,12 +1,10 @@
 #include "../catch.hpp"
+#include "campaign/store_test.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
 
 #include <chrono>
 #include <csignal>
-#include <cstdio>
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <map>
@@ -15,20 +13,8 @@
 #include <sys/wait.h>
 
 using namespace lumo;
-namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-  fs::path path;
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "lumo-campaign-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()));
-    path = name;
-  }
-  ~Folder() { fs::remove_all(path); }
-  std::string file(const char* name = "store") const { return (path / name).string(); }
-};
 
 using Cheap = Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
 
@@ -137,24 +123,11 @@ TEST_CASE("Entries that no campaign wrote are refused") {
 
 namespace {
 
-/// Runs `work` in a child process that leaves nothing but an exit code and a line about what was thrown.
-pid_t in_child(const std::function<void()>& work) {
-  const pid_t pid = fork();
-  if (pid != 0) return pid;
-  try {
-    work();
-    _exit(0);
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "%s\n", e.what());
-    _exit(1);
-  }
-}
-
 /// Kills a campaign of 160 evaluations at random moments until it has ended, or there were `kills`; returns how many kills it took.
 int kill_and_resume(const std::string& store, const std::string& journal, int kills, std::mt19937& random) {
   std::uniform_real_distribution<double> moment(0.0, 0.2);
   for (int killed = 0;; ++killed) {
-    const pid_t pid = in_child([&] {
+    const pid_t pid = start_child([&] {
       SqliteLog log(store, "p");
       run_campaign(log, Cheap(cheap_problem(160)), [&](const Design& x) {
         std::ofstream(journal, std::ios::app) << x[0] << ' ' << x[1] << ' ' << x[2] << std::endl;
@@ -206,7 +179,7 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
   const std::string store = folder.file();
   { SqliteLog log(store, "p"); }
   const auto start = [&] {
-    return in_child([&] {
+    return start_child([&] {
       SqliteLog log(store, "p");
       CampaignConfig config;
       config.poll_s = 0.01;

@@ -1,4 +1,5 @@
 #include "../catch.hpp"
+#include "campaign/store_test.hpp"
 #include "lumo/support/sqlite.hpp"
 
 #include <csignal>
@@ -13,17 +14,6 @@ using namespace lumo;
 namespace fs = std::filesystem;
 
 namespace {
-
-struct Folder {
-  fs::path path;
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "lumo-log-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()));
-    path = name;
-  }
-  ~Folder() { fs::remove_all(path); }
-  std::string file(const char* name = "store") const { return (path / name).string(); }
-};
 
 /// What entry k of the test campaign must be.
 LogEntry entry(std::size_t k) { return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)), ""}; }
@@ -58,17 +48,8 @@ void write(const std::string& file, const std::string& data) { std::ofstream(fil
 
 /// Runs `work` in a child process; its exit code, or −signal.
 int in_child(const std::function<void()>& work) {
-  const pid_t pid = fork();
-  if (pid == 0) {
-    try {
-      work();
-      _exit(0);
-    } catch (...) {
-      _exit(1);
-    }
-  }
   int status = 0;
-  waitpid(pid, &status, 0);
+  waitpid(start_child(work), &status, 0);
   return WIFSIGNALED(status) ? -WTERMSIG(status) : WEXITSTATUS(status);
 }
 

@@ -121,10 +121,9 @@ std::string CampaignState<O>::last_failure() const {
 
 namespace detail {
 
-/// A trial for this process: one whose worker died, or a new one.
+/// A trial for this process: one whose worker died, or a new one. `state` has read the log.
 template <CampaignLog Log, class O>
 std::optional<int> take(Log& log, CampaignState<O>& state) {
-  state.read(log.entries());
   for (const Trial& t : state.optimizer().trials())
     if (t.state == Trial::State::pending && log.claim(state.asked(t.id))) return t.id;
   const auto entry = log.append([&](const std::vector<LogEntry>& entries) { return state.ask(entries); });

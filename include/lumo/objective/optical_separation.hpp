@@ -26,7 +26,7 @@ struct Separation {
 };
 
 /// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and what the dent reflects nearly
-/// cancel: the change's norm is 3.83, 3.46, 3.41 (1e-6) with edges 1, 0.75, 0.6 times the default, noise 0.15. In three other reference designs it moves by 1 to 3 %.
+/// cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
 struct OpticalError {
   double mesh = 0.12;
 };
