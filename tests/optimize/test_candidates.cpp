@@ -64,9 +64,8 @@ TEST_CASE("a lattice is counted to its last free design", "[candidates]") {
     CHECK(sampler.fresh(100, 5, taken).size() == left);
   }
   CHECK(taken.contains(Design{0.3, 0.0}));  // written as a person would
-  small.rule = [](std::span<const double> x) {
-    if (x[0] + x[1] > 0.05) throw InfeasibleDesign("rule", x[0], 0.05, "", "infeasible design: too large");
-  };
+  small.rules = {{[](std::span<const double> x) { return x[0] + x[1] <= 0.05; },
+                  [](std::span<const double> x) { return InfeasibleDesign("rule", x[0] + x[1], 0.05, "", "infeasible design: too large"); }}};
   CHECK(DesignSampler(small).feasible_count() == 1u);
 }
 

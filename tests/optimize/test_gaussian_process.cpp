@@ -19,11 +19,16 @@ TrainingData wave(Eigen::Index n, double scale = 1.0) {
 
 template <class Kernel>
 void check_kernel(Kernel kernel) {
-  CHECK(kernel.correlation(0.0) == 1.0);
-  for (const double r2 : {0.01, 0.5, 1.0, 4.0, 30.0}) {
-    const double h = 1e-6 * r2;
-    CHECK(kernel.slope(r2) == Approx((kernel.correlation(r2 + h) - kernel.correlation(r2 - h)) / (2 * h)).epsilon(1e-6));
-    CHECK(kernel.slope(r2) < 0.0);
+  const auto correlation = [&](double r2) { return Eigen::ArrayXXd(kernel.correlation(Eigen::ArrayXXd::Constant(1, 1, r2)))(0, 0); };
+  CHECK(correlation(0.0) == 1.0);
+  Eigen::ArrayXXd all(5, 1);   // at once as one by one
+  all << 0.01, 0.5, 1.0, 4.0, 30.0;
+  const Eigen::ArrayXXd values = kernel.correlation(all), slopes = kernel.slope(all, values);
+  for (int k = 0; k < 5; ++k) {
+    const double h = 1e-6 * all(k);
+    CHECK(values(k) == Approx(correlation(all(k))).epsilon(1e-14));
+    CHECK(slopes(k) == Approx((correlation(all(k) + h) - correlation(all(k) - h)) / (2 * h)).epsilon(1e-6));
+    CHECK(slopes(k) < 0.0);
   }
   const TrainingData data = wave(12);
   Eigen::MatrixXd unit = data.x;

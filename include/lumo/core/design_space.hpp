@@ -50,16 +50,22 @@ struct LinearConstraint {
   }
 };
 
-/// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and whatever else `rule` refuses.
+/// A constraint of any form. Both are called only where bounds, lattice, linear constraints and the rules before hold.
+struct DesignRule {
+  std::function<bool(std::span<const double>)> holds;
+  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what to say where it does not
+};
+
+/// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and further rules.
 struct DesignSpace {
   std::vector<Variable> variables;
   std::vector<LinearConstraint> constraints;
-  std::function<void(std::span<const double>)> rule;  ///< throws InfeasibleDesign; called after all other checks have passed
+  std::vector<DesignRule> rules;
 
   /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
   void check(std::span<const double> x) const;
 
-  /// Whether check() would pass. Cheap where it does not, unless `rule` has to decide.
+  /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
   bool contains(std::span<const double> x) const;
 };
 
@@ -89,27 +95,21 @@ inline void DesignSpace::check(std::span<const double> x) const {
     if (sum < c.lower - rounding)
       throw InfeasibleDesign(c.name, sum, c.lower, c.unit, detail::text("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
-  if (rule) rule(x);
+  for (const DesignRule& r : rules)
+    if (!r.holds(x)) throw r.refusal(x);
 }
 
 inline bool DesignSpace::contains(std::span<const double> x) const {
-  if (x.size() == variables.size()) {
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      const Variable& v = variables[i];
-      if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;
-    }
-    for (const LinearConstraint& c : constraints) {
-      const double sum = c.sum(x), rounding = c.rounding(x);
-      if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
-    }
-    if (!rule) return true;
+  if (x.size() != variables.size()) throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;
   }
-  try {
-    check(x);
-    return true;
-  } catch (const InfeasibleDesign&) {
-    return false;
+  for (const LinearConstraint& c : constraints) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
   }
+  return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
 }
 
 }  // namespace lumo

@@ -80,15 +80,14 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
   space.variables = {{"h_fp", 2.0, 29.0, 0.5, "mm"}, {"h_ep", 1.0, 20.0, 0.5, "mm"}, {"w_s", 4.0, 15.0, 0.5, "mm"}, {"h_s", 2.0, 15.0, 0.5, "mm"}, {"w_v", 0.0, 7.5, 0.5, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
   space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
-  space.rule = [pad](std::span<const double> x) {
-    const FingerDesign d = FingerDesign::from(x);
-    const auto refuse = [&](const char* where, double value) {
-      throw InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                             detail::text("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
-    };
-    if (!detail::vertically_thick(d, pad)) refuse("vertical", vertical_thickness(d, pad));
-    if (!detail::horizontally_thick(d, pad)) refuse("horizontal", horizontal_thickness(d, pad));
+  const auto refusal = [pad](const char* where, double value) {
+    return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
+                            detail::text("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
   };
+  space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
+                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }},
+                 {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
+                  [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }}};
   return space;
 }
 

@@ -114,7 +114,7 @@ class GaussianProcess {
   static Hyperparameters unpack(const Eigen::VectorXd& u);
   static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient);
   Eigen::VectorXd modes() const;
-  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start) const;
+  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
   std::vector<Minimum> optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const;
   HyperparameterPrior prior() const { return config_.prior ? *config_.prior : HyperparameterPrior::for_dimension(x_.rows()); }
 };
@@ -155,7 +155,7 @@ Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const Eigen::MatrixXd& unit
   Eigen::ArrayXXd r2 = Eigen::ArrayXXd::Zero(a.cols(), b.cols());
   for (Eigen::Index i = 0; i < b.cols(); ++i)
     for (Eigen::Index j = 0; j < a.rows(); ++j) r2.col(i) += (a.row(j).array() - b(j, i)).square().transpose();
-  return r2.unaryExpr([this](double v) { return config_.kernel.correlation(v); }).matrix();
+  return config_.kernel.correlation(r2);
 }
 
 template <CovarianceKernel Kernel>
@@ -187,12 +187,13 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
     for (Eigen::Index i = 0; i < config.subset; ++i) some.push_back(i * n / config.subset);
     const MarginalLikelihood<Kernel> coarse(gp.x_(Eigen::all, some), gp.y_(some), config.kernel, gp.prior());
     gp.config_.search.value_tolerance = 1e-5;  // a start needs no more
-    Eigen::VectorXd start;
-    double least = std::numeric_limits<double>::infinity();
-    for (const Minimum& o : gp.optima(coarse, config.subset))
-      if (const double value = negative(likelihood, n, o.x, nullptr); value < least) least = value, start = o.x;
+    const std::vector<Minimum> found = gp.optima(coarse, config.subset);
     gp.config_.search = config.search;
-    optima = {gp.descend(likelihood, n, start.size() ? start : gp.modes())};
+    std::optional<std::size_t> nearest;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < found.size(); ++k)
+      if (const double value = negative(likelihood, n, found[k].x, nullptr); value < least) least = value, nearest = k;
+    optima = {nearest ? gp.descend(likelihood, n, found[*nearest].x, found[*nearest].hessian) : gp.descend(likelihood, n, gp.modes())};
   }
   const Minimum* best = &optima.front();
   for (const Minimum& o : optima) best = o.value < best->value - 1e-9 ? &o : best;
@@ -225,13 +226,14 @@ Eigen::VectorXd GaussianProcess<Kernel>::modes() const {
 }
 
 template <CovarianceKernel Kernel>
-Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start) const {
+Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
+                                         const std::optional<Eigen::MatrixXd>& hessian) const {
   const Eigen::Index d = x_.rows();
   const HyperparameterPrior p = prior();
   Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(p.max_length_scale));
   lower[d] = std::log(p.min_noise);
   upper[d] = std::log(p.max_noise);
-  return config_.search.minimize([&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper);
+  return config_.search.minimize([&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper, hessian);
 }
 
 /// One start stops in local optima: after the prior's modes come the most promising of some places spread between short and long length

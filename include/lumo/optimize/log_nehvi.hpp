@@ -14,6 +14,9 @@ namespace lumo {
 struct LogNehvi {
   int draws = 16;
   bool noisy = true;  ///< false: told values stand as they are, and only pending designs are drawn
+  /// Told designs are not drawn when, so many deviations of both towards each other, another still beats them in all objectives: they
+  /// would hardly ever be in a front, and cost time.
+  double hopeless = 3.0;
 
   template <CovarianceKernel Kernel>
   class Prepared {
@@ -22,29 +25,31 @@ struct LogNehvi {
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const std::size_t m = posteriors_.size(), count = improvements_.size();
+      const auto m = Eigen::Index(posteriors_.size()), draws = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
-      Eigen::VectorXd mean(static_cast<Eigen::Index>(m)), deviation(static_cast<Eigen::Index>(m)), out(x.cols());
-      std::vector<double> logs(count);
+      Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
+      const auto load = [&](Eigen::Index i, Eigen::Index s) {
+        for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
+      };
+      for (Eigen::Index s = 0; s < draws; ++s)
+        for (Eigen::Index i = 0; i < x.cols(); ++i) {
+          load(i, s);
+          sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
+        }
+      std::vector<double> logs(improvements_.size());
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
-        for (std::size_t j = 0; j < m; ++j) deviation[Eigen::Index(j)] = at[j].deviation[i];
-        const auto each = [&](auto&& take) {
-          for (std::size_t s = 0; s < count; ++s) {
-            for (std::size_t j = 0; j < m; ++j) mean[Eigen::Index(j)] = at[j].mean(i, Eigen::Index(s));
-            take(s);
-          }
-        };
-        double sum = 0.0;
-        each([&](std::size_t s) { sum += improvements_[s].value(mean, deviation); });
-        if (sum > 1e-280 && std::isfinite(sum)) {
-          out[i] = std::log(sum / double(count));
+        if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
+          sum[i] = std::log(sum[i] / double(draws));
           continue;
         }
-        each([&](std::size_t s) { logs[s] = improvements_[s].log_value(mean, deviation); });
-        out[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(count));
+        for (Eigen::Index s = 0; s < draws; ++s) {   // hopeless, but to be ranked
+          load(i, s);
+          logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
+        }
+        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(draws));
       }
-      return out;
+      return sum;
     }
 
    private:
@@ -57,7 +62,7 @@ struct LogNehvi {
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
       throw InvalidArgument(detail::text("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
-    const Eigen::MatrixXd base = detail::base_points(evidence, noisy);
+    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : detail::base_points(evidence, noisy);
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
     std::vector<Eigen::MatrixXd> drawn;
@@ -68,6 +73,29 @@ struct LogNehvi {
     std::vector<ExpectedHypervolume> improvements;
     for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(detail::standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
     return {std::move(posteriors), std::move(improvements)};
+  }
+
+ private:
+  /// Told designs that may be in a front, and all that are pending.
+  template <CovarianceKernel Kernel>
+  Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
+    const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());
+    Eigen::MatrixXd low(m, n), high(m, n);
+    for (Eigen::Index j = 0; j < m; ++j) {
+      const auto p = models[std::size_t(j)].predict(evidence.x);
+      const Eigen::VectorXd reach = hopeless * p.variance.cwiseSqrt();
+      low.row(j) = (p.mean - reach).transpose();
+      high.row(j) = (p.mean + reach).transpose();
+    }
+    std::vector<Eigen::Index> kept;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      bool beaten = false;
+      for (Eigen::Index k = 0; k < n && !beaten; ++k) beaten = (low.col(k).array() > high.col(i).array()).all();
+      if (!beaten) kept.push_back(i);
+    }
+    Eigen::MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
+    base << Eigen::MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
+    return base;
   }
 };
 

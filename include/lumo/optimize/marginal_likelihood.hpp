@@ -56,12 +56,11 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   value.log_prior += prior_.noise.log_density(h.noise);
 
   const Eigen::VectorXd weight = h.length_scale.array().square().inverse();
-  const Eigen::VectorXd r2 = squares_ * weight;
-  const Eigen::VectorXd correlation = r2.unaryExpr([this](double v) { return kernel_.correlation(v); });
+  const Eigen::ArrayXXd r2 = squares_ * weight, correlation = kernel_.correlation(r2);
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     covariance(k, k) = 1.0 + h.noise;
-    covariance.col(k).tail(n - 1 - k) = correlation.segment(first, n - 1 - k);
+    covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
   }
   const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
   if (factor.info() != Eigen::Success) return value;
@@ -85,13 +84,13 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   }
   Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
   inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());
-  Eigen::VectorXd pull = r2.unaryExpr([this](double v) { return kernel_.slope(v); });
+  Eigen::ArrayXXd pull = kernel_.slope(r2, correlation);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     const Eigen::Index below = n - 1 - k;
-    pull.segment(first, below).array() *= alpha.tail(below).array() * alpha[k] - inverse.col(k).tail(below).array();
+    pull.col(0).segment(first, below) *= alpha.tail(below).array() * alpha[k] - inverse.col(k).tail(below).array();
   }
   value.gradient.resize(d + 1);
-  value.gradient.head(d) = -2.0 * weight.cwiseProduct(squares_.transpose() * pull);
+  value.gradient.head(d) = -2.0 * weight.cwiseProduct(squares_.transpose() * pull.matrix());
   value.gradient[d] = 0.5 * h.noise * (alpha.squaredNorm() - inverse.trace());
   value.posterior_gradient = value.gradient;
   for (Eigen::Index j = 0; j < d; ++j) value.posterior_gradient[j] += prior_.length_scale.log_slope(h.length_scale[j]);

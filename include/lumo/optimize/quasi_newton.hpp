@@ -7,6 +7,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -16,6 +18,7 @@ struct Minimum {
   Eigen::VectorXd x;
   double value = 0.0;
   Eigen::VectorXd gradient;
+  Eigen::MatrixXd hessian;  ///< as the search has learnt it
   int evaluations = 0;
   bool converged = false;  ///< projected gradient or progress below tolerance
 };
@@ -30,13 +33,16 @@ struct QuasiNewton {
   double longest_step = 2.0;         ///< largest change of one variable in one step
 
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
-  /// `start` is moved between the bounds. Throws InvalidArgument when sizes differ or the value at the start is not finite.
+  /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
+  /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
   template <class Function>
-  Minimum minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) const;
+  Minimum minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+                   const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 };
 
 template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) const {
+Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+                              const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(detail::text("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
@@ -48,8 +54,8 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
   if (!std::isfinite(best.value) || !best.gradient.allFinite())
     throw InvalidArgument(detail::text("function is ", best.value, " where the minimiser starts, must be finite"));
 
-  Eigen::MatrixXd hessian = Eigen::MatrixXd::Identity(n, n);
-  bool fresh = true;  // the Hessian has seen no curvature yet
+  Eigen::MatrixXd hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
+  bool fresh = !known;  // the Hessian has seen no curvature yet
   Eigen::VectorXd step(n), trial(n), slope(n);
   while (best.evaluations < max_evaluations) {
     // A variable at a bound that the gradient pushes it against stays there.
@@ -114,6 +120,7 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
       break;
     }
   }
+  best.hessian = std::move(hessian);
   return best;
 }
 
