@@ -1,31 +1,10 @@
 #include "catch.hpp"
-#include "lumo/campaign/evaluate.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
-#include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
-#include "lumo/support/embree.hpp"
+#include "campaign/coarse_pipeline.hpp"
 #include "lumo/support/tbb.hpp"
-#include "lumo/support/tetgen.hpp"
 
 using namespace lumo;
 
 namespace {
-
-using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using CoarsePipeline = Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, Light>;
-
-/// Coarse in every respect: what is tested here are contracts between stages.
-CoarsePipeline coarse() {
-  Light::Config light;
-  light.rays_per_emitter = 1 << 12;
-  light.carrier_rays = 1 << 14;
-  light.exit_rays = 1 << 16;
-  CoarsePipeline p{TetgenMesher{}, {}, Light{light}};
-  p.focus = {1.2e-3, 0.4, 1.0};
-  p.rays.rounds = 0;
-  p.optical_error.mesh = 0.0;
-  return p;
-}
 
 Ensemble small_ensemble() {
   Ensemble e;
@@ -34,12 +13,6 @@ Ensemble small_ensemble() {
   e.angles_rad = {-15 * pi / 180, 15 * pi / 180};
   e.loads_N = {1.0, 2.0, 5.0, 10.0};
   return e;
-}
-
-FingerOptions coarse_finger() {
-  FingerOptions o;
-  o.mesh.contact_edge = o.mesh.coarsest_edge = 6e-3;
-  return o;
 }
 
 bool same_bits(const Evaluation& a, const Evaluation& b) {
@@ -57,15 +30,15 @@ bool same_bits(const Evaluation& a, const Evaluation& b) {
 
 TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror images are what solving both gives") {
   const FingerDesign design{8, 4, 6, 4, 2};
-  const Evaluation one = evaluate(design, dragon_skin(), small_ensemble(), coarse(), coarse_finger(), Serial{});
+  const Evaluation one = evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), Serial{});
   REQUIRE(one.J_contact);
   REQUIRE(one.J_obs);
   CHECK(one.J_contact->value > 0.0);
   CHECK(one.observations.scenarios.size() == 6);
-  const Evaluation two = evaluate(design, dragon_skin(), small_ensemble(), coarse(), coarse_finger(), TbbExecutor{2});
+  const Evaluation two = evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), TbbExecutor{2});
   CHECK(same_bits(one, two));
 
-  CoarsePipeline both = coarse();
+  CoarsePipeline both = coarse_pipeline();
   both.mirror_once = false;
   const Evaluation all = evaluate(design, dragon_skin(), small_ensemble(), both, coarse_finger(), TbbExecutor{2});
   CHECK(all.J_contact->value == Approx(one.J_contact->value).epsilon(1e-4));
@@ -85,8 +58,8 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   e.angles_rad = {0.0};
   e.loads_N = {1.0, 8.0};
   const FingerDesign design{8, 4, 6, 4, 2};
-  const Evaluation once = evaluate(design, solaris(), e, coarse(), coarse_finger(), Serial{});
-  CoarsePipeline p = coarse();
+  const Evaluation once = evaluate(design, solaris(), e, coarse_pipeline(), coarse_finger(), Serial{});
+  CoarsePipeline p = coarse_pipeline();
   p.rays = {.tolerance = 0.15, .rounds = 8};
   const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}), two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
   REQUIRE(one.J_obs);
@@ -104,7 +77,7 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
 }
 
 TEST_CASE("a scenario that fails leaves no score, and says which") {
-  CoarsePipeline p = coarse();
+  CoarsePipeline p = coarse_pipeline();
   p.simulator.solver.config.max_iterations = 1;
   const Evaluation e = evaluate(baseline_design(), dragon_skin(), small_ensemble(), p, coarse_finger(), Serial{});
   CHECK_FALSE(e.J_contact);
@@ -113,5 +86,5 @@ TEST_CASE("a scenario that fails leaves no score, and says which") {
 }
 
 TEST_CASE("an infeasible design is refused before anything is spent") {
-  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse(), {}, Serial{}), InfeasibleDesign);
+  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse_pipeline(), {}, Serial{}), InfeasibleDesign);
 }

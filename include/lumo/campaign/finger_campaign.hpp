@@ -23,13 +23,19 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   return p;
 }
 
-/// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
-inline std::string failure_of(const Evaluation& e) {
-  if (e.J_contact && e.J_obs) return "";
-  for (const ScenarioRecord& s : e.observations.scenarios)
+/// The first scenario that failed, and how; empty when all converged.
+inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios) {
+  for (const ScenarioRecord& s : scenarios)
     if (s.status != Status::converged)
       return detail::text("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
                           " deg, y = ", 1e3 * s.y_m, " mm");
+  return "";
+}
+
+/// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
+inline std::string failure_of(const Evaluation& e) {
+  if (e.J_contact && e.J_obs) return "";
+  if (std::string why = failed_press(e.observations.scenarios); !why.empty()) return why;
   return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
 }
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lumo {
@@ -17,6 +18,15 @@ enum class Twin {
   bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
   unsupported_base   ///< the same, but bonded at the two end faces only: a soft finger that can bend
 };
+
+constexpr std::string_view to_string(Twin twin) {
+  switch (twin) {
+    case Twin::no_void: return "no_void";
+    case Twin::bonded_base: return "bonded_base";
+    case Twin::unsupported_base: return "unsupported_base";
+    default: return "design";
+  }
+}
 
 /// What a boundary edge of the section is.
 enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };

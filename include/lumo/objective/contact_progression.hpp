@@ -41,6 +41,9 @@ struct ContactLoads {
 ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
+/// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
+inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
+
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
