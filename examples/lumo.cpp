@@ -8,6 +8,7 @@
 #include "program/output.hpp"
 #include "program/present.hpp"
 #include "program/progress.hpp"
+#include "program/study.hpp"
 
 #include <algorithm>
 #include <iostream>
@@ -78,6 +79,20 @@ std::optional<std::string> general(const Options& options) {
     case Command::campaign_status: return campaign_status(options);
     case Command::campaign_verify: return campaign_verify(options);
     case Command::campaign_export: return campaign_export(options);
+    case Command::campaign_select: {
+      Progress progress(options.quiet);
+      return campaign_select(options, progress);
+    }
+    case Command::campaign_report: {
+      Progress progress(options.quiet);
+      return campaign_report(options, progress);
+    }
+    case Command::study_carrier:
+    case Command::study_void: {
+      Output files(options.out);
+      Progress progress(options.quiet);
+      return study(options, files, progress);
+    }
     default: return std::nullopt;
   }
 }

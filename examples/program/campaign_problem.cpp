@@ -9,15 +9,6 @@ namespace lumo::program {
 
 namespace {
 
-/// Raised whenever an evaluation of the same design gives other numbers than before.
-constexpr int results = 1;
-
-Json scaled(const std::vector<double>& values, double unit) {
-  Json a = Json::array();
-  for (const double v : values) a.push_back(std::round(v / unit * 1e6) / 1e6);
-  return a;
-}
-
 Json with_limits(const LinearConstraint& c) {
   Json j = {{"coefficients", c.coefficients}, {"unit", c.unit}};
   if (std::isfinite(c.lower)) j["lower"] = c.lower;
@@ -28,19 +19,9 @@ Json with_limits(const LinearConstraint& c) {
 }  // namespace
 
 std::string problem_text(const CampaignProblem& p) {
-  const lumo::Ensemble ensemble = contacts(p.ensemble);
-  const Silicone card = silicone(p.material);
   const Problem problem = finger_problem(1, p.seed);
-  Json j = {{"campaign", 1},
-            {"results", results},
-            {"material", p.material},
-            {"shear_modulus_Pa", card.mu_Pa},
-            {"first_lame_parameter_Pa", card.lambda_Pa},
-            {"ensemble", name(p.ensemble)},
-            {"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
-            {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
-            {"places_mm", scaled(ensemble.places_m, 1e-3)},
-            {"loads_N", ensemble.loads_N}};
+  Json j = {{"campaign", 1}};
+  append(j, conditions(p.material, name(p.ensemble), contacts(p.ensemble)));
   for (const Variable& v : problem.space.variables) j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
   for (const Objective& o : problem.objectives) j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
@@ -48,9 +29,7 @@ std::string problem_text(const CampaignProblem& p) {
   j["sobol"] = problem.sobol;
   j["source"] = p.source;
   j["seed"] = p.seed;
-  std::string text;
-  for (const auto& [key, value] : j.items()) text += (text.empty() ? "{" : ",\n ") + Json(key).dump() + ": " + value.dump();
-  return text + "}";
+  return line_by_line(j);
 }
 
 CampaignProblem read_problem(const std::string& text, const std::string& store) {

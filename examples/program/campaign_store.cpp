@@ -58,6 +58,7 @@ StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
       if (t.state == Trial::State::told) told.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));
     }
+    campaign.asked = state.optimizer().trials();
     rate(campaign, told);
   });
   return campaign;

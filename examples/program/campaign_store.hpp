@@ -28,6 +28,7 @@ struct StoredCampaign {
   CampaignProblem problem;
   std::string digest;
   std::vector<StoredTrial> trials;
+  std::vector<Trial> asked;              ///< the same trials as the optimiser knows them
   double hypervolume = 0.0;
   std::optional<std::size_t> selected;   ///< index into `trials`
 

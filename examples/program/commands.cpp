@@ -70,6 +70,8 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
   return out;
 }
 
+Seconds report(const Timing& t) { return {t.mesh, t.mechanics, t.optics, t.total}; }
+
 Ledger report(const EnergyLedger& e) {
   double regions = 0.0;
   for (const double c : e.channels) regions += c;
@@ -100,6 +102,20 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   return result;
 }
 
+ScenarioReport report(const ScenarioRecord& s) {
+  ScenarioReport report;
+  report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
+  report.status = std::string(to_string(s.status));
+  report_terms(report, s.terms);
+  for (const StateRecord& k : s.states) {
+    StateReport state = report_state(k);
+    state.response = k.response;
+    if (k.change.size() > 0) state.change_error = standard_error(k.change);
+    report.states.push_back(std::move(state));
+  }
+  return report;
+}
+
 EvaluationResult report(const Evaluation& e) {
   const Observations& seen = e.observations;
   EvaluationResult result;
@@ -108,19 +124,7 @@ EvaluationResult report(const Evaluation& e) {
   };
   record(e.J_contact, result.J_contact, result.J_contact_err);
   record(e.J_obs, result.J_obs, result.J_obs_err);
-  for (const ScenarioRecord& s : seen.scenarios) {
-    ScenarioReport report;
-    report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
-    report.status = std::string(to_string(s.status));
-    report_terms(report, s.terms);
-    for (const StateRecord& k : s.states) {
-      StateReport state = report_state(k);
-      state.response = k.response;
-      if (k.change.size() > 0) state.change_error = standard_error(k.change);
-      report.states.push_back(std::move(state));
-    }
-    result.scenarios.push_back(std::move(report));
-  }
+  for (const ScenarioRecord& s : seen.scenarios) result.scenarios.push_back(report(s));
   if (e.worst_contact) {
     const ScenarioReport& s = result.scenarios[*e.worst_contact];
     result.worst_contact = WorstContact{s.diameter_mm, s.angle_deg, s.y_mm, result.J_contact};
@@ -132,8 +136,40 @@ EvaluationResult report(const Evaluation& e) {
   result.unloaded_response = seen.unloaded_response;
   result.ledger = report(seen.ledger);
   result.size = {seen.nodes, seen.elements};
-  result.seconds = {seen.seconds.mesh, seen.seconds.mechanics, seen.seconds.optics, seen.seconds.total};
+  result.seconds = report(seen.seconds);
   return result;
+}
+
+Json json(const VariantResult& v) {
+  Json j = {{"variant", to_string(v.twin)}, {"why", v.why.empty() ? Json(nullptr) : Json(v.why)}};
+  const auto add = [&](const char* key, const std::optional<Estimate>& e) {
+    j[key] = e ? number(e->value) : Json(nullptr);
+    j[std::string(key) + "_err"] = e ? number(e->error) : Json(nullptr);
+  };
+  add("J_contact", v.J_contact);
+  add("D", v.change);
+  j["scenarios"] = Json::array();
+  for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(json(report(s)));
+  j["mesh"] = json(MeshReport{v.observations.nodes, v.observations.elements});
+  return j;
+}
+
+/// What a store keeps; whatever goes wrong in `work` is in the verdict.
+template <class Work>
+Verdict recorded(Json record, Json notes, const Work& work) {
+  Verdict verdict;
+  try {
+    verdict = work(record, notes);
+  } catch (const MeshError& e) {
+    verdict = verdict_of(e);
+  } catch (const std::bad_alloc&) {
+    verdict.why = "out of memory";
+    verdict.retry = true;
+  }
+  if (!verdict.why.empty()) record["why"] = verdict.why;
+  verdict.record = record.dump();
+  verdict.notes = notes.dump();
+  return verdict;
 }
 
 }  // namespace
@@ -196,27 +232,46 @@ EvaluationResult make_evaluation(const Options& o, Progress& progress) {
   return report(evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, {}, TbbExecutor{o.threads}, shown_in(progress)));
 }
 
+std::vector<double> make_depths(const Options& o, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress) {
+  const auto pipeline = pipeline_for(o);
+  Body body = finger(FingerDesign::from(theta_mm), silicone(o.material));
+  body.regions = 0;
+  std::vector<double> depths;
+  for (const ScenarioRecord& s : observe(body, ensemble.scenarios(), pipeline, TbbExecutor{o.threads}, shown_in(progress)).scenarios)
+    depths.push_back(s.status == Status::converged ? 1e3 * s.states.back().depth_m : undefined);
+  return depths;
+}
+
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    Verdict verdict;
-    Json record = {{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, notes = {{"lumo", version}, {"threads", o.threads}};
-    try {
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, {{"lumo", version}, {"threads", o.threads}}, [&](Json& record, Json& notes) {
       const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, {}, TbbExecutor{o.threads},
                                     progress.watched() ? shown_in(progress) : ProgressReport{});
       const EvaluationResult result = report(e);
-      verdict = verdict_of(e);
       append(record, json(result));
       notes["seconds"] = json(result.seconds);
-    } catch (const MeshError& e) {
-      verdict = verdict_of(e);
-    } catch (const std::bad_alloc&) {
-      verdict.why = "out of memory";
-      verdict.retry = true;
-    }
-    if (!verdict.why.empty()) record["why"] = verdict.why;
-    verdict.record = record.dump();
-    verdict.notes = notes.dump();
-    return verdict;
+      return verdict_of(e);
+    });
+  };
+}
+
+Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
+  return [o, study, ensemble, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, {{"lumo", version}, {"threads", o.threads}}, [&](Json& record, Json& notes) {
+      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads},
+                                             progress.watched() ? shown_in(progress) : ProgressReport{});
+      Verdict verdict;
+      notes["seconds"] = Json::object();
+      for (const VariantResult& v : variants) {
+        record["variants"].push_back(json(v));
+        notes["seconds"][std::string(to_string(v.twin))] = json(report(v.observations.seconds));
+        for (const ScenarioRecord& s : v.observations.scenarios) verdict.retry = verdict.retry || s.status == Status::time_limit;
+      }
+      verdict.why = variants.front().why;
+      if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
+      else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
+      return verdict;
+    });
   };
 }
 

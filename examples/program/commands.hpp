@@ -6,6 +6,7 @@
 #include "program/section_drawing.hpp"
 
 #include "lumo/campaign/campaign.hpp"
+#include "lumo/campaign/matched_study.hpp"
 
 #include <functional>
 
@@ -22,9 +23,15 @@ PressResult make_press(const Options& options, Progress& progress);
 TraceResult make_trace(const Options& options, Progress& progress);
 EvaluationResult make_evaluation(const Options& options, Progress& progress);
 
+/// Depth [mm] at the last load of each scenario, without light; undefined where no equilibrium was found.
+std::vector<double> make_depths(const Options& options, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress);
+
 /// Evaluates designs for a campaign over the options' material and ensemble; what goes wrong is in the verdict. Make it before a store is
 /// opened, for the mesher forks.
 using Evaluator = std::function<Verdict(const Design& theta_mm)>;
 Evaluator campaign_evaluator(const Options& options, Progress& progress);
+
+/// The same for a study: the value is the design's J_contact, and the record tells that of its variants, too.
+Evaluator study_evaluator(const Options& options, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress);
 
 }  // namespace lumo::program

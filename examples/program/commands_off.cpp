@@ -13,6 +13,8 @@ MeshResult make_mesh(const Options& options, Progress&) { off(options.command); 
 PressResult make_press(const Options& options, Progress&) { off(options.command); }
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
 EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
+std::vector<double> make_depths(const Options& options, const std::array<double, 5>&, const lumo::Ensemble&, Progress&) { off(options.command); }
 Evaluator campaign_evaluator(const Options& options, Progress&) { off(options.command); }
+Evaluator study_evaluator(const Options& options, const MatchedStudy&, const lumo::Ensemble&, Progress&) { off(options.command); }
 
 }  // namespace lumo::program

@@ -1,11 +1,45 @@
 #pragma once
 
 #include "lumo/campaign/ensemble.hpp"
+#include "lumo/morphology/silicone.hpp"
+#include "program/json.hpp"
 #include "program/options.hpp"
+
+#include <string>
+#include <vector>
 
 namespace lumo::program {
 
 /// The contacts that an ensemble's name stands for.
 inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
+
+/// Raised whenever an evaluation of the same design gives other numbers than before: old stores are then of another problem.
+inline constexpr int results_version = 1;
+
+/// Material and contacts with every number that decides a result, for the text by which a store knows its problem.
+inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {
+  const auto scaled = [](const std::vector<double>& values, double unit) {
+    Json a = Json::array();
+    for (const double v : values) a.push_back(std::round(v / unit * 1e6) / 1e6);
+    return a;
+  };
+  const Silicone card = silicone(material);
+  return {{"results", results_version},
+          {"material", material},
+          {"shear_modulus_Pa", card.mu_Pa},
+          {"first_lame_parameter_Pa", card.lambda_Pa},
+          {"ensemble", title},
+          {"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
+          {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
+          {"places_mm", scaled(ensemble.places_m, 1e-3)},
+          {"loads_N", ensemble.loads_N}};
+}
+
+/// One line a key, so that the line in which two problems differ can be shown.
+inline std::string line_by_line(const Json& object) {
+  std::string text;
+  for (const auto& [key, value] : object.items()) text += (text.empty() ? "{" : ",\n ") + Json(key).dump() + ": " + value.dump();
+  return text + "}";
+}
 
 }  // namespace lumo::program

@@ -18,7 +18,8 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, source;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, seeds, designs, source;
+  std::vector<std::string> stores;
   bool csv = false;
 };
 
@@ -81,12 +82,18 @@ std::array<double, 5> read_theta(std::string_view typed) {
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
+  o.stores = t.stores;
+  if (!t.stores.empty()) o.store = t.stores.front();
+  if (t.stores.size() > 1 && o.command != Command::campaign_report) throw UsageError(lumo::detail::text("--store is given ", t.stores.size(), " times, must be given once"));
   if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::detail::text("--store is missing (see lumo ", name(o.command), " --help)"));
   if (!t.evaluations.empty()) o.evaluations = whole_number("--evaluations", t.evaluations, 1, 100000);
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
+  if (!t.seeds.empty()) o.seeds = whole_number("--seeds", t.seeds, 1, 1000);
+  if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, 10000);
   if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
+  o.all_contacts = !t.ensemble.empty();
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
   o.threads = t.threads.empty() ? std::clamp(int(std::thread::hardware_concurrency()), 1, 1024) : whole_number("--threads", t.threads, 1, 1024);
   if (!t.out.empty()) o.out = t.out;
@@ -106,8 +113,10 @@ void read(Options& o, const Typed& t) {
   }
 }
 
-CLI::Option* text_option(CLI::App* app, const std::string& flag, std::string& into, const std::string& help, const std::string& kind) {
-  auto* option = app->add_option(flag, into, help)->type_name(kind);
+/// `into` is a string, or a list of them for an option that may be repeated.
+template <class T>
+CLI::Option* text_option(CLI::App* app, const std::string& flag, T& into, const std::string& help, const std::string& kind) {
+  auto* option = app->add_option(flag, into, help)->type_name(kind)->allow_extra_args(false);
   // An empty value would be taken for an absent one.
   option->each([flag](const std::string& value) {
     if (value.empty()) throw CLI::ValidationError("is empty");
@@ -140,8 +149,9 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 11> names = {"section",      "mesh",            "press",           "trace",           "evaluate", "optimize",
-                                                             "campaign run", "campaign status", "campaign verify", "campaign export", "doctor"};
+  static constexpr std::array<std::string_view, 15> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
+                                                             "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
+                                                             "campaign select", "campaign report", "study carrier",   "study void",      "doctor"};
   return names[std::size_t(command)];
 }
 
@@ -187,7 +197,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     strict(c);
   };
   const auto campaign = [&](CLI::App* c, Command command) {
-    text_option(c, "--store", o.store, "File that keeps the campaign", "FILE");
+    text_option(c, "--store", t.stores, command == Command::campaign_report ? "File that keeps a campaign; several make one figure" : "File that keeps the campaign", "FILE");
     if (command == Command::campaign_export) {
       c->add_flag("--json", o.json, "Everything, as JSON")->disable_flag_override();
       c->add_flag("--csv", t.csv, "A table (default)")->disable_flag_override()->excludes("--json");
@@ -195,6 +205,9 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
       return;
     }
     common(c);
+    if (command == Command::campaign_select) text_option(c, "--seeds", t.seeds, "Optimisers that are run on a model of the results, default 20", "N");
+    if (command == Command::campaign_report) text_option(c, "--out", t.out, "The page, default report.html", "FILE");
+    if (command == Command::campaign_select || command == Command::campaign_report) threads(c);
     if (command != Command::campaign_run) return;
     material(c);
     ensemble(c);
@@ -202,6 +215,16 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--seed", t.seed, "Of the optimiser, default 1", "N");
     text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
     threads(c);
+  };
+  const auto study = [&](CLI::App* c) {
+    text_option(c, "--store", t.stores, "File that keeps the study; it continues if the file exists", "FILE");
+    text_option(c, "--designs", t.designs, "Feasible designs to compare, default 40", "N");
+    text_option(c, "--seed", t.seed, "Of the designs, default 1", "N");
+    material(c);
+    text_option(c, "--ensemble", t.ensemble, "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°", "NAME");
+    text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
+    threads(c);
+    common(c);
   };
   struct Entry {
     Command command;
@@ -219,13 +242,24 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (e.command == Command::evaluate) ensemble(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
-  CLI::App* group = app.add_subcommand("campaign", "Search for the best design; the store continues after any interruption");
-  group->require_subcommand(0, 1);
-  group->allow_extras();
+  const auto group = [&](const char* title, const char* help) {
+    CLI::App* g = app.add_subcommand(title, help);
+    g->require_subcommand(0, 1);
+    g->allow_extras();
+    return g;
+  };
+  CLI::App* const campaigns = group("campaign", "Search for the best design; the store continues after any interruption");
+  CLI::App* const studies = group("study", "What a feature of the design is worth, over many designs");
   for (const Entry& e : {Entry{Command::campaign_run, "Evaluate until the store holds enough; continues if the file exists"}, Entry{Command::campaign_status, "What a store holds"},
-                         Entry{Command::campaign_verify, "Check every entry of a store; names the first bad one"}, Entry{Command::campaign_export, "All evaluations, to standard output"}}) {
-    CLI::App* c = group->add_subcommand(std::string(name(e.command).substr(std::string_view("campaign ").size())), e.help);
-    campaign(c, e.command);
+                         Entry{Command::campaign_verify, "Check every entry of a store; names the first bad one"}, Entry{Command::campaign_export, "All evaluations, to standard output"},
+                         Entry{Command::campaign_select, "The balanced choice, how stable it is, and its progressive-constraint gain"},
+                         Entry{Command::campaign_report, "One HTML page with charts and the chosen pad in 3-D"},
+                         Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"}}) {
+    const std::string_view whole = name(e.command);
+    CLI::App* const g = whole.starts_with("campaign") ? campaigns : studies;
+    CLI::App* c = g->add_subcommand(std::string(whole.substr(g->get_name().size() + 1)), e.help);
+    if (g == campaigns) campaign(c, e.command);
+    else study(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   app.allow_extras();
@@ -236,7 +270,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     app.parse(words);
   } catch (const CLI::CallForHelp&) {
     const CLI::App* chosen = innermost(app);
-    text = chosen == &app ? app.help() : chosen->help(chosen->get_parent() == &app ? "lumo" : "lumo campaign", CLI::AppFormatMode::Normal);
+    text = chosen == &app ? app.help() : chosen->help(chosen->get_parent() == &app ? "lumo" : "lumo " + chosen->get_parent()->get_name(), CLI::AppFormatMode::Normal);
     return std::nullopt;
   } catch (const CLI::CallForVersion& e) {
     text = std::string(e.what()) + "\n";
@@ -245,8 +279,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     throw UsageError(printable(one_line(e.what())) + " (see lumo --help)");
   }
   const CLI::App* chosen = innermost(app);
-  const bool complete = chosen != &app && chosen != group;
-  const std::string help = lumo::detail::text("lumo ", complete ? std::string(name(o.command)) + " " : chosen == group ? "campaign " : "", "--help");
+  const bool of_group = chosen == campaigns || chosen == studies, complete = chosen != &app && !of_group;
+  const std::string help = lumo::detail::text("lumo ", complete ? std::string(name(o.command)) + " " : of_group ? chosen->get_name() + " " : "", "--help");
   const auto extras = app.remaining(true);
   if (!extras.empty()) {
     const std::string& word = extras.front();

@@ -11,7 +11,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, doctor };
+enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, doctor };
 enum class Ensemble { flat, curved };
 
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
@@ -31,8 +31,12 @@ struct Options {
   std::string space;
   std::string transcript;
   std::string store;
+  std::vector<std::string> stores;       ///< of a report: one or more; `store` is the first
   int evaluations = 160;
   int seed = 1;
+  int seeds = 20;
+  int designs = 40;
+  bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
 };
 

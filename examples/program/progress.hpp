@@ -93,4 +93,23 @@ class Progress {
   std::mutex mutex_;
 };
 
+/// How long each of a row of things took, and the rest will.
+class Pace {
+ public:
+  /// Text about the thing that has just ended, of which `left` are still to come.
+  std::string after(int left) {
+    const auto now = Clock::now();
+    const double seconds = std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+    spent_ += seconds, ++ended_;
+    return span(seconds) + (left > 0 ? ", " + span(spent_ / ended_ * left) + " left" : "");
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point last_ = Clock::now();
+  double spent_ = 0.0;
+  int ended_ = 0;
+};
+
 }  // namespace lumo::program

@@ -49,15 +49,27 @@ class Refusals(unittest.TestCase):
     def test_campaign(self):
         self.refused(USAGE, ["no command", "lumo campaign --help"], "campaign")
         self.refused(USAGE, ["unknown command", "'go'"], "campaign", "go")
-        for command in ["run", "status", "verify", "export"]:
+        for command in ["run", "status", "verify", "export", "select", "report"]:
             self.refused(USAGE, ["--store is missing", f"lumo campaign {command} --help"], "campaign", command)
             self.refused(USAGE, ["--frobnicate", "unknown option"], "campaign", command, "--store", "s", "--frobnicate")
-        for command in ["status", "verify", "export"]:
+        for command in ["status", "verify", "export", "select", "report"]:
             self.refused(BAD_FILE, ["missing"], "campaign", command, "--store", "missing")
             self.refused(USAGE, ["--material"], "campaign", command, "--store", "s", "--material", "DS")
         self.refused(USAGE, ["--evaluations", "1 to 100000"], "campaign", "run", "--store", "s", "--evaluations", "0")
         self.refused(USAGE, ["--source", "default or paper"], "campaign", "run", "--store", "s", "--source", "best")
         self.refused(BAD_FILE, ["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
+        self.refused(USAGE, ["--store", "2 times"], "campaign", "status", "--store", "s", "--store", "t")
+        self.refused(USAGE, ["--seeds", "1 to 1000"], "campaign", "select", "--store", "s", "--seeds", "0")
+
+    def test_study(self):
+        self.refused(USAGE, ["no command", "lumo study --help"], "study")
+        self.refused(USAGE, ["unknown command", "'all'"], "study", "all")
+        for command in ["carrier", "void"]:
+            self.refused(USAGE, ["--frobnicate", f"lumo study {command} --help"], "study", command, "--frobnicate")
+            self.refused(USAGE, ["--designs", "1 to 10000"], "study", command, "--designs", "none")
+            self.refused(USAGE, ["--ensemble", "flat or curved"], "study", command, "--ensemble", "middle")
+            self.refused(BAD_FILE, ["no/such/folder"], "study", command, "--store", "no/such/folder/s")
+            self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")
 
     def test_flags_and_values(self):
         self.refused(USAGE, ["'--json'", "must follow the command"], "--json", "section")

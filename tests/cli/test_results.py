@@ -154,6 +154,31 @@ class Long(unittest.TestCase):
         qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
         self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
 
+    def test_study_goes_on_where_it_was_stopped(self):
+        with tempfile.TemporaryDirectory() as folder:
+            whole, parts = os.path.join(folder, "whole.db"), os.path.join(folder, "parts.db")
+            first = run("study", "carrier", "--designs", "1", "--store", parts, "--json")
+            self.assertEqual(first.returncode, 0, first.stderr)
+            second = run("study", "carrier", "--designs", "2", "--store", parts, "--json", "--out", folder)
+            self.assertEqual(second.returncode, 0, second.stderr)
+            self.assertEqual(run("study", "carrier", "--designs", "2", "--store", whole, "--json").stdout, second.stdout)
+            again = run("study", "carrier", "--designs", "2", "--store", parts, "--json", timeout=60)   # nothing is left to do
+            self.assertEqual(again.stdout, second.stdout)
+            other = run("study", "void", "--designs", "2", "--store", parts)
+            self.assertEqual((other.returncode, other.stdout), (5, ""))
+            self.assertIn("belongs to another problem", other.stderr)
+            table = (pathlib.Path(folder) / "study_carrier.csv").read_text().splitlines()
+            for name in ["bonded_base", "unsupported_base"]:
+                xml.etree.ElementTree.parse(pathlib.Path(folder) / f"study_carrier_{name}_J_contact.svg")
+        self.assertEqual(len(table), 3)
+        report = strict(second.stdout)
+        self.assertEqual(report["designs"][:1], strict(first.stdout)["designs"])
+        for design in report["designs"]:
+            j = {v["variant"]: v["J_contact"] for v in design["record"]["variants"]}
+            for twin in ["bonded_base", "unsupported_base"]:
+                self.assertAlmostEqual(design[f"{twin} delta_J_contact"][0], j["design"] - j[twin], places=12)
+            self.assertGreater(j["design"], j["unsupported_base"])   # the paper's finding, in every design
+
 
 if __name__ == "__main__":
     LUMO = os.path.abspath(sys.argv.pop(1))
