@@ -126,7 +126,7 @@ int run(const Options& options) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  without_blas_threads(argv);
+  settle_blas(argv);
   open_standard_streams();
   stop_on_interrupt();
   try {

@@ -25,10 +25,18 @@ std::recursive_mutex files;   // held while files are written
 
 }  // namespace
 
-void without_blas_threads(char** argv) {
-  const char* const variable = "OPENBLAS_NUM_THREADS";
-  if (const char* set = getenv(variable); set != nullptr && std::string_view(set) == "1") return;
-  if (setenv(variable, "1", 1) == 0) execv("/proc/self/exe", argv);   // goes on as it is if that fails
+void settle_blas(char** argv) {
+  const auto is = [](const char* variable, std::string_view value) {
+    const char* const set = getenv(variable);
+    return set != nullptr && std::string_view(set) == value;
+  };
+  if (is("OPENBLAS_NUM_THREADS", "1")) return;
+#if defined(__x86_64__)
+  // Debian's OpenBLAS takes AMD's processors with AVX-512 for ones without: a tenth of a press's time.
+  if (__builtin_cpu_is("amd") && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
+    setenv("OPENBLAS_CORETYPE", "SkylakeX", 0);
+#endif
+  if (setenv("OPENBLAS_NUM_THREADS", "1", 1) == 0) execv("/proc/self/exe", argv);   // goes on as it is if that fails
 }
 
 void open_standard_streams() {

@@ -3,8 +3,8 @@
 namespace lumo::program {
 
 /// Starts the program again where OpenBLAS has made threads: it does so before main(), they hear signals, and lumo runs scenarios side by side
-/// instead.
-void without_blas_threads(char** argv);
+/// instead. It then also chooses OpenBLAS's kernels where that chooses badly.
+void settle_blas(char** argv);
 
 /// Opens those of standard input, output and error that are closed on nothing. Call it before anything else.
 void open_standard_streams();
