@@ -7,12 +7,6 @@ namespace lumo::program {
 
 namespace {
 
-double value_at(const Json& record, const char* key) {
-  return record.is_object() && record.contains(key) && record[key].is_number() ? record[key].get<double>() : undefined;
-}
-
-double seconds_of(const StoredTrial& t) { return t.notes.is_object() && t.notes.contains("seconds") ? value_at(t.notes["seconds"], "total") : undefined; }
-
 Json summary(const StoredTrial& t) {
   return {{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"J_contact", number(value_at(t.record, "J_contact"))}, {"J_obs", number(value_at(t.record, "J_obs"))}};
 }
@@ -29,7 +23,7 @@ std::string field(const Json& v) { return v.is_number() ? v.dump() : v.is_string
 std::string campaign_status(const Options& o) {
   const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
   double seconds = 0.0;
-  for (const StoredTrial& t : c.trials) seconds += std::isfinite(seconds_of(t)) ? seconds_of(t) : 0.0;
+  for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
   if (o.json) {
     Json j = {{"store", o.store},      {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"source", c.problem.source},
@@ -82,7 +76,7 @@ std::string campaign_export(const Options& o) {
     for (const char* key : {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm", "/worst_observation/diameter_mm", "/worst_observation/angle_deg",
                             "/worst_observation/load_N", "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
-    text += "," + field(number(seconds_of(t)));
+    text += "," + field(number(t.seconds()));
     std::string why;
     for (const char ch : t.why) why += ch == '"' ? std::string("\"\"") : std::string(1, ch);
     text += why.empty() ? ",\n" : ",\"" + why + "\"\n";

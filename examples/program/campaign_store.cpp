@@ -32,6 +32,8 @@ void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std
 
 }  // namespace
 
+double StoredTrial::seconds() const { return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined; }
+
 int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }

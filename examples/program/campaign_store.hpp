@@ -21,6 +21,8 @@ struct StoredTrial {
   Json record, notes;               ///< null while it is under way
   bool on_front = false, selected = false;
   double hypervolume = undefined;   ///< of all that was evaluated up to it; undefined unless it was
+
+  double seconds() const;           ///< that its evaluation took, as noted; undefined when it was not
 };
 
 /// A campaign that was run, whole or in part.

@@ -12,6 +12,7 @@
 #include "program/json.hpp"
 #include "program/version.hpp"
 
+#include <map>
 #include <memory>
 #include <new>
 
@@ -193,6 +194,27 @@ PressResult make_press(const Options& o, Progress& progress) {
   PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seconds.total = watch.seconds();
   return result;
+}
+
+std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int threads, Progress& progress) {
+  std::map<std::string, decltype(pipeline_for(Options{}))> pipelines;   // all before threads start
+  for (const Options& o : requests)
+    if (!pipelines.contains(o.material)) pipelines.emplace(o.material, pipeline_for(o));
+  std::vector<PressOutcome> outcomes(requests.size());
+  progress.stage("press", int(requests.size()));
+  TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
+    const Options& o = requests[k];
+    Progress silent(true);
+    try {
+      outcomes[k].press = pressed(o, body_of(o), pipelines.at(o.material), silent);
+    } catch (const Error& e) {
+      outcomes[k].why = e.what();
+    } catch (const std::bad_alloc&) {
+      outcomes[k].why = "out of memory";
+    }
+    progress.step();
+  });
+  return outcomes;
 }
 
 TraceResult make_trace(const Options& o, Progress& progress) {

@@ -9,6 +9,7 @@
 #include "lumo/campaign/matched_study.hpp"
 
 #include <functional>
+#include <vector>
 
 /// What each command computes. This is where the program meets the library's stages; nothing here reads options or writes files.
 /// All throw lumo's errors; a solve that ends badly is a status in the result.
@@ -20,6 +21,8 @@ void check_design(const Options& options);
 SectionDrawing make_section(const Options& options);
 MeshResult make_mesh(const Options& options, Progress& progress);
 PressResult make_press(const Options& options, Progress& progress);
+/// Presses side by side on `threads` threads, in the order of their requests.
+std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int threads, Progress& progress);
 TraceResult make_trace(const Options& options, Progress& progress);
 EvaluationResult make_evaluation(const Options& options, Progress& progress);
 

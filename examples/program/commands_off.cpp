@@ -11,6 +11,7 @@ namespace {
 
 MeshResult make_mesh(const Options& options, Progress&) { off(options.command); }
 PressResult make_press(const Options& options, Progress&) { off(options.command); }
+std::vector<PressOutcome> make_presses(const std::vector<Options>&, int, Progress&) { off(Command::press); }
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
 EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>&, const lumo::Ensemble&, Progress&) { off(options.command); }

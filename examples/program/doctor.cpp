@@ -1,5 +1,6 @@
 #include "program/doctor.hpp"
 
+#include "program/chart_library.hpp"
 #include "program/json.hpp"
 #include "program/version.hpp"
 
@@ -101,6 +102,9 @@ std::vector<Component> components() {
   tbb.detail = "interface " + std::to_string(interface);
 #endif
   list.push_back(tbb);
+  Component plotly{"plotly.js", chart_library_version(), "MIT", "python3-plotly", "charts of reports", ""};
+  plotly.on = !plotly.version.empty();
+  list.push_back(plotly);
   list.push_back({"CLI11", CLI11_VERSION, "BSD-3-Clause", "libcli11-dev", "this command line", "", true});
   list.push_back({"nlohmann-json", triple(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH), "MIT", "nlohmann-json3-dev", "JSON output", "", true});
   return list;

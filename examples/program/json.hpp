@@ -22,6 +22,11 @@ inline Json numbers(std::span<const double> values) {
   return a;
 }
 
+/// What stands under a key of a record, if it is a number.
+inline double value_at(const Json& record, const char* key) {
+  return record.is_object() && record.contains(key) && record[key].is_number() ? record[key].get<double>() : undefined;
+}
+
 inline Json json(const StateReport& s) {
   return {{"load_N", number(s.load_N)},
           {"force_N", number(s.force_N)},

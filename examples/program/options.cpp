@@ -155,8 +155,6 @@ std::string_view name(Command command) {
   return names[std::size_t(command)];
 }
 
-std::string_view name(Ensemble ensemble) { return ensemble == Ensemble::flat ? "flat" : "curved"; }
-
 std::optional<Options> parse(std::span<char* const> arguments, std::string& text) {
   Options o;
   Typed t;

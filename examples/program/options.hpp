@@ -51,7 +51,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
 
 /// As typed: "press", or "campaign run".
 std::string_view name(Command command);
-std::string_view name(Ensemble ensemble);
+inline std::string_view name(Ensemble ensemble) { return ensemble == Ensemble::flat ? "flat" : "curved"; }
 
 /// The number that the whole of `s` spells, the same in every locale; nothing otherwise. May be NaN or infinite.
 std::optional<double> parse_number(std::string_view s);

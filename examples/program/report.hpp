@@ -64,6 +64,12 @@ struct PressResult {
   std::vector<MechanicalState> states;   ///< one per load, for the pictures and .vtu files
 };
 
+/// One of several presses: a failure does not end the others.
+struct PressOutcome {
+  std::optional<PressResult> press;
+  std::string why;                       ///< there is none
+};
+
 struct TraceResult {
   ScenarioReport scenario;               ///< with responses r (not differences)
   MeshReport size;

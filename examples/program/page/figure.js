@@ -1,0 +1,74 @@
+// A figure has a head with controls and its data as CSV, a chart or a sentence in its place, and a caption.
+
+const blue = "#0072b2", orange = "#d55e00", green = "#009e73", purple = "#cc79a7", ink = "#222", soft = "#5a5f66", faint = "#e3e6ea";
+const chartOptions = {displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"]};
+const pending = [];   // charts under way
+
+function element(tag, text = "", attributes = {}) {
+  const e = document.createElement(tag);
+  e.textContent = text;
+  Object.assign(e, attributes);
+  return e;
+}
+
+function chartLayout(changes) {
+  return Object.assign({
+    autosize: true, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
+    font: {family: "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", size: 13, color: ink},
+    margin: {l: 72, r: 24, t: 24, b: 56},
+    legend: {orientation: "h", x: 0, y: -0.16, xanchor: "left", yanchor: "top"},
+    hoverlabel: {bgcolor: "#fff", bordercolor: "#999", font: {color: ink, size: 13}, align: "left"},
+  }, changes);
+}
+
+const axis = (title, changes = {}) => Object.assign({title: {text: title, standoff: 8}, gridcolor: faint, zeroline: false, showline: true, linecolor: ink, ticks: "outside", tickcolor: ink, automargin: true}, changes);
+
+class Figure {
+  // `rows()` gives the table behind the figure; `name` its file's.
+  constructor(section, id, title, name, rows) {
+    this.box = element("figure", "", {id});
+    this.head = element("div", "", {className: "head"});
+    this.head.append(element("h3", title));
+    this.csv = element("button", "CSV", {className: "csv", type: "button", title: `Download the data of this figure: ${name}.csv`});
+    this.csv.addEventListener("click", () => download(`${name}.csv`, csvText(rows())));
+    this.head.append(this.csv);
+    this.plot = element("div", "", {className: "plot"});
+    this.text = element("p", "", {className: "note", hidden: true});
+    this.caption = element("figcaption");
+    this.box.append(this.head, this.plot, this.text, this.caption);
+    section.append(this.box);
+  }
+
+  // A list of choices in the head; `changed` hears the index.
+  choice(label, options, changed) {
+    const select = element("select");
+    const refill = (texts, chosen = 0) => {
+      select.replaceChildren(...texts.map((t, i) => element("option", t, {value: i})));
+      select.selectedIndex = Math.max(0, chosen);
+    };
+    refill(options);
+    select.addEventListener("change", () => changed(select.selectedIndex));
+    const box = element("label", `${label} `);
+    box.append(select);
+    this.csv.before(box);
+    return {refill, select, box};
+  }
+
+  show(data, layout, caption = "", options = {}) {
+    this.text.hidden = true;
+    this.plot.hidden = this.csv.hidden = false;
+    this.caption.textContent = caption;
+    this.plot.style.height = `${layout.height}px`;
+    const done = Plotly.react(this.plot, data, chartLayout(layout), Object.assign({}, chartOptions, options));
+    pending.push(done);
+    return done;
+  }
+
+  // A sentence where there is nothing to draw.
+  say(sentence) {
+    this.plot.hidden = this.csv.hidden = true;
+    this.caption.textContent = "";
+    this.text.hidden = false;
+    this.text.textContent = sentence;
+  }
+}
