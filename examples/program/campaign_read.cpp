@@ -61,7 +61,7 @@ std::string campaign_export(const Options& o) {
     for (const StoredTrial& t : c.trials)
       rows.push_back({{"index", t.id}, {"theta_mm", numbers(t.theta_mm)}, {"state", t.state}, {"why", t.why.empty() ? Json(nullptr) : Json(t.why)}, {"on_front", t.on_front},
                       {"selected", t.selected}, {"hypervolume", number(t.hypervolume)}, {"record", t.record}, {"notes", t.notes}});
-    return rows.dump(1) + "\n";
+    return text_of(rows, 1) + "\n";
   }
   std::string text = "index";
   for (const Variable& v : finger_space().variables) text += "," + v.name + "_mm";

@@ -27,6 +27,9 @@ inline double value_at(const Json& record, const char* key) {
   return record.is_object() && record.contains(key) && record[key].is_number() ? record[key].get<double>() : undefined;
 }
 
+/// For what others wrote: bytes that are no UTF-8 are replaced. `indent` −1: one line.
+inline std::string text_of(const Json& j, int indent) { return j.dump(indent, ' ', false, Json::error_handler_t::replace); }
+
 inline Json json(const StateReport& s) {
   return {{"load_N", number(s.load_N)},
           {"force_N", number(s.force_N)},

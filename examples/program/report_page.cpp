@@ -26,9 +26,8 @@ std::string as_script(std::string text) {
   return text;
 }
 
-/// Bytes that are no UTF-8 are replaced.
 std::string as_data(const Json& data) {
-  std::string text = data.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string text = text_of(data, -1);
   replace_all(text, "<", "\\u003c");
   return text;
 }

@@ -106,6 +106,9 @@ class Browser:
     def open(self, path):
         self.events.clear()
         self.call("Page.navigate", url=pathlib.Path(path).resolve().as_uri())
+        until = time.monotonic() + self.seconds
+        while not any(method == "Page.loadEventFired" for method, _ in self.events):
+            self._message(until)
 
     def screenshot(self, path):
         """Of the whole page."""

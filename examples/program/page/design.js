@@ -2,6 +2,8 @@
 
 const distinct = (values) => [...new Set(values)].sort((a, b) => a - b);
 const diameterColours = [blue, orange, green, purple, "#e69f00", "#56b4e9"];
+// From the darkest blue over white to the darkest red: ColorBrewer's RdBu (Harrower & Brewer 2003), which all colour visions tell apart.
+const diverging = ["#053061", "#2166ac", "#4393c3", "#92c5de", "#d1e5f0", "#f7f7f7", "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f"].map((c, k) => [k / 10, c]);
 const noDesign = "No design is selected yet: no evaluation has succeeded.";
 
 function makeSection() {
@@ -27,7 +29,7 @@ function makeForceDepth() {
   const draw = () => {
     const here = design.scenarios.filter((s) => place(s) === places[chosen]).sort((a, b) => a.diameter_mm - b.diameter_mm);
     const data = here.map((s, k) => ({type: "scatter", mode: "lines+markers", name: `sphere of ${s.diameter_mm} mm`, line: {color: diameterColours[k % 6], width: 2},
-      marker: {size: 7, symbol: ["circle", "square", "diamond", "triangle-up"][k % 4]}, x: [0, ...s.states.map((q) => q.depth_mm)], y: [0, ...s.states.map((q) => q.force_N)], hoverinfo: "text",
+      marker: {size: 8, symbol: ["circle", "square", "diamond", "triangle-up"][k % 4]}, x: [0, ...s.states.map((q) => q.depth_mm)], y: [0, ...s.states.map((q) => q.force_N)], hoverinfo: "text",
       text: ["first touch", ...s.states.map((q) => `${s.diameter_mm} mm sphere<br>${shown(q.force_N)} N at ${shown(q.depth_mm, 4)} mm<br>contact ${shown(q.contact_area_mm2)} mm²`)]}));
     figure.show(data, {height: 420, xaxis: axis("depth since first touch [mm]", {rangemode: "tozero"}), yaxis: axis("force [N]", {rangemode: "tozero"})});
   };
@@ -55,7 +57,7 @@ function makePatches() {
     const half = report.pad.width_mm / 2, data = [], annotations = [], layout = {height: 540, annotations, shapes: []}, shownLoads = new Set();
     presses.forEach((p, i) => {
       const n = i === 0 ? "" : "2", colours = loadColours(p.states.length);
-      layout[`xaxis${n}`] = axis("along the finger y [mm]", {domain: presses.length === 1 ? [0.25, 0.75] : i === 0 ? [0, 0.46] : [0.54, 1], anchor: `y${n}`, range: [-half - 1, half + 1], constrain: "domain", dtick: 5});
+      layout[`xaxis${n}`] = axis("along the finger y [mm]", {domain: presses.length === 1 ? [0.25, 0.75] : i === 0 ? [0, 0.44] : [0.56, 1], anchor: `y${n}`, range: [-half - 1, half + 1], constrain: "domain", dtick: 5});
       layout[`yaxis${n}`] = axis("across x [mm]", {anchor: `x${n}`, scaleanchor: `x${n}`, range: [-half - 1, half + 1], constrain: "domain", dtick: 5});
       for (const side of [-half, half]) layout.shapes.push({type: "line", xref: `x${n}`, yref: `y${n}`, x0: -half - 1, x1: half + 1, y0: side, y1: side, line: {color: soft, width: 1.2, dash: "dash"}});
       annotations.push({text: `<b>sphere of ${p.diameter_mm} mm</b>`, xref: `x${n} domain`, yref: `y${n} domain`, x: 0, y: 1, xanchor: "left", yanchor: "bottom", showarrow: false});
@@ -88,7 +90,7 @@ function makeHeat() {
     const {scale, title} = axisScale(rows.flatMap((r) => r.change), "change of response", "W/W"), z = rows.map((r) => r.change.map((v) => v / scale));
     const top = Math.max(...z.flat().map(Math.abs)), bins = z[0].map((v, b) => minus(binPlace(b)));
     const text = rows.map((r) => r.change.map((v, b) => `touched at y = ${minus(r.y)} mm<br>bin ${b + 1}, y = ${bins[b]} mm<br>${shown(v)} W/W`));
-    figure.show([{type: "heatmap", x: bins, y: rows.map((r) => minus(r.y)), z, text, hoverinfo: "text", colorscale: "RdBu", reversescale: true, zmin: -top, zmax: top, xgap: 1, ygap: 1, colorbar: {title: {text: title, side: "right"}, thickness: 14, outlinewidth: 0}}],
+    figure.show([{type: "heatmap", x: bins, y: rows.map((r) => minus(r.y)), z, text, hoverinfo: "text", colorscale: diverging, zmin: -top, zmax: top, xgap: 1, ygap: 1, colorbar: {title: {text: title, side: "right"}, thickness: 14, outlinewidth: 0}}],
       {height: 420, xaxis: axis("readout bin, its middle y [mm]", {type: "category", ticks: "", showgrid: false}), yaxis: axis("place of contact y [mm]", {type: "category", ticks: "", showgrid: false})},
       "Power that leaves each 5 mm bin of the visible sides, less that of the unloaded pad, per emitted power. Blue: less light; red: more.");
   };

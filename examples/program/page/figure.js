@@ -15,7 +15,7 @@ function chartLayout(changes) {
   return Object.assign({
     autosize: true, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
     font: {family: "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", size: 13, color: ink},
-    margin: {l: 72, r: 24, t: 24, b: 56},
+    margin: {l: 72, r: 24, t: 34, b: 56},
     legend: {orientation: "h", x: 0, y: -0.16, xanchor: "left", yanchor: "top"},
     hoverlabel: {bgcolor: "#fff", bordercolor: "#999", font: {color: ink, size: 13}, align: "left"},
   }, changes);

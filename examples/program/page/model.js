@@ -22,13 +22,13 @@ function makeParallel() {
     if (trials.length === 0) return figure.say("No evaluation has succeeded yet.");
     const rank = ranks(trials), {scale, title} = axisScale(trials.map((t) => t.J_obs), "J_obs", "W/W");
     const values = [...report.variables.map((v, i) => trials.map((t) => t.theta_mm[i])), trials.map((t) => t.J_contact), trials.map((t) => t.J_obs / scale)];
-    const labels = [...report.variables.map((v) => `${v.name} [${v.unit}]`), "J_contact [–]", title];
+    const labels = [...report.variables.map((v) => `${v.name} [${v.unit}]`), "J_contact [–]", title].map((l) => l.replace(" [", "<br>["));
     const dimensions = values.map((v, i) => ({label: labels[i], values: v, range: range(v, v.some((x) => x !== v[0]) ? 0.02 : 0.1)}));
     const byRank = coloured === 1;
     const line = {color: byRank ? rank : values[6], colorscale: "Viridis", reversescale: byRank, showscale: true, colorbar: {title: {text: byRank ? "rank, 1: Pareto set" : title, side: "right"}, thickness: 14, outlinewidth: 0}};
     if (byRank) line.colorbar.dtick = Math.max(1, Math.ceil(Math.max(...rank) / 8));
     if (byRank && Math.max(...rank) === 1) Object.assign(line, {cmin: 1, cmax: 2});
-    figure.show([{type: "parcoords", dimensions, line, labelfont: {size: 13}, tickfont: {size: 12}, rangefont: {size: 1, color: "#fff"}}], {height: 430, margin: {l: 60, r: 30, t: 56, b: 28}}).then(() => count());
+    figure.show([{type: "parcoords", dimensions, line, labelfont: {size: 13}, tickfont: {size: 12}, rangefont: {size: 1, color: "#fff"}}], {height: 430, margin: {l: 60, r: 30, t: 76, b: 28}}).then(() => count());
   };
   const count = () => {
     const trials = evaluated(campaign), kept = new Set(trials.map((t, k) => k));

@@ -26,7 +26,7 @@ function drawTable(campaigns) {
   const all = campaigns.flatMap((c) => failed(c).map((t) => ({c, t})));
   if (all.length === 0) return;
   const details = element("details"), list = element("ul");
-  details.append(element("summary", `${plural(all.length, "evaluation")} failed; they are in no figure`));
+  details.append(element("summary", `${plural(all.length, "evaluation")} failed and ${all.length === 1 ? "is" : "are"} in no figure`));
   for (const {c, t} of all) list.append(element("li", `${c.name}, #${t.index}, θ = ${thetaText(t.theta_mm)} mm: ${t.why}`));
   details.append(list);
   document.getElementById("failures").append(details);
@@ -94,7 +94,7 @@ function makeHistory() {
     const {scale, title} = axisScale(trials.map((t) => t.hypervolume), "hypervolume", "W/W");
     const starts = trials.filter((t) => t.origin !== "search").length, count = trials.map((t, k) => k + 1);
     const y = trials.map((t) => t.hypervolume / scale), high = 1.08 * Math.max(...y);
-    const layout = {height: 340, xaxis: axis("successful evaluations", {range: [0, trials.length + 1], tickformat: "d"}), yaxis: axis(title, {range: [0, high]}), showlegend: false, shapes: [], annotations: []};
+    const layout = {height: 340, xaxis: axis("successful evaluations", {range: [0, trials.length + 1], dtick: [1, 2, 5, 10, 20, 50, 100].find((d) => trials.length <= 12 * d)}), yaxis: axis(title, {range: [0, high]}), showlegend: false, shapes: [], annotations: []};
     if (starts < trials.length) {
       layout.shapes.push({type: "rect", xref: "x", yref: "paper", x0: 0, x1: starts + 0.5, y0: 0, y1: 1, fillcolor: "#f0f2f5", line: {width: 0}, layer: "below"});
       layout.annotations.push({text: "starts", xref: "x", yref: "paper", x: 0.5 * (starts + 0.5), y: 1, yanchor: "bottom", showarrow: false, font: {color: soft, size: 12}});
