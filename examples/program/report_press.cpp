@@ -39,11 +39,12 @@ Json press_model(const Options& request, const PressOutcome& outcome) {
   std::vector<std::size_t> nodes;
   std::vector<int> number(mesh.nodes.size(), -1);
   Json triangles = Json::array();
+  const std::size_t parts = mesh.order == 2 ? 4 : 1;   // a curved face is drawn as four flat ones
   for (const BoundaryFace& face : mesh.faces)
-    for (std::size_t k = 0; k < 3; ++k) {
-      int& n = number[std::size_t(face.nodes[k])];
-      if (n < 0) n = int(nodes.size()), nodes.push_back(std::size_t(face.nodes[k]));
-      triangles.push_back(n);
+    for (std::size_t corner = 0; corner < 3 * parts; ++corner) {
+      const auto node = std::size_t(face.nodes[parts == 4 ? std::size_t(face_parts()[corner / 3][corner % 3]) : corner]);
+      if (number[node] < 0) number[node] = int(nodes.size()), nodes.push_back(node);
+      triangles.push_back(number[node]);
     }
   j["triangles"] = std::move(triangles);
   j["rest_um"] = micrometres(mesh.nodes, nodes);

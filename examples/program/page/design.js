@@ -14,8 +14,7 @@ function makeSection() {
   return (c) => {
     design = c.design;
     if (design === null) return figure.say(noDesign);
-    figure.plot.hidden = figure.csv.hidden = false;
-    figure.text.hidden = true;
+    figure.reveal();
     figure.plot.innerHTML = design.section.svg;
   };
 }
@@ -54,7 +53,7 @@ function makePatches() {
   return (c) => {
     presses = c.design === null ? [] : c.design.presses.filter((p) => p.states.length > 0);
     if (presses.length === 0) return figure.say(c.design === null ? noDesign : `The pad was not pressed for this page: ${c.design.presses[0].note}`);
-    const half = report.pad.width_mm / 2, data = [], annotations = [], layout = {height: 540, annotations, shapes: []}, shownLoads = new Set();
+    const half = report.pad.width_mm / 2, data = [], annotations = [], layout = {height: Math.min(540, 190 + 0.4 * figure.box.clientWidth), annotations, shapes: []}, shownLoads = new Set();
     presses.forEach((p, i) => {
       const n = i === 0 ? "" : "2", colours = loadColours(p.states.length);
       layout[`xaxis${n}`] = axis("along the finger y [mm]", {domain: presses.length === 1 ? [0.25, 0.75] : i === 0 ? [0, 0.44] : [0.56, 1], anchor: `y${n}`, range: [-half - 1, half + 1], constrain: "domain", dtick: 5});
@@ -86,7 +85,7 @@ function makeHeat() {
   const draw = () => {
     const rows = design.scenarios.filter((s) => s.diameter_mm === diameters[chosen.d] && s.angle_deg === angles[chosen.a]).sort((a, b) => a.y_mm - b.y_mm)
       .map((s) => ({y: s.y_mm, change: s.states.filter((k) => k.load_N === loads[chosen.f]).map(change)[0]})).filter((r) => r.change);
-    if (rows.length === 0) return figure.say("The store has no light for this contact.");
+    if (rows.length === 0) return figure.say("The store has no light of this contact.", true);
     const {scale, title} = axisScale(rows.flatMap((r) => r.change), "change of response", "W/W"), z = rows.map((r) => r.change.map((v) => v / scale));
     const top = Math.max(...z.flat().map(Math.abs)), bins = z[0].map((v, b) => minus(binPlace(b)));
     const text = rows.map((r) => r.change.map((v, b) => `touched at y = ${minus(r.y)} mm<br>bin ${b + 1}, y = ${bins[b]} mm<br>${shown(v)} W/W`));

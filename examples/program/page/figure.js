@@ -31,7 +31,8 @@ class Figure {
     this.head.append(element("h3", title));
     this.csv = element("button", "CSV", {className: "csv", type: "button", title: `Download the data of this figure: ${name}.csv`});
     this.csv.addEventListener("click", () => download(`${name}.csv`, csvText(rows())));
-    this.head.append(this.csv);
+    this.controls = element("span", "", {className: "controls"});
+    this.head.append(this.controls, this.csv);
     this.plot = element("div", "", {className: "plot"});
     this.text = element("p", "", {className: "note", hidden: true});
     this.caption = element("figcaption");
@@ -50,13 +51,17 @@ class Figure {
     select.addEventListener("change", () => changed(select.selectedIndex));
     const box = element("label", `${label} `);
     box.append(select);
-    this.csv.before(box);
+    this.controls.append(box);
     return {refill, select, box};
   }
 
-  show(data, layout, caption = "", options = {}) {
+  reveal() {
     this.text.hidden = true;
-    this.plot.hidden = this.csv.hidden = false;
+    this.plot.hidden = this.csv.hidden = this.controls.hidden = false;
+  }
+
+  show(data, layout, caption = "", options = {}) {
+    this.reveal();
     this.caption.textContent = caption;
     this.plot.style.height = `${layout.height}px`;
     const done = Plotly.react(this.plot, data, chartLayout(layout), Object.assign({}, chartOptions, options));
@@ -64,9 +69,10 @@ class Figure {
     return done;
   }
 
-  // A sentence where there is nothing to draw.
-  say(sentence) {
+  // A sentence where there is nothing to draw; the controls stay where another choice may have something.
+  say(sentence, otherwise = false) {
     this.plot.hidden = this.csv.hidden = true;
+    this.controls.hidden = !otherwise;
     this.caption.textContent = "";
     this.text.hidden = false;
     this.text.textContent = sentence;

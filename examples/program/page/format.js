@@ -11,6 +11,7 @@ const powerFor = (largest) => { const e = exponent(largest); return e < -2 || e 
 // With so many significant digits.
 function shown(v, digits = 3) {
   if (!isNumber(v)) return "–";
+  if (v === 0) return "0";
   const e = powerFor(v);
   if (e === 0) return minus(v.toFixed(Math.min(12, Math.max(0, digits - 1 - exponent(v)))));
   return `${minus((v / 10 ** e).toFixed(digits - 1))}×10${superscript(e)}`;

@@ -2,7 +2,7 @@
 
 const triples = (list) => [0, 1, 2].map((i) => list.filter((v, k) => k % 3 === i));
 
-// Lower half of a sphere, which rests on the pad.
+// Lower half of a sphere. It is drawn a little smaller than it is, or the pad would shine through where both are at one place.
 function bowl(radius, z) {
   const rings = 24, sectors = 72, x = [0], y = [0], h = [z - radius], i = [], j = [], k = [];
   for (let r = 1; r <= rings; ++r)
@@ -37,19 +37,18 @@ function makePad() {
   const draw = () => {
     const {p, s, now, length} = surface(), [i, j, k] = triples(p.triangles), byPressure = chosen.colour === 1;
     const data = [{type: "mesh3d", x: now[0], y: now[1], z: now[2], i, j, k, intensity: byPressure ? s.pressure_kPa : length, colorscale: byPressure ? "Cividis" : "Viridis", cmin: 0, flatshading: false,
-      cmax: Math.max(...(byPressure ? s.pressure_kPa : length)) || 1, lighting: {ambient: 0.6, diffuse: 0.7, specular: 0.15, roughness: 0.7}, lightposition: {x: 2000, y: -3000, z: 6000},
+      cmax: Math.max(...(byPressure ? s.pressure_kPa : length)) || 1, lighting: {ambient: 0.7, diffuse: 0.7, specular: 0.15, roughness: 0.7}, lightposition: {x: 2000, y: -3000, z: 6000},
       colorbar: {title: {text: byPressure ? "contact pressure [kPa]" : "displacement [mm]", side: "right"}, thickness: 14, outlinewidth: 0, len: 0.8},
-      hovertemplate: `x %{x:.2f} mm<br>y %{y:.2f} mm<br>z %{z:.2f} mm<br>%{intensity:.3g} ${byPressure ? "kPa" : "mm"}<extra></extra>`}, bowl(p.diameter_mm / 2, s.sphere_z_mm)];
+      hovertemplate: `x %{x:.2f} mm<br>y %{y:.2f} mm<br>z %{z:.2f} mm<br>%{intensity:.3g} ${byPressure ? "kPa" : "mm"}<extra></extra>`}, bowl(0.497 * p.diameter_mm, s.sphere_z_mm)];
     const away = Math.max(1, 1050 / figure.box.clientWidth);   // the whole pad also fits a narrow page
     const room = (title) => ({title: {text: title}, backgroundcolor: "#fff", gridcolor: faint, showbackground: false, zeroline: false, tickfont: {size: 11}});
-    figure.show(data, {height: 560, margin: {l: 0, r: 0, t: 8, b: 8}, uirevision: "kept", scene: {aspectmode: "data", uirevision: "kept", camera: {eye: {x: 1.65 * away, y: -0.75 * away, z: 1.1 * away}, center: {x: 0, y: 0, z: -0.12}},
-      xaxis: room("x [mm]"), yaxis: room("y [mm]"), zaxis: room("z [mm]")}},
+    figure.show(data, {height: 560, margin: {l: 0, r: 0, t: 8, b: 8}, uirevision: "kept", scene: {aspectmode: "data", uirevision: "kept", camera: {eye: {x: 1.65 * away, y: -0.75 * away, z: 1.1 * away}, center: {x: 0, y: 0, z: -0.2}},
+      xaxis: room("x [mm]"), yaxis: room("y [mm]"), zaxis: Object.assign(room("z [mm]"), {tickvals: [5, 10, 15, 20, 25, 30]})}},
       `${s.load_N} N on a sphere of ${p.diameter_mm} mm: ${shown(s.depth_mm, 4)} mm deep. Drag to turn, scroll to come nearer; the lower half of the sphere is drawn. ${plural(i.length, "triangle")} of the pad's surface, true to scale.`);
   };
   return (c) => {
     design = c.design;
     presses = design === null ? [] : design.presses.filter((p) => p.states.length > 0);
-    for (const control of figure.head.querySelectorAll("label")) control.hidden = presses.length === 0;
     if (presses.length === 0) return figure.say(design === null ? noDesign : `The pad was not pressed for this page: ${design.presses[0].note}`);
     chosen.press = 0, chosen.state = presses[0].states.length - 1;
     sphere.refill(presses.map((p) => `${p.diameter_mm} mm`));

@@ -14,7 +14,7 @@ function hoverText(t) {
 function drawTable(campaigns) {
   const table = document.getElementById("campaigns");
   const head = element("tr");
-  for (const h of ["material, ensemble", "evaluated", "failed", "hypervolume", "selected θ [mm]", "J_contact", "J_obs"]) head.append(element("th", h));
+  for (const h of ["campaign", "evaluated", "failed", "hypervolume", "selected θ [mm]", "J_contact", "J_obs"]) head.append(element("th", h));
   table.append(head);
   for (const c of campaigns) {
     const row = element("tr"), best = c.trials.find((t) => t.selected);
@@ -25,7 +25,7 @@ function drawTable(campaigns) {
   }
   const all = campaigns.flatMap((c) => failed(c).map((t) => ({c, t})));
   if (all.length === 0) return;
-  const details = element("details"), list = element("ul");
+  const details = element("details", "", {open: campaigns.every((c) => evaluated(c).length === 0)}), list = element("ul");
   details.append(element("summary", `${plural(all.length, "evaluation")} failed and ${all.length === 1 ? "is" : "are"} in no figure`));
   for (const {c, t} of all) list.append(element("li", `${c.name}, #${t.index}, θ = ${thetaText(t.theta_mm)} mm: ${t.why}`));
   details.append(list);
