@@ -5,6 +5,7 @@
 #include "program/report_press.hpp"
 
 #include <limits>
+#include <numbers>
 
 using namespace lumo;
 using namespace lumo::program;
@@ -50,7 +51,7 @@ double error_of_area(int n) {
   const TetMesh mesh = square(n, 1);
   double sum = 0.0;
   for (const auto& loop : contact_outline(mesh, two_discs(mesh))) sum += std::abs(area(loop));
-  return std::abs(sum - pi * (16.0 + 4.0));
+  return std::abs(sum - std::numbers::pi * (16.0 + 4.0));
 }
 
 PressOutcome press_of(std::vector<MechanicalState> states) {
@@ -76,7 +77,7 @@ TEST_CASE("edges of contact are closed loops with the area of the set") {
   for (const auto& loop : loops) {
     CHECK(loop.front() == loop.back());
     const bool large = loop.front()[0] < 0.0;   // (y, x)
-    CHECK(std::abs(area(loop)) == Approx(pi * (large ? 16.0 : 4.0)).epsilon(0.02));
+    CHECK(std::abs(area(loop)) == Approx(std::numbers::pi * (large ? 16.0 : 4.0)).epsilon(0.02));
     CHECK(area(loop) * area(loops.front()) > 0.0);
     for (const Point& p : loop) CHECK(std::hypot(p[0] - (large ? -5.0 : 5.0), p[1]) == Approx(large ? 4.0 : 2.0).epsilon(0.02));
   }

@@ -28,6 +28,7 @@ function makeParallel() {
     const line = {color: byRank ? rank : values[6], colorscale: "Viridis", reversescale: byRank, showscale: true, colorbar: {title: {text: byRank ? "rank, 1: Pareto set" : title, side: "right"}, thickness: 14, outlinewidth: 0}};
     if (byRank) line.colorbar.dtick = Math.max(1, Math.ceil(Math.max(...rank) / 8));
     if (byRank && Math.max(...rank) === 1) Object.assign(line, {cmin: 1, cmax: 2});
+    // The ends of an axis say nothing that its ticks do not: their labels are made invisible.
     figure.show([{type: "parcoords", dimensions, line, labelfont: {size: 13}, tickfont: {size: 12}, rangefont: {size: 1, color: "#fff"}}], {height: 430, margin: {l: 60, r: 30, t: 76, b: 28}}).then(() => count());
   };
   const count = () => {

@@ -36,7 +36,15 @@ function main() {
   drawHead(campaigns);
   drawPareto(campaigns);
   const figures = [makeHistory(), makeParallel(), makeCheck(), makeSection(), makeForceDepth(), makePatches(), makeHeat(), makePad()];
-  const choose = (k) => figures.forEach((draw) => draw(campaigns[k]));
+  // A figure that fails leaves the others in place.
+  const choose = (k) => figures.forEach((draw) => {
+    try {
+      draw(campaigns[k]);
+    } catch (error) {
+      problems.push(String(error));
+      console.error(error);
+    }
+  });
   if (campaigns.length > 1) {
     const select = element("select"), label = element("label", "What follows is about ");
     select.append(...campaigns.map((c, k) => element("option", c.name, {value: k})));

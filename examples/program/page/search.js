@@ -41,7 +41,7 @@ const range = (values, pad) => {
 function drawPareto(campaigns) {
   const figure = new Figure(document.getElementById("pareto"), "pareto-figure", "", "pareto", () =>
     [["material", "ensemble", ...trialHead()], ...campaigns.flatMap((c) => evaluated(c).map((t) => [c.material, c.ensemble, ...trialRow(t)]))]);
-  const panels = campaigns.filter((c) => evaluated(c).length > 0).sort((a, b) => b.ensemble.localeCompare(a.ensemble) || a.material.localeCompare(b.material));
+  const panels = campaigns.filter((c) => evaluated(c).some((t) => t.on_front)).sort((a, b) => b.ensemble.localeCompare(a.ensemble) || a.material.localeCompare(b.material));
   if (panels.length === 0) return figure.say("No evaluation has succeeded yet, so there is no Pareto set.");
   const {scale, title} = axisScale(panels.flatMap((c) => evaluated(c).map((t) => t.J_obs)), "J_obs", "W/W");
   const columns = Math.min(2, panels.length), rows = Math.ceil(panels.length / columns), single = panels.length === 1;
@@ -53,7 +53,8 @@ function drawPareto(campaigns) {
     const gap = single ? 0 : 0.11, width = (1 - gap * (columns - 1)) / columns, gapY = 0.2 / rows, height = (1 - gapY * (rows - 1)) / rows;
     const x0 = column * (width + gap), y1 = 1 - row * (height + gapY);
     const family = panels.filter((o) => o.material === c.material).flatMap(evaluated);
-    const xRange = range(family.map((t) => t.J_contact), 0.08), yRange = range(family.map((t) => t.J_obs / scale), 0.08);
+    const within = (key) => family.flatMap((t) => [t[key] - t[`${key}_err`], t[key] + t[`${key}_err`]]);   // no closer than the errors allow
+    const xRange = range(within("J_contact"), 0.06), yRange = range(within("J_obs").map((v) => v / scale), 0.06);
     layout[`xaxis${n}`] = axis("J_contact [–]", {domain: [x0, x0 + width], anchor: `y${n}`, range: xRange});
     layout[`yaxis${n}`] = axis(title, {domain: [y1 - height, y1], anchor: `x${n}`, range: yRange});
     if (!single) annotations.push({text: `<b>${c.name}</b>`, xref: "paper", yref: "paper", x: x0, y: y1, xanchor: "left", yanchor: "bottom", showarrow: false, font: {size: 14}});
@@ -93,7 +94,7 @@ function makeHistory() {
     if (trials.length === 0) return figure.say("No evaluation has succeeded yet.");
     const {scale, title} = axisScale(trials.map((t) => t.hypervolume), "hypervolume", "W/W");
     const starts = trials.filter((t) => t.origin !== "search").length, count = trials.map((t, k) => k + 1);
-    const y = trials.map((t) => t.hypervolume / scale), high = 1.08 * Math.max(...y);
+    const y = trials.map((t) => t.hypervolume / scale), high = 1.08 * Math.max(...y) || 1;
     const layout = {height: 340, xaxis: axis("successful evaluations", {range: [0, trials.length + 1], dtick: [1, 2, 5, 10, 20, 50, 100].find((d) => trials.length <= 12 * d)}), yaxis: axis(title, {range: [0, high]}), showlegend: false, shapes: [], annotations: []};
     if (starts < trials.length) {
       layout.shapes.push({type: "rect", xref: "x", yref: "paper", x0: 0, x1: starts + 0.5, y0: 0, y1: 1, fillcolor: "#f0f2f5", line: {width: 0}, layer: "below"});
