@@ -27,7 +27,8 @@ std::vector<Design> starts(const CampaignProblem& problem) {
 }
 
 Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
-  const auto start = std::size_t(std::find_if(first.begin(), first.end(), [&](const Design& x) { return std::equal(x.begin(), x.end(), t.theta_mm.begin()); }) - first.begin());
+  const auto here = [&](const Design& x) { return std::equal(x.begin(), x.end(), t.theta_mm.begin()); };
+  const auto start = std::size_t(std::find_if(first.begin(), first.end(), here) - first.begin());
   Json j = {{"index", t.id},
             {"theta_mm", numbers(t.theta_mm)},
             {"origin", start < reference_designs().size() ? "reference" : start < first.size() ? "sobol" : "search"},
@@ -55,7 +56,10 @@ Json model_check(const StoredCampaign& campaign, const char* objective) {
   }
   const auto left_out = GaussianProcess<>::fit(data).leave_one_out();
   const Eigen::ArrayXd deviation = left_out.variance.array().sqrt(), z = (data.y - left_out.mean).array() / deviation;
-  Json j = {{"objective", objective}, {"coverage", (z.abs() <= 1.96).cast<double>().mean()}, {"standardised_rms", number(std::sqrt(z.square().mean()))}, {"points", Json::array()}};
+  Json j = {{"objective", objective},
+            {"coverage", (z.abs() <= 1.96).cast<double>().mean()},
+            {"standardised_rms", number(std::sqrt(z.square().mean()))},
+            {"points", Json::array()}};
   for (std::size_t k = 0; k < told.size(); ++k)
     j["points"].push_back({{"index", told[k]->id},
                            {"computed", number(data.y[Eigen::Index(k)])},
@@ -86,7 +90,10 @@ Json scenario_models(const Json& record) {
       state["response"] = all_numbers(member(k, "response"));
       states.push_back(std::move(state));
     }
-    list.push_back({{"diameter_mm", number(value_at(s, "diameter_mm"))}, {"angle_deg", number(value_at(s, "angle_deg"))}, {"y_mm", number(value_at(s, "y_mm"))}, {"states", states}});
+    Json scenario = Json::object();
+    for (const char* key : {"diameter_mm", "angle_deg", "y_mm"}) scenario[key] = number(value_at(s, key));
+    scenario["states"] = std::move(states);
+    list.push_back(std::move(scenario));
   }
   return list;
 }

@@ -9,9 +9,9 @@ import tempfile
 import time
 
 # Software WebGL; no name resolves, so that nothing can come from a network.
-FLAGS = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND",
-         "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-default-apps", "--hide-scrollbars", "--force-color-profile=srgb",
-         "--remote-debugging-pipe"]
+FLAGS = ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+         "--host-resolver-rules=MAP * ~NOTFOUND", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
+         "--disable-default-apps", "--hide-scrollbars", "--force-color-profile=srgb", "--remote-debugging-pipe"]
 
 
 class Browser:
@@ -30,7 +30,8 @@ class Browser:
             os.dup2(b, 4)
 
         self.log = tempfile.TemporaryFile()
-        self.process = subprocess.Popen([program, *FLAGS, f"--user-data-dir={self.profile.name}"], stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=wire, close_fds=False)
+        words = [program, *FLAGS, f"--user-data-dir={self.profile.name}"]
+        self.process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log, preexec_fn=wire, close_fds=False)
         os.close(to_read)
         os.close(back_write)
         self.bytes, self.number, self.session = b"", 0, None

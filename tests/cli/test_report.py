@@ -68,6 +68,11 @@ def loop_area(points):
     return abs(sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(points, points[1:]))) / 2.0
 
 
+def box(element):
+    """Script for left, top, width and height of an element on the screen."""
+    return f"(({{x, y, width, height}}) => [x, y, width, height])({element}.getBoundingClientRect())"
+
+
 class Page(unittest.TestCase):
     def open(self, path, width=1280):
         self.browser.resize(width, 900)
@@ -123,7 +128,7 @@ class OneCampaign(Page):
         self.assertEqual(self.told, {"page": str(self.page), "bytes": self.page.stat().st_size})
         again = FOLDER / "again"
         again.mkdir(exist_ok=True)
-        done = subprocess.run([LUMO, "campaign", "report", "--store", store("DS_flat"), "--out", self.page.name, "--threads", "1"], cwd=again, capture_output=True, text=True, timeout=600)
+        done = run("campaign", "report", "--store", store("DS_flat"), "--out", self.page.name, "--threads", "1", cwd=again)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertRegex(done.stdout, r"^one\.html: \d+\.\d MB\n$")
         # The command that is quoted at the foot is all that differs.
@@ -182,9 +187,10 @@ class OneCampaign(Page):
         caption = "document.querySelector('#parallel-figure figcaption').textContent"
         self.assertEqual(self.browser.evaluate(caption), f"{len(self.trials)} designs.")
         self.browser.evaluate("document.getElementById('parallel-figure').scrollIntoView()")
-        x, y, height = self.plot("parallel-figure", "(() => { const r = plot.querySelectorAll('.axis-brush')[1].getBoundingClientRect(); return [r.x + r.width / 2, r.y, r.height]; })()")
+        x, y, width, height = self.plot("parallel-figure", box("plot.querySelectorAll('.axis-brush')[1]"))
         for kind, at in [("mouseMoved", 0.3), ("mousePressed", 0.3), ("mouseMoved", 0.5), ("mouseMoved", 0.7), ("mouseReleased", 0.7)]:
-            self.browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y + at * height, button="left" if kind != "mouseMoved" or at > 0.3 else "none", buttons=1 if at > 0.3 else 0, clickCount=1)
+            held = at > 0.3
+            self.browser.call("Input.dispatchMouseEvent", type=kind, x=x + width / 2, y=y + at * height, button="left" if held or kind != "mouseMoved" else "none", buttons=int(held), clickCount=1)
             time.sleep(0.1)
         self.browser.wait_for(f"{caption}.includes('within the brushes')")
         low, high = self.plot("parallel-figure", "plot.data[0].dimensions[1].constraintrange")
@@ -195,8 +201,8 @@ class OneCampaign(Page):
     def test_hover_shows_errors(self):
         self.open(self.page)
         self.browser.evaluate("document.getElementById('pareto').scrollIntoView()")
-        x, y = self.plot("pareto-figure", "(() => { const r = [...plot.querySelectorAll('.scatterlayer path.point')].pop().getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()")
-        self.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        x, y, width, height = self.plot("pareto-figure", box("[...plot.querySelectorAll('.scatterlayer path.point')].pop()"))
+        self.browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + width / 2, y=y + height / 2)
         self.browser.wait_for("document.querySelector('#pareto-figure .plot').data.some((d) => d.error_y && d.error_y.array.length === 1)")
         shown = self.plot("pareto-figure", "plot.querySelector('.hoverlayer').textContent")
         self.assertIn(f"#{self.best['index']}, selected", shown)
@@ -293,7 +299,8 @@ class Campaigns(Page):
         counts = [len(exported(name)) for name in STORES]
         self.assertEqual(counts, list(STORES.values()))
         self.assertEqual(self.browser.evaluate("document.querySelectorAll('#pareto-figure .scatterlayer path.point').length"), sum(counts))
-        self.assertEqual(self.plot("pareto-figure", "plot.data.filter((d) => d.name === 'selected design').map((d) => [d.x.length, d.marker.symbol, d.xaxis])"), [[1, "star", x] for x in ("x", "x2", "x3", "x4")])
+        stars = self.plot("pareto-figure", "plot.data.filter((d) => d.name === 'selected design').map((d) => [d.x.length, d.marker.symbol, d.xaxis])")
+        self.assertEqual(stars, [[1, "star", x] for x in ("x", "x2", "x3", "x4")])
         self.assertEqual(self.plot("pareto-figure", "plot.layout.annotations.map((a) => a.text)"), ["<b>DS, flat</b>", "<b>Sol, flat</b>", "<b>DS, curved</b>", "<b>Sol, curved</b>"])
         ranges = self.plot("pareto-figure", "['', 2, 3, 4].map((n) => [plot.layout['xaxis' + n].range, plot.layout['yaxis' + n].range])")
         self.assertEqual((ranges[0], ranges[1]), (ranges[2], ranges[3]))

@@ -1,8 +1,12 @@
 // A figure has a head with controls and its data as CSV, a chart or a sentence in its place, and a caption.
 
 const blue = "#0072b2", orange = "#d55e00", green = "#009e73", purple = "#cc79a7", ink = "#222", soft = "#5a5f66", faint = "#e3e6ea";
-const chartOptions = {displaylogo: false, responsive: true, modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"]};
-const pending = [];   // charts under way
+const chartOptions = {
+  displaylogo: false,
+  responsive: true,
+  modeBarButtonsToRemove: ["select2d", "lasso2d", "autoScale2d", "hoverClosestCartesian", "hoverCompareCartesian", "toggleSpikelines"]
+};
+const pending = [];  // charts under way
 
 function element(tag, text = "", attributes = {}) {
   const e = document.createElement(tag);
@@ -12,16 +16,39 @@ function element(tag, text = "", attributes = {}) {
 }
 
 function chartLayout(changes) {
-  return Object.assign({
-    autosize: true, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
-    font: {family: "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", size: 13, color: ink},
-    margin: {l: 72, r: 24, t: 34, b: 56},
-    legend: {orientation: "h", x: 0, y: -0.16, xanchor: "left", yanchor: "top"},
-    hoverlabel: {bgcolor: "#fff", bordercolor: "#999", font: {color: ink, size: 13}, align: "left"},
-  }, changes);
+  return Object.assign(
+      {
+        autosize: true,
+        paper_bgcolor: "#fff",
+        plot_bgcolor: "#fff",
+        hovermode: "closest",
+        font: {family: "system-ui, -apple-system, 'Segoe UI', Roboto, 'DejaVu Sans', sans-serif", size: 13, color: ink},
+        margin: {l: 72, r: 24, t: 34, b: 56},
+        legend: {orientation: "h", x: 0, y: -0.16, xanchor: "left", yanchor: "top"},
+        hoverlabel: {bgcolor: "#fff", bordercolor: "#999", font: {color: ink, size: 13}, align: "left"},
+      },
+      changes);
 }
 
-const axis = (title, changes = {}) => Object.assign({title: {text: title, standoff: 8}, gridcolor: faint, zeroline: false, showline: true, linecolor: ink, ticks: "outside", tickcolor: ink, automargin: true}, changes);
+const colourBar = (title, changes = {}) => Object.assign({title: {text: title, side: "right"}, thickness: 14, outlinewidth: 0}, changes);
+const axis = (title, changes = {}) => Object.assign(
+    {
+      title: {text: title, standoff: 8},
+      gridcolor: faint,
+      zeroline: false,
+      showline: true,
+      linecolor: ink,
+      ticks: "outside",
+      tickcolor: ink,
+      automargin: true
+    },
+    changes);
+
+// Of an axis: what the values span, with some room.
+const range = (values, pad) => {
+  const low = Math.min(...values), high = Math.max(...values), room = pad * (high - low || Math.abs(high) || 1);
+  return [low - room, high + room];
+};
 
 class Figure {
   // `rows()` gives the table behind the figure; `name` its file's.

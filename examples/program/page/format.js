@@ -6,12 +6,15 @@ const superscript = (e) => minus(e).replace(/[−0-9]/g, (c) => c === "−" ? "�
 const isNumber = (v) => typeof v === "number" && Number.isFinite(v);
 const exponent = (v) => v === 0 ? 0 : Math.floor(Math.log10(Math.abs(v)) + 1e-12);
 // Small and large numbers get a power of ten, not a row of zeros.
-const powerFor = (largest) => { const e = exponent(largest); return e < -2 || e > 4 ? e : 0; };
+const powerFor = (largest) => {
+  const e = exponent(largest);
+  return e < -2 || e > 4 ? e : 0;
+};
 
 // With so many significant digits.
 function shown(value, digits = 3) {
   if (!isNumber(value)) return "–";
-  const v = Number(value.toPrecision(digits));   // first, or 99.97 becomes 100.0
+  const v = Number(value.toPrecision(digits));  // first, or 99.97 becomes 100.0
   if (v === 0) return "0";
   const e = powerFor(v);
   if (e === 0) return minus(v.toFixed(Math.min(12, Math.max(0, digits - 1 - exponent(v)))));
