@@ -70,8 +70,6 @@ std::array<double, 3> gain_of(const Options& o, const StoredCampaign& c, Progres
   return gain;
 }
 
-double value_at(const Json& record, const char* key) { return record.contains(key) && record[key].is_number() ? record[key].get<double>() : undefined; }
-
 std::string percent(double v) { return std::isfinite(v) ? (v > 0 ? "+" : "") + cell(v, 1) : "-"; }
 
 }  // namespace

@@ -30,4 +30,7 @@
 #include "lumo/optimize/qlog_nehvi.hpp"
 
 #include "lumo/campaign/evaluate.hpp"
-#include "lumo/campaign/log.hpp"
+#include "lumo/campaign/finger_campaign.hpp"
+#include "lumo/campaign/choice_stability.hpp"
+#include "lumo/campaign/matched_study.hpp"
+#include "lumo/campaign/paired_differences.hpp"
