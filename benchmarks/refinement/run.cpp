@@ -1,7 +1,7 @@
 // Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
 // Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file; lines that are
 // there are not computed again.
-//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters 10,30]
+//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters 10,30] [--places -22,0,22]
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
@@ -94,7 +94,7 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
 
 int main(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
-    std::fprintf(stderr, "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters mm,mm,...] [--threads N]\n");
+    std::fprintf(stderr, "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters mm,mm,...] [--places mm,mm,...] [--threads N]\n");
     return 2;
   }
   std::size_t count = 5;
@@ -106,8 +106,15 @@ int main(int argc, char** argv) {
     if (!std::strcmp(argv[i], "--material")) material = argv[i + 1];
     if (!std::strcmp(argv[i], "--settings")) settings = argv[i + 1];
     if (!std::strcmp(argv[i], "--diameters")) ensemble.diameters_m = numbers(argv[i + 1], 1e-3);
+    if (!std::strcmp(argv[i], "--places")) ensemble.places_m = numbers(argv[i + 1], 1e-3);
     if (!std::strcmp(argv[i], "--threads")) threads = std::atoi(argv[i + 1]);
   }
+  const auto listed = [](const std::vector<double>& metres) {
+    std::string text;
+    for (const double v : metres) text += (text.empty() ? "" : ",") + detail::text(1e3 * v);
+    return text;
+  };
+  const std::string contacts = "d=" + listed(ensemble.diameters_m) + ";y=" + listed(ensemble.places_m);
   const Silicone card = silicone(material);
   const TetgenMesher mesher;  // before threads start
 
@@ -129,7 +136,7 @@ int main(int argc, char** argv) {
     }
     const Setting s = kSettings.at(name);
     for (const FingerDesign& d : list) {
-      const std::string key = detail::text(name, " ", material, " ", ensemble.diameters_m.size(), " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
+      const std::string key = detail::text(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
       Focus focus;
       for (double* edge : {&focus.finest, &focus.growth, &focus.depth_growth}) *edge *= s.mesh;

@@ -16,12 +16,12 @@ def kendall(a, b):
 
 
 def read(path):
-    """Lines by (material, spheres), then by setting, then by design."""
+    """Lines by material and contacts, then by setting, then by design."""
     studies = collections.defaultdict(lambda: collections.defaultdict(dict))
     for line in open(path):
         row = json.loads(line)
-        setting, material, spheres, design = row["key"].split()
-        studies[f"{material}, {spheres} spheres"][setting][design] = row
+        setting, material, contacts, design = row["key"].split()
+        studies[f"{material}, {contacts.replace(';', ', ')} mm"][setting][design] = row
     return studies
 
 
