@@ -43,13 +43,13 @@ double error_on(const D& decoder, const LabelledResponses& training, const Label
 
 template <Decoder D>
 void check_laws(const D& decoder) {
-  const auto mean = [](int p) { return Eigen::VectorXd(Eigen::Vector3d(p == 0, p == 1, p == 2)); };
+  const auto mean = [](int p) { return Eigen::VectorXd{{double(p == 0), double(p == 1), double(p == 2)}}; };
   const LabelledResponses d = draw(3, 8, mean, 0.3 * Eigen::MatrixXd::Identity(3, 3), 2);
   LabelledResponses turned = d;
   turned.response = d.response.rowwise().reverse();
   std::reverse(turned.place.begin(), turned.place.end());
   const auto model = decoder.fit(d), other = decoder.fit(turned);
-  for (const Eigen::Vector3d& x : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0.4, 0.5, 0.1), Eigen::Vector3d(9, -9, 1e6), Eigen::Vector3d(0, 0, 0)}) {
+  for (const Eigen::VectorXd& x : {Eigen::VectorXd{{1.0, 0.0, 0.0}}, Eigen::VectorXd{{0.4, 0.5, 0.1}}, Eigen::VectorXd{{9.0, -9.0, 1e6}}, Eigen::VectorXd{{0.0, 0.0, 0.0}}}) {
     const Decoding a = model.decode(x), b = other.decode(x);
     CHECK(a.probability.sum() == Approx(1.0));
     CHECK(a.probability[a.place] == a.probability.maxCoeff());
@@ -75,7 +75,7 @@ TEST_CASE("decoders keep their laws", "[decoder]") {
 
 TEST_CASE("round noise: templates and discriminant reach the Bayes error", "[decoder]") {
   // Two Gaussians at distance Δ = 2 with σ = 0.8: error Φ(−Δ/2σ) = 10.56 %. With 6000 test observations its standard error is 0.4 %.
-  const auto mean = [](int p) { return Eigen::VectorXd(Eigen::Vector2d(p == 0 ? -1.0 : 1.0, 5.0)); };
+  const auto mean = [](int p) { return Eigen::VectorXd{{p == 0 ? -1.0 : 1.0, 5.0}}; };
   const Eigen::MatrixXd factor = 0.8 * Eigen::MatrixXd::Identity(2, 2);
   const auto training = draw(2, 400, mean, factor, 1), test = draw(2, 3000, mean, factor, 2);
   const double bayes = tail(1.0 / 0.8);
@@ -85,10 +85,8 @@ TEST_CASE("round noise: templates and discriminant reach the Bayes error", "[dec
 
 TEST_CASE("correlated noise: the discriminant reaches the Bayes error, templates do not", "[decoder]") {
   // Noise mostly along (1, 1), the places differ along (1, 0).
-  Eigen::Matrix2d factor;
-  factor << 1.0, 0.2, 1.0, -0.2;
-  const Eigen::Matrix2d covariance = factor * factor.transpose();
-  const Eigen::Vector2d delta(1.0, 0.0);
+  const Eigen::MatrixXd factor{{1.0, 0.2}, {1.0, -0.2}}, covariance = factor * factor.transpose();
+  const Eigen::VectorXd delta{{1.0, 0.0}};
   const double bayes = tail(0.5 * std::sqrt(delta.dot(covariance.inverse() * delta)));
   const double templates = tail(0.5 * delta.norm() / std::sqrt(covariance(0, 0)));
   const auto mean = [&](int p) { return Eigen::VectorXd(double(p) * delta); };
@@ -100,7 +98,7 @@ TEST_CASE("correlated noise: the discriminant reaches the Bayes error, templates
 
 TEST_CASE("a Bayes filter over steps adds their evidence", "[decoder]") {
   // Each of three steps separates by d' = 1/0.8; together by √3 of it.
-  const auto mean = [](int p) { return Eigen::VectorXd(Eigen::Vector3d::Constant(p == 0 ? -0.5 : 0.5)); };
+  const auto mean = [](int p) { return Eigen::VectorXd(Eigen::VectorXd::Constant(3, p == 0 ? -0.5 : 0.5)); };
   const Eigen::MatrixXd factor = 0.8 * Eigen::MatrixXd::Identity(3, 3);
   const auto training = draw(2, 500, mean, factor, 3), test = draw(2, 3000, mean, factor, 4);
   CHECK(error_on(BayesDecoder{3}, training, test) == Approx(tail(std::sqrt(3.0) * 0.5 / 0.8)).margin(0.012));
@@ -109,9 +107,9 @@ TEST_CASE("a Bayes filter over steps adds their evidence", "[decoder]") {
   CHECK(error_on(BayesDecoder{1}, first, first_test) == Approx(tail(0.5 / 0.8)).margin(0.015));
 
   PlaceFilter filter(3, 0.3);  // by hand: (0.7 p + 0.1) · likelihood, normalised
-  filter.update(Eigen::Vector3d(std::log(2.0), 0.0, 0.0));
+  filter.update(Eigen::VectorXd{{std::log(2.0), 0.0, 0.0}});
   CHECK(filter.probability()[0] == Approx(0.5));
-  filter.update(Eigen::Vector3d(0.0, std::log(3.0), 0.0));
+  filter.update(Eigen::VectorXd{{0.0, std::log(3.0), 0.0}});
   const double a = 0.45, b = 0.275 * 3.0, c = 0.275;
   CHECK(filter.probability()[1] == Approx(b / (a + b + c)));
 }
@@ -135,7 +133,7 @@ TEST_CASE("shrinkage keeps few observations of many features decodable", "[decod
 
 TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a model that has not seen its repetition", "[decoder]") {
   // One feature; repetition 2 of place 1 looks like place 0. Templates without it: place 0 at 0, place 1 at 1.
-  LabelledResponses d{Eigen::MatrixXd(1, 6), {0, 1, 0, 1, 0, 1}, Eigen::Vector2d(-0.005, 0.005)};
+  LabelledResponses d{Eigen::MatrixXd(1, 6), {0, 1, 0, 1, 0, 1}, Eigen::VectorXd{{-0.005, 0.005}}};
   d.response << 0.0, 1.0, 0.0, 1.0, 0.0, 0.1;
   const std::vector<int> fold{0, 0, 1, 1, 2, 2};
   const auto report = cross_validate(NearestTemplate{}, d, fold);

@@ -117,6 +117,7 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
     throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints, " joints to watch"));
   if (unloaded_.mean().size() != readout_.positions_m().size())
     throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
+  joint_q_ = JointVector::Zero(n);
   require_positive("frame timeout", config_.frame_timeout_s, "s");
   require_positive("joint timeout", config_.joint_timeout_s, "s");
   require_positive("location that counts as known", config_.known_location_m, "m");
@@ -139,7 +140,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
     const double stick = m.stiction_sigma(s.velocity_rad_per_s[j]);
     variance[j] = m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s);
   }
-  filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), s.position_rad, torque, variance);
+  filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), torque, variance);
   joint_torque_ = joint_seen_ ? JointVector(joint_torque_ + 0.1 * (torque - joint_torque_)) : torque;
   joint_q_ = s.position_rad;
   joint_ns_ = s.stamp_ns;
@@ -207,18 +208,18 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
 void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_one(ForceEstimate& e) const {
-  const auto b = filter_.at(now_ns_);
+  const ContactBelief b = filter_.at(now_ns_, joint_q_);
   ContactForce& c = e.contact[0];
   c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
-  const double force = std::max(0.0, b.force_N());  // pads are pushed, not pulled
-  const double y = std::clamp(b.y_m(), config_.filter.from_m, config_.filter.to_m);
+  const double force = std::max(0.0, b.force_N);  // pads are pushed, not pulled
+  const double y = std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m);
   if (e.state == EstimatorState::torque_only || e.state == EstimatorState::invalid) e.contacts = force > 3.0 * std::sqrt(c.force_variance_N2) ? 1 : 0;
   e.contacts = std::min(e.contacts, 1);
   if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = y;
   if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
   // Directions of the posterior that are wider than what counts as known are open.
   const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
-  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance.template topLeftCorner<2, 2>() * unit.cwiseInverse().asDiagonal();
+  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(scaled);  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
@@ -227,8 +228,8 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
 void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e) const {
-  const auto b = filter_.at(now_ns_);
-  const JointVector torque = joint_torque_ - b.mean.tail(joint_torque_.size());
+  JointVector torque = joint_torque_;
+  for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
   const int link = config_.filter.link;
   const std::array<ContactPoint, 2> points{ContactPoint{link, location_.contact[0].y_m}, ContactPoint{link, location_.contact[1].y_m}};
   const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, config_.filter.torque_bias_Nm);
