@@ -109,7 +109,7 @@ TEST_CASE("the number of contacts is told, with lamps and room that drift", "[lo
     constexpr int trials = 150;
     for (int t = 0; t < trials; ++t) {
       BayesLocalizer l(c);
-      const double y1 = -22e-3 + 18e-3 * normal.uniform(), y2 = 5e-3 + 17e-3 * normal.uniform(), w = (3.5 + 2.0 * normal.uniform()) * 1e-3;
+      const double y1 = -22e-3 + 14e-3 * normal.uniform(), y2 = 6e-3 + 16e-3 * normal.uniform(), w = (3.0 + 1.5 * normal.uniform()) * 1e-3;
       const double lamp = 0.01 * normal(), room = 0.3 * normal();
       LocationEstimate e;
       for (int k = 0; k < 4; ++k) {
@@ -139,7 +139,7 @@ TEST_CASE("intervals of the probabilistic localiser hold what they promise", "[l
     constexpr int trials = 1500;
     for (int t = 0; t < trials; ++t) {
       l.reset();
-      const double y = -22e-3 + 44e-3 * normal.uniform(), w = c.width_m[std::size_t(3.0 * normal.uniform())];
+      const double y = -22e-3 + 44e-3 * normal.uniform(), w = c.width_m[std::size_t(4.0 * normal.uniform())];
       const auto e = l.update(bump(y, height, w, 1.0, normal));
       if (e.contacts != 1) continue;
       ++found;

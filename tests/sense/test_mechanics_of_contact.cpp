@@ -1,6 +1,7 @@
 #include "../catch.hpp"
 
 #include "lumo/core/units.hpp"
+#include "lumo/sense/force_baselines.hpp"
 #include "lumo/sense/force_solution.hpp"
 #include "lumo/sense/mini_cheetah.hpp"
 #include "lumo/sense/moment_arm.hpp"
@@ -223,4 +224,46 @@ TEST_CASE("the motor protocol packs what its bytes say", "[motor]") {
     CHECK(std::abs(back->velocity_rad_per_s - 5.0 * x) <= 0.5001 * 130.0 / 4095.0);
     CHECK(std::abs(back->effort - x) <= 0.5001 * 36.0 / 4095.0);
   }
+}
+
+TEST_CASE("baselines on the same samples: errors by hand for one joint, torque alone only for two", "[jacobian]") {
+  const MomentArm arm{0.05};
+  std::vector<ForceSample> samples;
+  for (const double y : {-0.02, 0.02}) {  // 6 N each; the torque model errs by 0.006 N·m, the localiser by 2 mm
+    ForceSample s;
+    s.position_rad = JointVector::Zero(1);
+    s.contact_torque_Nm = JointVector::Constant(1, 6.0 * (0.05 + y) + 0.006);
+    s.estimated_y_m = y + 2e-3, s.true_y_m = y, s.true_force_N = 6.0, s.fused_N = 5.5;
+    samples.push_back(s);
+  }
+  const ForceErrors e = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  CHECK(e.known_location.mae_N == Approx(0.5 * (0.006 / 0.03 + 0.006 / 0.07)));
+  CHECK(e.optical.mae_N == Approx(0.5 * (std::abs(0.186 / 0.032 - 6.0) + std::abs(0.426 / 0.072 - 6.0))));
+  CHECK(e.fixed_arm.mae_N == Approx(0.5 * (std::abs(0.186 / 0.05 - 6.0) + std::abs(0.426 / 0.05 - 6.0))));
+  CHECK(e.fused.mae_N == Approx(0.5));
+  CHECK(e.torque_only.samples == 0);
+  CHECK(*e.recovery() == Approx((e.fixed_arm.mae_N - e.optical.mae_N) / (e.fixed_arm.mae_N - e.known_location.mae_N)));
+
+  const SerialChain chain = two_links();
+  ForceSample s;
+  s.position_rad = angles(0.3, 0.8), s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012}), s.true_y_m = 0.012, s.true_force_N = 6.0;
+  const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), 1, -0.025, 0.025, 0.01);
+  CHECK(two.torque_only.samples == 1);
+  CHECK(two.torque_only.mae_N < 1e-3);
+  CHECK(two.optical.samples == 0);
+  CHECK_FALSE(two.recovery());
+}
+
+TEST_CASE("contact torques are motor minus model, on the frames' clock", "[torque]") {
+  TorqueModel m;
+  m.torque_constant_Nm_per_A = 0.5, m.bias_Nm = 0.1;
+  std::vector<JointSample> samples;
+  for (int i = 0; i < 5; ++i) samples.push_back({i * 1'000'000LL, JointVector::Constant(1, 0.1 * i), JointVector::Zero(1), JointVector::Constant(1, 1.0 + i), Effort::current_A});
+  const ContactTorques torques(samples, {m}, ClockMap{0, 1.0, 0.0, 0.0}, 0.5e-3);
+  const auto v = torques.at(1'000'000'000 + 1'000'000);  // 1.5 ms of the joints' clock
+  REQUIRE(v);
+  CHECK((*v)[0] == Approx(0.15));
+  CHECK((*v)[1] == Approx(0.5 * 2.5 - 0.1));
+  CHECK_FALSE(torques.at(0));
+  CHECK_THROWS_AS(ContactTorques({}, {m}), InvalidArgument);
 }

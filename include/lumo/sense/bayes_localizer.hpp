@@ -25,11 +25,12 @@ class BayesLocalizer {
     double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
-    std::array<double, 3> width_m{3.0_mm, 5.0_mm, 8.0_mm};         ///< standard deviations of bumps
+    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
     double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
     double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
     double min_separation_m = 12.0_mm;  ///< of two contacts
+    double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
     double change_rate_per_s = 2.0;     ///< how often contacts come and go
     double creep_m_per_sqrt_s = 1.0_mm;  ///< random walk of a contact that stays
     double gap_s = 0.5;                  ///< longer without a profile: forget
@@ -48,13 +49,19 @@ class BayesLocalizer {
   const Eigen::Vector3d& number() const { return number_; }
 
  private:
+  static constexpr Eigen::Index widths = 4;
+
+  /// Two bumps of one width, the higher one first.
   struct Pair {
-    Eigen::Index first = 0, second = 0;
-    double log_evidence = -1e300;
+    Eigen::Index first = 0, second = 0, width = 0;
+    double explained = -1.0;  ///< by how much they lower χ²; −1: there is no such pair
   };
 
   double log_evidence(double s, double g, double tempering) const;
+  double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
+  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
+  std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
   void predict(double step_s);
   ContactLocation one() const;
   LocationEstimate answer(std::int64_t stamp_ns) const;
@@ -64,7 +71,7 @@ class BayesLocalizer {
   Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
   Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
   Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
-  Eigen::MatrixXd gram_;       ///< bumpsᵀ Σ⁻¹ bumps of the middle width
+  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
   Eigen::VectorXd energy_;     ///< diagonal of it, all widths
   Eigen::VectorXd score_, place_, likelihood_, spread_;
   Eigen::Vector3d number_{1.0, 0.0, 0.0};
@@ -83,6 +90,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
   require_positive("height of a bump", config_.amplitude_sigma, "");
   require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
+  require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
@@ -91,13 +99,13 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
   if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
   precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
-  bumps_.resize(n, cells * Eigen::Index(config_.width_m.size()));
-  for (Eigen::Index w = 0; w < Eigen::Index(config_.width_m.size()); ++w)
+  bumps_.resize(n, cells * widths);
+  for (Eigen::Index w = 0; w < widths; ++w)
     for (Eigen::Index j = 0; j < cells; ++j)
       bumps_.col(w * cells + j) = (-0.5 * ((config_.position_m.array() - grid_[j]) / config_.width_m[std::size_t(w)]).square()).exp();
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
-  gram_ = bumps_.middleCols(cells, cells).transpose() * matched_.middleCols(cells, cells);
+  for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
   place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
   likelihood_ = spread_ = place_;
   score_.resize(bumps_.cols());
@@ -112,28 +120,66 @@ inline double BayesLocalizer::log_evidence(double s, double g, double tempering)
   return tail + 0.5 * std::log(prior / h);
 }
 
+/// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
+inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
+  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
+  const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
+  det = a * b - c * c;
+  return {(b * s - c * t) / det, (a * t - c * s) / det};
+}
+
+/// Searched on every other cell, then about the best.
 inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
   const Eigen::Index cells = grid_.size();
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
-  const auto middle = score_.segment(cells, cells);
   Pair best;
-  double most = -1.0, heights = 1.0;
-  for (Eigen::Index i = 0; i < cells; ++i)
-    for (Eigen::Index j = i + apart; j < cells; ++j) {
-      const double a = tempering * gram_(i, i) + prior, b = tempering * gram_(j, j) + prior, c = tempering * gram_(i, j);
-      const double s = tempering * middle[i], t = tempering * middle[j], det = a * b - c * c;
-      const double hi = b * s - c * t, hj = a * t - c * s;  // heights times det
-      if (!(hi > 0.0 && hj > 0.0)) continue;
-      const double fit = 0.5 * (s * hi + t * hj) / det;
-      if (fit > most) most = fit, heights = det, best.first = hi >= hj ? i : j, best.second = hi >= hj ? j : i;
-    }
-  if (most < 0.0) return best;
-  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
-  const double sharp = std::max(1.0, 2.5 * std::sqrt(config_.width_m[1] * config_.width_m[1] / std::max(2.0 * most, 1.0)) / config_.spacing_m);
-  const double pairs = 0.5 * double(cells - apart) * double(cells - apart + 1);
-  best.log_evidence = most + 0.5 * std::log(prior * prior / heights) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0));
+  const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
+    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
+    const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
+    const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
+    const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
+    if (!(std::min(hi, hj) > config_.min_share * std::max(hi, hj))) return;
+    const double explained = (s * hi + t * hj) / (a * b - c * c);
+    if (explained > best.explained) best = {hi >= hj ? i : j, hi >= hj ? j : i, width, explained};
+  };
+  for (Eigen::Index width = 0; width < widths; ++width)
+    for (Eigen::Index i = 0; i < cells; i += 2)
+      for (Eigen::Index j = i + apart; j < cells; j += 2) look(width, i, j);
+  if (best.explained < 0.0) return best;
+  const Eigen::Index i = std::min(best.first, best.second), j = std::max(best.first, best.second);
+  for (Eigen::Index k = std::max<Eigen::Index>(0, i - 1); k <= i + 1; ++k)
+    for (Eigen::Index l = std::max(j - 1, k + apart); l <= std::min(cells - 1, j + 1); ++l) look(best.width, k, l);
   return best;
+}
+
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes of the lamps, are else taken for a second one.
+inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
+  const auto index = [&](Eigen::Index cell) {
+    Eigen::Index i = 0;
+    (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
+    return i;
+  };
+  double det = 1.0;
+  const Eigen::Index a = index(pair.first), b = index(pair.second);
+  const double least = response.segment(std::min(a, b), std::abs(a - b) + 1).minCoeff();
+  return response[b] - least > 0.25 * heights(pair, 1.0, det)[1];
+}
+
+/// Log of the Bayes factor of two bumps against none.
+inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
+  if (p.explained < 0.0) return -1e300;
+  double det = 1.0;
+  const auto h = heights(p, tempering, det);
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
+  const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
+  const double width = config_.width_m[std::size_t(p.width)];
+  const double sharp = std::max(1.0, 2.5 * width / std::sqrt(std::max(2.0 * fit, 1.0)) / config_.spacing_m);
+  const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
+  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
 inline void BayesLocalizer::predict(double step_s) {
@@ -172,17 +218,27 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   score_.noalias() = matched_.transpose() * response.value;
   // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
   const double typical = config_.noise.mean(), shape = config_.shape_error * response.value.cwiseAbs().maxCoeff();
-  const double tempering = typical * typical / (typical * typical + shape * shape);
+  double tempering = typical * typical / (typical * typical + shape * shape);
+
+  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and noise stands for it (Birge).
+  const double explained = (score_.cwiseMax(0.0).cwiseAbs2().cwiseQuotient(energy_)).maxCoeff();
+  pair_ = best_pair(tempering);
+  if (pair_.explained > 0.0 && !dips_between(response.value, pair_)) pair_.explained = -1.0;
+  const double chi2 = response.value.dot(precision_ * response.value), freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
+  const double left = chi2 - std::max(explained, pair_.explained / tempering);
+  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom)) tempering = std::min(tempering, freedom / left);  // more than noise alone does
 
   double top = -1e300;
   for (Eigen::Index j = 0; j < cells; ++j) {
-    std::array<double, 3> e{};
-    for (std::size_t w = 0; w < 3; ++w) {
+    std::array<double, std::size_t(widths)> e{};
+    for (std::size_t w = 0; w < e.size(); ++w) {
       const Eigen::Index k = Eigen::Index(w) * cells + j;
       e[w] = log_evidence(score_[k], energy_[k], tempering);
     }
-    const double most = std::max({e[0], e[1], e[2]});
-    likelihood_[j] = most + std::log((std::exp(e[0] - most) + std::exp(e[1] - most) + std::exp(e[2] - most)) / 3.0);
+    const double most = *std::max_element(e.begin(), e.end());
+    double sum = 0.0;
+    for (const double v : e) sum += std::exp(v - most);
+    likelihood_[j] = most + std::log(sum / double(widths));
     top = std::max(top, likelihood_[j]);
   }
   likelihood_ = (likelihood_.array() - top).exp();
@@ -191,9 +247,9 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   const double sum = place_.sum();
   place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
 
-  pair_ = best_pair(tempering);
-  const double highest = std::max({0.0, log_one, pair_.log_evidence});
-  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(pair_.log_evidence - highest)));
+  const double log_two = log_evidence(pair_, tempering);
+  const double highest = std::max({0.0, log_one, log_two});
+  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
   number_ = number_.cwiseMax(1e-12);
   number_ /= number_.sum();
   return answer(stamp_ns_);
@@ -210,7 +266,7 @@ inline ContactLocation BayesLocalizer::one() const {
   }
   const double mean = first / sum, cell2 = config_.spacing_m * config_.spacing_m / 12.0;
   const double variance = std::max(second / sum - mean * mean, 0.0) + cell2 + config_.bias_sigma_m * config_.bias_sigma_m;
-  const Eigen::Index k = grid_.size() + top;
+  const Eigen::Index k = grid_.size() + top;  // of the second width, a middling one
   return {grid_[top] + mean, variance, std::max(0.0, score_[k] / energy_[k])};
 }
 
@@ -222,12 +278,11 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   e.contacts = int(n);
   if (n == 1) e.contact[0] = one();
   if (n == 2) {
-    const Eigen::Index cells = grid_.size();
-    const double a = gram_(pair_.first, pair_.first), b = gram_(pair_.second, pair_.second), c = gram_(pair_.first, pair_.second), det = a * b - c * c;
-    const double s = score_[cells + pair_.first], t = score_[cells + pair_.second];
+    double det = 1.0;
+    const auto h = heights(pair_, 1.0, det);
     const double variance = config_.spacing_m * config_.spacing_m / 12.0 + 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;  // each bends the other
-    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, (b * s - c * t) / det)};
-    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, (a * t - c * s) / det)};
+    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, h[0])};
+    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, h[1])};
   }
   return e;
 }

