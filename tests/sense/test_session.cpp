@@ -2,6 +2,10 @@
 
 #include "lumo/support/json.hpp"
 
+#include <stdlib.h>
+
+#include <filesystem>
+
 using namespace lumo;
 
 namespace {
@@ -61,4 +65,30 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK(message(std::string(100000, '[')) == "s.json: is nested deeper than 64 levels");
   CHECK(message(head + R"(, "title": ")" + "\xff" + "\"}").starts_with("s.json: is no JSON"));
   CHECK_THROWS_AS(read_session("/nonexistent/session.json"), InputError);
+}
+
+TEST_CASE("a log folder reads back as it was written", "[session]") {
+  char name[] = "/tmp/lumo-log-XXXXXX";
+  REQUIRE(::mkdtemp(name));
+  LogFolder log;
+  log.path = name;
+  log.session.title = "two frames";
+  log.frames = {{1, "a.png", 0.001, 64.0}, {2, "b.png", 0.001, 64.0}};
+  log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
+  log.wrenches = {{7, Vec3(0, 0, -2), Vec3::Zero()}};
+  write_log_folder(log);
+  const LogFolder r = read_log_folder(name);
+  CHECK(r.session.title == "two frames");
+  CHECK(r.frames.size() == 2);
+  CHECK(r.frames[1].file == "b.png");
+  CHECK(r.joints.at(0).effort[0] == 0.5);
+  CHECK(r.wrenches.at(0).force_N.z() == -2.0);
+  CHECK(r.markers.empty());
+  log.session.torque_constant_Nm_per_A = {1.0, 1.0};
+  write_log_folder(log);
+  CHECK_THROWS_AS(read_log_folder(name), InputError);  // one joint, two constants
+  log.path = std::string(name) + "/none";
+  CHECK_THROWS_AS(write_log_folder(log), InputError);
+  CHECK_THROWS_AS(read_log_folder(log.path), InputError);
+  std::filesystem::remove_all(name);
 }

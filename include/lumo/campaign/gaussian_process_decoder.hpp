@@ -34,8 +34,8 @@ struct GaussianProcessDecoder {
         mean_.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
         on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
       }
-      double shrinkage = config.shrinkage;
-      covariance_ = detail::shrunk_covariance(residual, t.places(), shrinkage);
+      double share = config.shrinkage;
+      covariance_ = detail::shrunk_covariance(residual, t.places(), share);
       for (Eigen::Index p = 0; p < mean_.cols(); ++p) place_.push_back(factor(variance.col(p)));
       for (Eigen::Index g = 0; g < grid_.size(); ++g) fine_.push_back(factor(grid_variance.col(g)));
       grid_mean_ = std::move(on_grid);

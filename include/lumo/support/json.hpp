@@ -1,6 +1,6 @@
 #pragma once
 
-// Adapter to nlohmann-json (MIT, header only): the session.json of a log. Schema: docs/log_format.md.
+// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole folder. Schema: docs/log_format.md.
 
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/session.hpp"
@@ -8,10 +8,13 @@
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
-#include <initializer_list>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <limits>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -63,7 +66,8 @@ class StrictObject {
   }
   /// To be called last.
   void finish() const {
-    for (const auto& [key, value] : object_.items()) {
+    for (const auto& item : object_.items()) {
+      const std::string& key = item.key();
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
       const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
       throw InputError(text(where_, ": key '", key.substr(0, 40), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
@@ -198,6 +202,59 @@ inline std::string to_json(const Session& s) {
     j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition}, {"cycle", g.cycle},
                              {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
   return j.dump(2) + "\n";
+}
+
+/// A log folder's session and tables; the pictures stay where they are. A table that is absent is empty.
+struct LogFolder {
+  std::string path;
+  Session session;
+  std::vector<FrameRecord> frames;
+  std::vector<JointSample> joints;
+  std::vector<WrenchSample> wrenches;
+  std::vector<MarkerSample> markers;
+};
+
+/// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
+inline LogFolder read_log_folder(const std::string& path) {
+  LogFolder log;
+  log.path = path;
+  log.session = read_session(path + "/session.json");
+  const auto table = [&](const char* name, auto read) {
+    const std::string file = path + '/' + name;
+    std::error_code error;
+    if (!std::filesystem::exists(file, error)) return;
+    std::ifstream in = detail::open_text(file);
+    read(in, file);
+  };
+  table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = read_frame_log(in, name, !log.session.video.empty()); });
+  table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = read_joint_log(in, name); });
+  table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = read_wrench_log(in, name); });
+  table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = read_marker_log(in, name); });
+  const auto joints = log.joints.empty() ? 0 : std::size_t(log.joints.front().effort.size());
+  if (joints > 0 && log.session.torque_constant_Nm_per_A.size() != joints)
+    throw InputError(detail::text(path, ": joint.csv has ", joints, " joints, session.json ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+  return log;
+}
+
+/// Writes session.json and the tables that are not empty into a folder that is there; each file whole or not at all. Throws InputError.
+inline void write_log_folder(const LogFolder& log) {
+  const auto write = [&](const char* name, const std::string& text) {
+    const std::string file = log.path + '/' + name, part = file + ".part";
+    std::ofstream out(part, std::ios::binary);
+    out << text;
+    out.close();
+    std::error_code error;
+    if (out) std::filesystem::rename(part, file, error);
+    if (!out || error) {
+      std::filesystem::remove(part, error);
+      throw InputError(detail::text(file, ": cannot be written"));
+    }
+  };
+  write("session.json", to_json(log.session));
+  if (!log.frames.empty()) write("frames.csv", frame_log_text(log.frames, !log.session.video.empty()));
+  if (!log.joints.empty()) write("joint.csv", joint_log_text(log.joints));
+  if (!log.wrenches.empty()) write("wrench.csv", wrench_log_text(log.wrenches));
+  if (!log.markers.empty()) write("marker.csv", marker_log_text(log.markers));
 }
 
 }  // namespace lumo
