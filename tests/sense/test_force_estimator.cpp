@@ -327,6 +327,37 @@ TEST_CASE("one stream alone: what is not known is not given as a number", "[esti
   CHECK(std::abs(f.null_directions(1, 1)) == Approx(1.0).margin(1e-3));
 }
 
+TEST_CASE("two joints tell place and force while the camera is silent", "[estimator]") {
+  const UnloadedReference reference = unloaded();
+  Eigen::Isometry3d pad = Eigen::Isometry3d::Identity(), second = pad;
+  pad.translate(Eigen::Vector3d(0, 0.045, 0)), second.translate(Eigen::Vector3d(0, 0.07, 0));
+  const SerialChain chain({{Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitX(), pad}, {second, Eigen::Vector3d::UnitX(), pad}});
+  Scene scene(0.0, 0.0, 4);
+  scene.camera.items.clear();
+  synthetic::Normal normal(11);
+  JointVector q(2);
+  q << 0.2, 0.6;
+  for (auto& i : scene.actuator.items) {
+    JointVector torque = i.sample.stamp_ns >= 500 * ms ? JointVector(8.0 * chain.column(q, {1, -9e-3})) : JointVector(JointVector::Zero(2));
+    for (Eigen::Index j = 0; j < 2; ++j) torque[j] += 0.004 * normal();
+    i.sample = {i.sample.stamp_ns, q, JointVector::Zero(2), torque, Effort::torque_Nm};
+  }
+  using Blind = ForceEstimator<TimedCamera, TimedActuator, BayesLocalizer, GreenProfile, SerialChain>;
+  Blind::Config c;
+  c.torque.resize(2);
+  for (TorqueModel& m : c.torque) m.noise_Nm = 0.004;
+  c.joints.joints = 2, c.filter.link = 1, c.filter.torque_bias_Nm = 0.003, c.filter.torque_Nm_per_sqrt_s = 0.05;
+  Blind estimator(scene.camera, scene.actuator, readout(), localizer(reference), chain, reference, c);
+  ForceEstimate e;
+  for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) scene.clock.now = t, e = estimator.step(t);
+  CHECK(e.state == EstimatorState::torque_only);
+  CHECK(e.rank == 2);
+  CHECK(e.contacts == 1);
+  CHECK(e.contact[0].y_m.value() == Approx(-9e-3).margin(3.0 * std::sqrt(e.contact[0].y_variance_m2)));
+  CHECK(e.contact[0].force_N.value() == Approx(8.0).margin(3.0 * std::sqrt(e.contact[0].force_variance_N2)));
+  CHECK(std::sqrt(e.contact[0].y_variance_m2) < 3e-3);
+}
+
 TEST_CASE("two contacts on one joint: both places, no forces, the null direction", "[estimator]") {
   const UnloadedReference reference = unloaded();
   Scene scene(0.0, 0.0, 8);

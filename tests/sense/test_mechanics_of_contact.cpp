@@ -80,6 +80,13 @@ TEST_CASE("what cannot be identified is a null direction", "[identification]") {
   CHECK((a * r.null_space).norm() < 1e-12);
   CHECK(r.value[0] + 2.0 * r.value[1] == Approx(7.0));
   CHECK(r.value[2] == Approx(-2.0));
+  // A direction that is seen, but less well than it was known: 1 ± 100 of a parameter of size 1.
+  Eigen::MatrixXd weak(2, 2);
+  weak << 1.0, 0.0, 0.0, 0.01;
+  CHECK(identify(weak, Eigen::VectorXd::Ones(2), Eigen::VectorXd::Ones(2), 1.0, 1e-6).rank == 2);
+  const Identification seen = identify(weak, Eigen::VectorXd::Ones(2), Eigen::VectorXd::Ones(2), 1.0, 1e-6, 2.0);
+  CHECK(seen.rank == 1);
+  CHECK(seen.value[1] == Approx(0.0).margin(1e-12));
   CHECK(identify(Eigen::MatrixXd::Zero(3, 2), Eigen::VectorXd::Ones(3), Eigen::VectorXd::Ones(2)).rank == 0);
   CHECK_THROWS_AS(identify(a, Eigen::VectorXd::Ones(3), Eigen::VectorXd::Ones(3)), InvalidArgument);
 }

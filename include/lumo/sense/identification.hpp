@@ -4,6 +4,7 @@
 
 #include <Eigen/SVD>
 
+#include <algorithm>
 #include <cmath>
 
 namespace lumo {
@@ -21,9 +22,11 @@ struct Identification {
 };
 
 /// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of each). Singular values below
-/// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken.
+/// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
+/// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
 /// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
-inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6) {
+inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
+                               double known = 0.0) {
   const Eigen::Index n = a.cols();
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(detail::text("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(), " observations and ", scale.size(), " scales"));
@@ -40,9 +43,15 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
   const Eigen::VectorXd& s = svd.singularValues();
   r.rank = (s.array() > tolerance * s[0]).count();
+  const Eigen::VectorXd projection = svd.matrixU().transpose() * b;
+  const auto deviation = [&] {
+    const double left = std::max(b.squaredNorm() - projection.head(r.rank).squaredNorm(), 0.0);
+    return sigma > 0.0 ? sigma : b.size() > r.rank ? std::sqrt(left / double(b.size() - r.rank)) : 0.0;
+  };
+  while (known > 0.0 && r.rank > 0 && deviation() > known * s[r.rank - 1]) --r.rank;
   const Eigen::MatrixXd v = svd.matrixV().leftCols(r.rank);
   const Eigen::VectorXd inverse = s.head(r.rank).cwiseInverse();
-  r.value = scale.asDiagonal() * (v * inverse.cwiseProduct(svd.matrixU().leftCols(r.rank).transpose() * b));
+  r.value = scale.asDiagonal() * (v * inverse.cwiseProduct(projection.head(r.rank)));
   r.null_space = svd.matrixV().rightCols(n - r.rank);
   const double left = (a * r.value - b).squaredNorm();
   r.residual = std::sqrt(left / double(b.size()));

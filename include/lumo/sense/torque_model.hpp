@@ -66,8 +66,8 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
       const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
       a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
     }
-    // Columns count as parallel below the square root of the noise's share: a run that hardly varies tells nothing.
-    return identify(a, torque, Eigen::VectorXd::Ones(6), 0.0, 1e-3);
+    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
+    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
   };
   // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
   double fastest = 0.0;
