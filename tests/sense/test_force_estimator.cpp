@@ -300,6 +300,22 @@ TEST_CASE("from frames and currents to place and force, with intervals", "[estim
   }
 }
 
+TEST_CASE("an error of the map widens place and force as a shift of the place would", "[estimator]") {
+  const UnloadedReference reference = unloaded();
+  ForceEstimate e[2];
+  for (const int k : {0, 1}) {
+    Scene scene(10e-3, 9.0, 5);
+    auto c = estimator_config();
+    c.map_sigma_m = 1e-3 * k;
+    Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference, c);
+    for (std::int64_t t = 0; t < 1000 * ms; t += 10 * ms) scene.clock.now = t, e[k] = estimator.step(t);
+  }
+  const ContactForce &a = e[0].contact[0], &b = e[1].contact[0];
+  CHECK(b.y_variance_m2 - a.y_variance_m2 == Approx(1e-6));
+  CHECK(b.force_variance_N2 - a.force_variance_N2 == Approx(std::pow(*a.force_N / (arm_m + *a.y_m), 2) * 1e-6));
+  CHECK(*a.y_m == *b.y_m);
+}
+
 TEST_CASE("one stream alone: what is not known is not given as a number", "[estimator]") {
   const UnloadedReference reference = unloaded();
   Scene blind(8e-3, 9.0, 6), numb(8e-3, 9.0, 7);

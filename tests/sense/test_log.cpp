@@ -149,3 +149,31 @@ TEST_CASE("interpolation is exact on lines, silent in gaps, and its residual is 
   CHECK(TimeSeries(stamp, noise).interpolation_residual()[0] == Approx(std::sqrt(1.5) * 0.3).epsilon(0.02));
   CHECK_THROWS_AS(TimeSeries({0, 0}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
 }
+
+TEST_CASE("damaged tables are read or refused in one line, never worse", "[log]") {
+  const std::string good = "stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0\n1,0.5,-1e-3,2\n2,0.25,0,3.5\n900,1,1,1\n";
+  synthetic::Normal draw(3);
+  int read = 0, refused = 0;
+  for (int k = 0; k < 20000; ++k) {
+    std::string bad = good;
+    for (int n = 1 + int(4.0 * draw.uniform()); n > 0; --n) {
+      const auto at = std::size_t(draw.uniform() * double(bad.size()));
+      switch (int(4.0 * draw.uniform())) {
+        case 0: bad[at] = char(256.0 * draw.uniform()); break;
+        case 1: bad.erase(at, std::size_t(8.0 * draw.uniform())); break;
+        case 2: bad.insert(at, bad.substr(std::size_t(draw.uniform() * double(bad.size())), 9)); break;
+        default: bad.insert(at, 1, ",\n\r-e.9"[int(7.0 * draw.uniform())]);
+      }
+      if (bad.empty()) bad = "x";
+    }
+    try {
+      for (const JointSample& s : from(bad, joints)) REQUIRE((s.effort.allFinite() && s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite()));
+      ++read;
+    } catch (const InputError& e) {
+      REQUIRE(std::string(e.what()).find('\n') == std::string::npos);
+      ++refused;
+    }
+  }
+  CHECK(read > 200);
+  CHECK(refused > 5000);
+}

@@ -1,6 +1,7 @@
 #include "../catch.hpp"
 
 #include "lumo/support/json.hpp"
+#include "synthetic.hpp"
 
 #include <stdlib.h>
 
@@ -91,4 +92,26 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   CHECK_THROWS_AS(write_log_folder(log), InputError);
   CHECK_THROWS_AS(read_log_folder(log.path), InputError);
   std::filesystem::remove_all(name);
+}
+
+TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {
+  Session s;
+  s.segments = {{1, 2, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
+  const std::string good = to_json(s);
+  synthetic::Normal draw(5);
+  int refused = 0;
+  for (int k = 0; k < 5000; ++k) {
+    std::string bad = good;
+    for (int n = 1 + int(3.0 * draw.uniform()); n > 0; --n) {
+      const auto at = std::size_t(draw.uniform() * double(bad.size()));
+      if (draw.uniform() < 0.5)
+        bad[at] = char(256.0 * draw.uniform());
+      else
+        bad.erase(at, std::size_t(6.0 * draw.uniform()));
+    }
+    const std::string what = message(bad);
+    REQUIRE(what.find('\n') == std::string::npos);
+    refused += what != "no error";
+  }
+  CHECK(refused > 3000);
 }

@@ -30,6 +30,8 @@ namespace lumo {
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
   requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
+  static_assert(!std::same_as<Readout_, PositiveGreenProfile>, "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
+
  public:
   struct Config {
     FrameMonitor::Config frames;  ///< its positions, reference and exposure are filled in where empty
@@ -41,6 +43,7 @@ class ForceEstimator {
     double frame_timeout_s = 0.2;
     double joint_timeout_s = 0.05;
     double fault_hold_s = 0.15;       ///< a fault is reported for this long
+    double map_sigma_m = 0.0;         ///< of the map from image to finger (AxisMap::variance_m2); the same in all frames, so no filter lessens it
     double stiction_time_s = 0.5;     ///< how long a joint sticks on one side; assumed
     double known_location_m = 6.0_mm;  ///< standard deviation up to which y counts as known
     double known_force_N = 5.0;
@@ -84,7 +87,7 @@ class ForceEstimator {
   FrameMonitor frame_monitor_;
   JointMonitor joint_monitor_;
   ContactFilter<Jacobian> filter_;
-  Profile profile_;
+  Profile reading_, profile_;
   LocationEstimate location_;
   JointVector joint_q_, joint_torque_;  ///< newest angles, smoothed contact torque
   std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
@@ -122,6 +125,7 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
   require_positive("joint timeout", config_.joint_timeout_s, "s");
   require_positive("location that counts as known", config_.known_location_m, "m");
   require_positive("force that counts as known", config_.known_force_N, "N");
+  require_in_range("error of the map", config_.map_sigma_m, 0.0, 1.0, "m");
   require_in_range("frames in a step", config_.max_frames, 1, 1e6, "");
   require_in_range("samples in a step", config_.max_samples, 1, 1e6, "");
 }
@@ -153,10 +157,11 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
   const auto time = frame_monitor_.check_time(f.stamp_ns, now_ns_);
   note(time.faults);
   if (!time.usable) return;
-  if (!readout_.read(f, profile_)) return note(Fault::frame_corrupt);
-  const auto light = frame_monitor_.check_light(profile_, f.exposure_s, f.gain);
+  if (!readout_.read(f, reading_)) return note(Fault::frame_corrupt);
+  const auto light = frame_monitor_.check_light(reading_, f.exposure_s, f.gain);
   note(light.faults);
   if (!light.usable) return;
+  std::swap(profile_, reading_);
   unloaded_.subtract(profile_);
   location_ = localizer_.update(profile_);
   const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
@@ -208,14 +213,17 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
 void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_one(ForceEstimate& e) const {
-  const ContactBelief b = filter_.at(now_ns_, joint_q_);
+  ContactBelief b = filter_.at(now_ns_, joint_q_);
+  const ContactPoint point{config_.filter.link, std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m)};
+  const JointVector arm = filter_.jacobian().column(joint_q_, point), slope = filter_.jacobian().slope(joint_q_, point);
+  const Eigen::Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
+  b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
   ContactForce& c = e.contact[0];
   c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
   const double force = std::max(0.0, b.force_N);  // pads are pushed, not pulled
-  const double y = std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m);
   if (e.state == EstimatorState::torque_only || e.state == EstimatorState::invalid) e.contacts = force > 3.0 * std::sqrt(c.force_variance_N2) ? 1 : 0;
   e.contacts = std::min(e.contacts, 1);
-  if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = y;
+  if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = point.y_m;
   if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
   // Directions of the posterior that are wider than what counts as known are open.
   const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
