@@ -28,7 +28,8 @@ struct ClockMap {
 
   /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
-    if (from_ns.empty() || from_ns.size() != to_ns.size()) throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
@@ -54,7 +55,8 @@ class TimeSeries {
   TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
     if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1]) throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+      if (stamp_[i] <= stamp_[i - 1])
+        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.

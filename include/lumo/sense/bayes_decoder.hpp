@@ -60,7 +60,8 @@ struct BayesDecoder {
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
-    if (training.response.rows() % steps != 0) throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
+    if (training.response.rows() % steps != 0)
+      throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
     std::vector<LinearDecoder::Model> models;
     const Eigen::Index rows = training.response.rows() / steps;
     for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));

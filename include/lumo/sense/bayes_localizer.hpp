@@ -83,7 +83,8 @@ class BayesLocalizer {
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
-    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(), " unloaded values, must have as many, at least 3"));
+    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
+        " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
   require_positive("grid spacing", config_.spacing_m, "m");
   require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + 4096.0 * config_.spacing_m, "m");
@@ -155,7 +156,8 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
   return best;
 }
 
-/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes of the lamps, are else taken for a second one.
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
+/// of the lamps, are else taken for a second one.
 inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;

@@ -113,7 +113,8 @@ class CsvReader {
   void split() {
     fields_.clear();
     const std::string_view all = line_text_;
-    if (const auto quote = all.find('"'); quote != std::string_view::npos) throw InputError(detail::text(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
+    if (const auto quote = all.find('"'); quote != std::string_view::npos)
+      throw InputError(detail::text(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
     for (std::size_t from = 0;;) {
       const std::size_t to = std::min(all.find(',', from), all.size());
       std::string_view f = all.substr(from, to - from);

@@ -18,7 +18,8 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
     for (const Eigen::MatrixXd& cycles : run.load) {
-      if (cycles.cols() < 2 || cycles.rows() < 1) throw InvalidArgument(detail::text("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
+      if (cycles.cols() < 2 || cycles.rows() < 1)
+        throw InvalidArgument(detail::text("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
       const Eigen::VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
@@ -30,7 +31,8 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
-    throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(), " responses, must be the same, at least one re-contact"));
+    throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
+        " responses, must be the same, at least one re-contact"));
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }
 

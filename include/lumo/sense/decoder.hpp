@@ -21,7 +21,8 @@ struct LabelledResponses {
 /// Throws InvalidArgument unless shapes fit, numbers are finite and every place has an observation.
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
-    throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ", d.places(), " places"));
+    throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
+        d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {

@@ -61,7 +61,8 @@ class ContactTorques {
     Eigen::MatrixXd value(2 * n, Eigen::Index(samples.size()));
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const JointSample& s = samples[i];
-      if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n) throw InvalidArgument(detail::text("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
+      if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n)
+        throw InvalidArgument(detail::text("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
       stamp.push_back(clock(s.stamp_ns) - std::llround(1e9 * delay_s));
       for (Eigen::Index j = 0; j < n; ++j) {
         const TorqueModel& m = models[std::size_t(j)];

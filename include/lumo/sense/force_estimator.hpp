@@ -30,7 +30,8 @@ namespace lumo {
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
   requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
-  static_assert(!std::same_as<Readout_, PositiveGreenProfile>, "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
+  static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
+      "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
 
  public:
   struct Config {
@@ -104,8 +105,8 @@ class ForceEstimator {
 
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
-ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer, Jacobian jacobian,
-                                                                                   UnloadedReference unloaded, Config config)
+ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer,
+                                                                                  Jacobian jacobian, UnloadedReference unloaded, Config config)
     : camera_(&camera),
       actuator_(&actuator),
       readout_(std::move(readout)),
@@ -117,7 +118,8 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
       filter_(std::move(jacobian), config_.filter) {
   const int n = filter_.jacobian().joints();
   if (int(config_.torque.size()) != n || config_.joints.joints != n)
-    throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints, " joints to watch"));
+    throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints,
+        " joints to watch"));
   if (unloaded_.mean().size() != readout_.positions_m().size())
     throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
   joint_q_ = JointVector::Zero(n);

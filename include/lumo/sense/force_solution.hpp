@@ -31,7 +31,8 @@ struct TorqueOnlySolution {
 /// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only
 /// baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the range's middle.
 template <ContactJacobian J>
-TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m, double torque_sigma_Nm) {
+TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m,
+    double torque_sigma_Nm) {
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
   const auto force_at = [&](double y, double& misfit) {

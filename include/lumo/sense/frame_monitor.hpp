@@ -33,7 +33,8 @@ class FrameMonitor {
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
   explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
-    if (n < 1 || config_.unloaded.size() != n) throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
+    if (n < 1 || config_.unloaded.size() != n)
+      throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
     require_positive("period of the frames", config_.period_s, "s");
     require_positive("greatest age of a frame", config_.max_age_s, "s");

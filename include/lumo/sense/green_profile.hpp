@@ -30,7 +30,8 @@ class GreenProfile {
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
   explicit GreenProfile(const Config& config)
-      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step), centres_(config.bins.centres_m()) {}
+      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step),
+        centres_(config.bins.centres_m()) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;

@@ -148,7 +148,8 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
       bool whole = true;
       for (int k = 0; whole && k < count; ++k) {
         const Eigen::Vector2d expected = first.place + k * step;
-        const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return (a.place - expected).squaredNorm() < (b.place - expected).squaredNorm(); });
+        const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
+        const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
         whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
         row.centroid_px.col(k) = near->place;
         row.contrast[k] = near->contrast;

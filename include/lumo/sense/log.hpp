@@ -99,7 +99,8 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
     if (file >= 0) {
       f.file = csv.text(file);
-      if (f.file.empty() || f.file.front() == '/' || f.file.find("..") != std::string::npos || f.file.find('\\') != std::string::npos) csv.fail(file, "is no path below frames/");
+      const bool below = !f.file.empty() && f.file.front() != '/' && f.file.find("..") == std::string::npos && f.file.find('\\') == std::string::npos;
+      if (!below) csv.fail(file, "is no path below frames/");
     }
     if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
@@ -125,7 +126,8 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   }
   csv.require_known([&](std::string_view c) {
     bool known = detail::is_time(c);
-    for (int j = 0; j < joints; ++j) known = known || c == detail::numbered("position_rad", j) || c == detail::numbered("velocity_rad_per_s", j) || c == detail::numbered(effort_name, j);
+    for (int j = 0; j < joints; ++j)
+      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == detail::numbered(column, j);
     return known;
   });
   std::vector<JointSample> list;
@@ -195,7 +197,7 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
   const Effort unit = samples.empty() ? Effort::current_A : samples.front().unit;
   std::string t = "stamp_ns";
   for (int j = 0; j < int(joints); ++j)
-    t += ',' + detail::numbered("position_rad", j) + ',' + detail::numbered("velocity_rad_per_s", j) + ',' + detail::numbered(unit == Effort::current_A ? "current_A" : "torque_Nm", j);
+    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
   t += '\n';
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)

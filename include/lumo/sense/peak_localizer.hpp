@@ -27,7 +27,8 @@ class PeakLocalizer {
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
   explicit PeakLocalizer(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
-    if (n < 3 || config_.noise.size() != n) throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
+    if (n < 3 || config_.noise.size() != n)
+      throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
     require_positive("time constant of the localiser", config_.time_constant_s, "s");
     require_positive("gap of the localiser", config_.gap_s, "s");

@@ -34,7 +34,8 @@ class PhotodiodeArray {
     if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
     if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
-      throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(), " scales, must be as many"));
+      throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
+          " scales, must be as many"));
     if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite()) throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))

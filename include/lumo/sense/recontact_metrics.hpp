@@ -10,7 +10,8 @@ namespace lumo {
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
-  if (force_N.size() < 2 || response.cols() != force_N.size()) throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
+  if (force_N.size() < 2 || response.cols() != force_N.size())
+    throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
   if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
   const Eigen::VectorXd centred = force_N.array() - force_N.mean();
   const double spread = centred.squaredNorm();
@@ -46,7 +47,8 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   std::vector<double> between, within;
   for (const Eigen::MatrixXd& p : slope) {
     if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
-      throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ", slope.front().rows(), " channels"));
+      throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
+          slope.front().rows(), " channels"));
     if (!p.allFinite()) throw InvalidArgument(detail::text("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
     middle.push_back(pointwise_median(p));
     for (Eigen::Index r = 0; r < p.cols(); ++r) within.push_back(rms(p.col(r) - middle.back()));
@@ -64,7 +66,8 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
   q.metrics = recontact_metrics(slope);
   const Eigen::Index repeats = slope.front().cols();
   for (const Eigen::MatrixXd& p : slope)
-    if (p.cols() != repeats || repeats < 2) throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
+    if (p.cols() != repeats || repeats < 2)
+      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
   std::vector<Eigen::MatrixXd> some(slope.size());

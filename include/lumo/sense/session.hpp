@@ -53,10 +53,12 @@ inline void validate(const Session& s, const std::string& name) {
   require(s.led_count >= 3 && s.led_count <= 64, detail::text("led count is ", s.led_count, ", must lie in [3, 64]"));
   require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, detail::text("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
-  require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints), detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+  require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
+          detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
   for (std::size_t i = 0; i < s.segments.size(); ++i)
-    require(s.segments[i].to_ns >= s.segments[i].from_ns, detail::text("segment ", i, " ends at ", s.segments[i].to_ns, " ns, before it begins at ", s.segments[i].from_ns, " ns"));
+    require(s.segments[i].to_ns >= s.segments[i].from_ns,
+            detail::text("segment ", i, " ends at ", s.segments[i].to_ns, " ns, before it begins at ", s.segments[i].from_ns, " ns"));
 }
 
 }  // namespace lumo

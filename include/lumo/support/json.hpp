@@ -38,7 +38,8 @@ class StrictObject {
   }
   void get(const char* key, std::int64_t& value) {
     read(key, [&](const auto& j) {
-      if (!j.is_number_integer() || (j.is_number_unsigned() && j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max()))) fail(key, "must be a whole number of 64 bits");
+      const bool beyond = j.is_number_unsigned() && j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max());
+      if (!j.is_number_integer() || beyond) fail(key, "must be a whole number of 64 bits");
       value = j.template get<std::int64_t>();
     });
   }
@@ -199,8 +200,8 @@ inline std::string to_json(const Session& s) {
   j["wrench_clock"] = clock(s.wrench_clock);
   j["segments"] = Json::array();
   for (const Segment& g : s.segments)
-    j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition}, {"cycle", g.cycle},
-                             {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
+    j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},
+                             {"cycle", g.cycle}, {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
   return j.dump(2) + "\n";
 }
 

@@ -79,7 +79,8 @@ inline void write_image(const std::string& path, const ImageView& image) {
 class FolderCamera {
  public:
   /// `folder` holds the files of the records. Throws InputError when it is no folder.
-  FolderCamera(std::string folder, std::vector<FrameRecord> records, PixelFormat format = PixelFormat::bgr) : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
+  FolderCamera(std::string folder, std::vector<FrameRecord> records, PixelFormat format = PixelFormat::bgr)
+      : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
     std::error_code error;
     if (!std::filesystem::is_directory(folder_, error)) throw InputError(detail::text(folder_, ": no such folder"));
   }
@@ -204,7 +205,8 @@ class V4l2Camera {
     const bool exposed = c.set(cv::CAP_PROP_EXPOSURE, std::round(config.exposure_s / 1e-4));
     const bool gained = c.set(cv::CAP_PROP_GAIN, config.gain);
     if (int(c.get(cv::CAP_PROP_FRAME_WIDTH)) != config.width || int(c.get(cv::CAP_PROP_FRAME_HEIGHT)) != config.height)
-      throw InputError(detail::text(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ", config.width, " x ", config.height));
+      throw InputError(detail::text(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ",
+          config.width, " x ", config.height));
     if (!manual || !exposed || !gained) throw InputError(detail::text(config.device, ": does not let its exposure and gain be locked"));
     exposure_s_ = 1e-4 * c.get(cv::CAP_PROP_EXPOSURE);
     gain_ = c.get(cv::CAP_PROP_GAIN);

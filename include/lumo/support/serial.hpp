@@ -14,6 +14,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -38,7 +39,10 @@ class SerialPhotodiodes {
     termios settings{};
     if (::tcgetattr(port.get(), &settings) != 0) throw InputError(detail::text(device, ": is no serial line"));
     ::cfmakeraw(&settings);
-    const speed_t speed = config.baud == 9600 ? B9600 : config.baud == 57600 ? B57600 : config.baud == 115200 ? B115200 : config.baud == 230400 ? B230400 : config.baud == 460800 ? B460800 : config.baud == 921600 ? B921600 : B0;
+    speed_t speed = B0;
+    using Rates = std::initializer_list<std::pair<int, speed_t>>;
+    for (const auto& [baud, constant] : Rates{{9600, B9600}, {57600, B57600}, {115200, B115200}, {230400, B230400}, {460800, B460800}, {921600, B921600}})
+      if (config.baud == baud) speed = constant;
     if (speed == B0) throw InvalidArgument(detail::text("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
     ::cfsetspeed(&settings, speed);
     if (::tcsetattr(port.get(), TCSANOW, &settings) != 0) throw InputError(detail::text(device, ": does not take its settings: ", std::strerror(errno)));

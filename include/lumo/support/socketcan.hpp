@@ -50,7 +50,8 @@ class MiniCheetahMotors {
     sockaddr_can address{};
     address.can_family = AF_CAN;
     address.can_ifindex = request.ifr_ifindex;
-    if (::bind(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0) throw InputError(detail::text(interface, ": cannot be bound: ", std::strerror(errno)));
+    if (::bind(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0)
+      throw InputError(detail::text(interface, ": cannot be bound: ", std::strerror(errno)));
     return MiniCheetahMotors(std::move(socket), config);
   }
 
