@@ -61,8 +61,9 @@ endif()
 find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs videoio)
 if(OpenCV_FOUND)
   set(LUMO_VERSION_opencv ${OpenCV_VERSION})
+  lumo_component(opencv "${OpenCV_INCLUDE_DIRS}" ${OpenCV_LIBS})
   # A program that links all components but reads no images should not load OpenCV and the fifty libraries below it at its start.
-  lumo_component(opencv "${OpenCV_INCLUDE_DIRS}" "-Wl,--push-state,--as-needed" ${OpenCV_LIBS} "-Wl,--pop-state")
+  set_property(TARGET lumo::opencv PROPERTY INTERFACE_LINK_OPTIONS "LINKER:--as-needed")
 endif()
 
 find_package(SQLite3 QUIET)
