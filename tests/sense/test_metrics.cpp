@@ -33,7 +33,7 @@ TEST_CASE("slopes over force are those of a line through the responses", "[metri
   CHECK(slope[0] == Approx(3.0));
   CHECK(slope[1] == Approx(4.0 / 98.0));  // loads about 8: −6, −3, 2, 7; sum over 1s −3 + 7; squares 36 + 9 + 4 + 49
   CHECK_THROWS_AS(intensity_force_slope(response, Eigen::Vector4d::Constant(2.0)), InvalidArgument);
-  CHECK_THROWS_AS(intensity_force_slope(response, Eigen::Vector2d(1.0, 2.0)), InvalidArgument);
+  CHECK_THROWS_AS(intensity_force_slope(response, Eigen::VectorXd{{1.0, 2.0}}), InvalidArgument);
 }
 
 TEST_CASE("D, W and Q by hand", "[metrics]") {
