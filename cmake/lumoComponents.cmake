@@ -1,12 +1,13 @@
 # Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package alike.
 # LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
-set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite)
+set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json)
 set(LUMO_PACKAGE_tetgen libtet1.5-dev)
 set(LUMO_PACKAGE_embree libembree-dev)
 set(LUMO_PACKAGE_cholmod libsuitesparse-dev)
 set(LUMO_PACKAGE_tbb libtbb-dev)
 set(LUMO_PACKAGE_opencv libopencv-dev)
 set(LUMO_PACKAGE_sqlite "libsqlite3-dev libxxhash-dev")
+set(LUMO_PACKAGE_json nlohmann-json3-dev)
 
 macro(lumo_component name includes)  # further arguments: libraries
   if(NOT TARGET lumo::${name})
@@ -59,7 +60,10 @@ endif()
 
 find_package(OpenCV QUIET COMPONENTS core imgproc imgcodecs videoio)
 if(OpenCV_FOUND)
+  set(LUMO_VERSION_opencv ${OpenCV_VERSION})
   lumo_component(opencv "${OpenCV_INCLUDE_DIRS}" ${OpenCV_LIBS})
+  # A program that links all components but reads no images should not load OpenCV and the fifty libraries below it at its start.
+  set_property(TARGET lumo::opencv PROPERTY INTERFACE_LINK_OPTIONS "LINKER:--as-needed")
 endif()
 
 find_package(SQLite3 QUIET)
@@ -67,4 +71,10 @@ find_path(LUMO_XXHASH_INCLUDE xxhash.h)
 mark_as_advanced(LUMO_XXHASH_INCLUDE)
 if(TARGET SQLite::SQLite3 AND LUMO_XXHASH_INCLUDE)
   lumo_component(sqlite "${LUMO_XXHASH_INCLUDE}" SQLite::SQLite3)
+endif()
+
+find_path(LUMO_JSON_INCLUDE nlohmann/json.hpp)
+mark_as_advanced(LUMO_JSON_INCLUDE)
+if(LUMO_JSON_INCLUDE)
+  lumo_component(json "${LUMO_JSON_INCLUDE}")
 endif()

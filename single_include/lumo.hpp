@@ -26,8 +26,10 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <Eigen/SVD>
 #include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
@@ -43,7 +45,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
 #include <functional>
+#include <istream>
 #include <limits>
 #include <map>
 #include <memory>
@@ -7783,6 +7787,3687 @@ class Optimizer {
 
 }  // namespace lumo
 
+// ---- lumo/sense/frame.hpp
+
+namespace lumo {
+
+/// Bytes of a pixel: one of grey, or blue, green, red.
+enum class PixelFormat { grey, bgr };
+
+constexpr int channels(PixelFormat f) { return f == PixelFormat::grey ? 1 : 3; }
+
+/// A view of 8-bit pixels that something else owns. Rows run from the top, columns from the left.
+struct ImageView {
+  const std::uint8_t* data = nullptr;
+  int width = 0;
+  int height = 0;
+  std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
+  PixelFormat format = PixelFormat::bgr;
+
+  const std::uint8_t* row(int y) const { return data + y * stride; }
+  /// Green value, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  bool empty() const { return !data || width <= 0 || height <= 0; }
+};
+
+/// An image that owns its pixels; rows without padding.
+struct Image {
+  int width = 0;
+  int height = 0;
+  PixelFormat format = PixelFormat::bgr;
+  std::vector<std::uint8_t> pixels;
+
+  /// Black. Throws InvalidArgument for sizes outside 1 … 32768.
+  static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
+    require_in_range("image width", width, 1, 32768, "px");
+    require_in_range("image height", height, 1, 32768, "px");
+    return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+  }
+  ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
+  std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
+};
+
+/// One picture of a camera and how it was taken.
+struct Frame {
+  ImageView image;
+  std::int64_t stamp_ns = 0;  ///< middle of the exposure where the driver tells it, on the clock that the session names
+  double exposure_s = 0.0;    ///< 0: not known
+  double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
+  std::int64_t index = 0;     ///< counted by the source
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/stream.hpp
+
+namespace lumo {
+
+/// What a source of frames or samples can still give.
+enum class StreamState {
+  open,   ///< there may be more
+  ended,  ///< a recording has been read to its end
+  failed  ///< unplugged or unreadable; what it gave before remains good
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/camera.hpp
+
+namespace lumo {
+
+/// A source of frames: live, a video, a folder of images.
+/// Laws: `next` gives each frame once, in the order of taking, and nothing when there is none now; it does not wait for a frame longer than the model
+/// says; the pixels stay valid until the next call; while the state is not `open`, there is no frame.
+template <class C>
+concept Camera = requires(C& camera, const C& view) {
+  { camera.next() } -> std::same_as<std::optional<Frame>>;
+  { view.state() } -> std::same_as<StreamState>;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/recorded_camera.hpp
+
+namespace lumo {
+
+/// A frame together with its pixels.
+struct RecordedFrame {
+  Image image;
+  std::int64_t stamp_ns = 0;
+  double exposure_s = 0.0;
+  double gain = 0.0;
+};
+
+/// Frames that are in memory, given as fast as they are asked for.
+class RecordedCamera {
+ public:
+  explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
+
+  std::optional<Frame> next() {
+    if (next_ == frames_.size()) return std::nullopt;
+    const RecordedFrame& f = frames_[next_];
+    return Frame{f.image.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
+  }
+  StreamState state() const { return next_ == frames_.size() ? StreamState::ended : StreamState::open; }
+
+ private:
+  std::vector<RecordedFrame> frames_;
+  std::size_t next_ = 0;
+};
+
+static_assert(Camera<RecordedCamera>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/joint_sample.hpp
+
+namespace lumo {
+
+/// A finger or hand has at most this many joints; vectors of joints need no heap.
+inline constexpr int max_joints = 8;
+
+using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
+
+/// What a motor driver's effort is. A current becomes a torque by the torque model's constants.
+enum class Effort { current_A, torque_Nm };
+
+/// State of all joints at one time.
+struct JointSample {
+  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
+  JointVector position_rad;
+  JointVector velocity_rad_per_s;
+  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
+  Effort unit = Effort::current_A;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/actuator.hpp
+
+namespace lumo {
+
+/// A source of joint samples: live motors or a recording.
+/// Laws: `next` gives each sample once, in the order of arrival, and nothing when there is none now; it never waits; all samples have the same number
+/// of joints, in the same order; while the state is not `open`, there is no sample.
+template <class A>
+concept Actuator = requires(A& actuator, const A& view) {
+  { actuator.next() } -> std::same_as<std::optional<JointSample>>;
+  { view.state() } -> std::same_as<StreamState>;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/recorded_actuator.hpp
+
+namespace lumo {
+
+/// Joint samples that are in memory, given as fast as they are asked for. `read_joint_log` (sense/log.hpp) reads them from a file.
+class RecordedActuator {
+ public:
+  explicit RecordedActuator(std::vector<JointSample> samples) : samples_(std::move(samples)) {}
+
+  std::optional<JointSample> next() { return next_ == samples_.size() ? std::nullopt : std::optional(samples_[next_++]); }
+  StreamState state() const { return next_ == samples_.size() ? StreamState::ended : StreamState::open; }
+
+ private:
+  std::vector<JointSample> samples_;
+  std::size_t next_ = 0;
+};
+
+static_assert(Actuator<RecordedActuator>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/csv.hpp
+
+namespace lumo {
+
+/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields. No quotes, no empty lines but at the
+/// end, no comments; fields may have spaces around them, lines may end in CR LF. Every fault is an InputError of one line with file, line and column.
+class CsvReader {
+ public:
+  static constexpr std::size_t max_line = 65536, max_columns = 256;
+
+  /// Reads the header. `name` stands in messages.
+  CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
+    if (!read_line()) throw InputError(detail::text(name_, ": is empty, must begin with a line of column names"));
+    if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
+    split();
+    for (const std::string_view f : fields_) {
+      if (f.empty()) throw InputError(detail::text(name_, ":1: column ", columns_.size() + 1, " has no name"));
+      for (const std::string& c : columns_)
+        if (c == f) throw InputError(detail::text(name_, ":1: column '", printable(f), "' is there twice"));
+      columns_.emplace_back(f);
+    }
+  }
+
+  const std::vector<std::string>& columns() const { return columns_; }
+  /// Place of a column, or −1.
+  int find(std::string_view column) const {
+    for (std::size_t i = 0; i < columns_.size(); ++i)
+      if (columns_[i] == column) return int(i);
+    return -1;
+  }
+  /// Place of a column that must be there.
+  int require(std::string_view column) const {
+    if (const int i = find(column); i >= 0) return i;
+    throw InputError(detail::text(name_, ":1: column '", column, "' is missing"));
+  }
+  /// Throws for the first column that is none of those known.
+  template <class Known>
+  void require_known(Known known) const {
+    for (const std::string& c : columns_)
+      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", printable(c), "' is not known"));
+  }
+
+  /// Goes to the next row; false at the end of the file.
+  bool next() {
+    if (!read_line()) return false;
+    if (line_text_.find_first_not_of(" \t") == std::string::npos) {
+      while (read_line())
+        if (line_text_.find_first_not_of(" \t") != std::string::npos) throw InputError(detail::text(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
+      return false;
+    }
+    split();
+    if (fields_.size() != columns_.size()) throw InputError(detail::text(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
+    return true;
+  }
+  std::string_view text(int column) const { return fields_[std::size_t(column)]; }
+  /// A finite number.
+  double number(int column) const {
+    const std::string_view f = text(column);
+    double v = 0.0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
+    return v;
+  }
+  std::int64_t integer(int column) const {
+    const std::string_view f = text(column);
+    std::int64_t v = 0;
+    const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
+    if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
+    return v;
+  }
+  long line() const { return line_; }
+  const std::string& name() const { return name_; }
+  /// Throws the error of a field: file, line, column, what it says, what is wrong.
+  [[noreturn]] void fail(int column, std::string_view why) const {
+    throw InputError(detail::text(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(text(column)), "' ", why));
+  }
+
+ private:
+  static std::string printable(std::string_view s) {
+    std::string p;
+    for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
+    return p + (s.size() > 40 ? "..." : "");
+  }
+
+  bool read_line() {
+    line_text_.clear();
+    ++line_;
+    for (int c = in_.get(); c != std::istream::traits_type::eof(); c = in_.get()) {
+      if (c == '\n') {
+        if (line_text_.ends_with('\r')) line_text_.pop_back();
+        return true;
+      }
+      if (c == '\0') throw InputError(detail::text(name_, ":", line_, ": holds a zero byte, is no text"));
+      line_text_ += char(c);
+      if (line_text_.size() > max_line) throw InputError(detail::text(name_, ":", line_, ": is longer than ", max_line, " bytes"));
+    }
+    if (in_.bad()) throw InputError(detail::text(name_, ":", line_, ": cannot be read"));
+    return !line_text_.empty();
+  }
+
+  void split() {
+    fields_.clear();
+    const std::string_view all = line_text_;
+    if (const auto quote = all.find('"'); quote != std::string_view::npos)
+      throw InputError(detail::text(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
+    for (std::size_t from = 0;;) {
+      const std::size_t to = std::min(all.find(',', from), all.size());
+      std::string_view f = all.substr(from, to - from);
+      while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
+      while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
+      fields_.push_back(f);
+      if (fields_.size() > max_columns) throw InputError(detail::text(name_, ":", line_, ": has more than ", max_columns, " fields"));
+      if (to == all.size()) return;
+      from = to + 1;
+    }
+  }
+
+  std::istream& in_;
+  std::string name_, line_text_;
+  std::vector<std::string> columns_;
+  std::vector<std::string_view> fields_;
+  long line_ = 0;
+};
+
+/// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
+inline std::string csv_number(double v) {
+  if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
+  char buffer[32];
+  const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, v);
+  return {buffer, end};
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/log.hpp
+
+namespace lumo {
+
+// A log is a folder (docs/log_format.md):
+//   session.json        what was done, with what (support/json.hpp reads it)
+//   frames.csv          stamp_ns | time_s, file, exposure_s, gain       file: path below frames/; the column is absent where there is a video
+//   frames/…            8-bit images, colour or grey; or video.* instead
+//   joint.csv           stamp_ns | time_s, position_rad_0, velocity_rad_per_s_0, current_A_0 | torque_Nm_0, position_rad_1, …
+//   wrench.csv          stamp_ns | time_s, force_x_N, force_y_N, force_z_N[, torque_x_Nm, torque_y_Nm, torque_z_Nm]
+//   marker.csv          stamp_ns | time_s, displacement_m
+//   photodiode.csv      stamp_ns | time_s, signal_V_0, signal_V_1, …
+// All but session.json may be absent. Stamps ascend strictly. Columns may stand in any order; unknown ones are errors.
+
+/// A row of frames.csv.
+struct FrameRecord {
+  std::int64_t stamp_ns = 0;
+  std::string file;         ///< below frames/; empty in a video's table
+  double exposure_s = 0.0;  ///< 0: not known
+  double gain = 0.0;        ///< 0: not known
+};
+
+/// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
+struct WrenchSample {
+  std::int64_t stamp_ns = 0;
+  Vec3 force_N = Vec3::Zero();
+  Vec3 torque_Nm = Vec3::Zero();
+};
+
+struct MarkerSample {
+  std::int64_t stamp_ns = 0;
+  double displacement_m = 0.0;
+};
+
+namespace detail {
+
+/// The time column of a log's table, as integer nanoseconds; strictly ascending.
+class StampColumn {
+ public:
+  explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
+    if (seconds_) column_ = csv.find("time_s");
+    if (column_ < 0) throw InputError(text(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
+    if (!seconds_ && csv.find("time_s") >= 0) throw InputError(text(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
+  }
+  std::int64_t read(const CsvReader& csv) {
+    std::int64_t stamp = 0;
+    if (seconds_) {
+      const double s = csv.number(column_);
+      if (std::abs(s) > 9.2e9) csv.fail(column_, "s is beyond the range of stamps");
+      stamp = std::llround(s * 1e9);
+    } else {
+      stamp = csv.integer(column_);
+    }
+    if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
+    last_ = stamp;
+    return stamp;
+  }
+
+ private:
+  int column_;
+  bool seconds_;
+  std::optional<std::int64_t> last_;
+};
+
+inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s"; }
+
+/// Column of a name with a joint's (diode's) number behind it.
+inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
+
+/// Opens a file for reading. Throws InputError.
+inline std::ifstream open_text(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw InputError(text(path, ": cannot be opened"));
+  return in;
+}
+
+}  // namespace detail
+
+/// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
+inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
+  CsvReader csv(in, name);
+  csv.require_known([&](std::string_view c) { return detail::is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
+  detail::StampColumn stamp(csv);
+  const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
+  std::vector<FrameRecord> list;
+  while (csv.next()) {
+    FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
+    if (file >= 0) {
+      f.file = csv.text(file);
+      const bool below = !f.file.empty() && f.file.front() != '/' && f.file.find("..") == std::string::npos && f.file.find('\\') == std::string::npos;
+      if (!below) csv.fail(file, "is no path below frames/");
+    }
+    if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
+    if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
+    list.push_back(std::move(f));
+  }
+  return list;
+}
+
+/// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
+inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  detail::StampColumn stamp(csv);
+  int joints = 0;
+  while (joints < max_joints && csv.find(detail::numbered("position_rad", joints)) >= 0) ++joints;
+  if (joints == 0) csv.require("position_rad_0");
+  const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
+  const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
+  std::vector<int> position, velocity, effort;
+  for (int j = 0; j < joints; ++j) {
+    position.push_back(csv.require(detail::numbered("position_rad", j)));
+    velocity.push_back(csv.require(detail::numbered("velocity_rad_per_s", j)));
+    effort.push_back(csv.require(detail::numbered(effort_name, j)));
+  }
+  csv.require_known([&](std::string_view c) {
+    bool known = detail::is_time(c);
+    for (int j = 0; j < joints; ++j)
+      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == detail::numbered(column, j);
+    return known;
+  });
+  std::vector<JointSample> list;
+  while (csv.next()) {
+    JointSample s{stamp.read(csv), JointVector(joints), JointVector(joints), JointVector(joints), unit};
+    for (int j = 0; j < joints; ++j) {
+      s.position_rad[j] = csv.number(position[std::size_t(j)]);
+      s.velocity_rad_per_s[j] = csv.number(velocity[std::size_t(j)]);
+      s.effort[j] = csv.number(effort[std::size_t(j)]);
+    }
+    list.push_back(std::move(s));
+  }
+  return list;
+}
+
+/// Reads wrench.csv; torques may be absent altogether.
+inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
+  static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
+  static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
+  CsvReader csv(in, name);
+  detail::StampColumn stamp(csv);
+  bool with_torque = false;
+  for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
+  int column[6] = {};
+  for (int k = 0; k < 3; ++k) column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  csv.require_known([&](std::string_view c) {
+    bool known = detail::is_time(c);
+    for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
+    return known;
+  });
+  std::vector<WrenchSample> list;
+  while (csv.next()) {
+    WrenchSample w;
+    w.stamp_ns = stamp.read(csv);
+    for (int k = 0; k < 3; ++k) {
+      w.force_N[k] = csv.number(column[k]);
+      if (with_torque) w.torque_Nm[k] = csv.number(column[3 + k]);
+    }
+    list.push_back(w);
+  }
+  return list;
+}
+
+/// Reads marker.csv.
+inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  detail::StampColumn stamp(csv);
+  const int place = csv.require("displacement_m");
+  csv.require_known([](std::string_view c) { return detail::is_time(c) || c == "displacement_m"; });
+  std::vector<MarkerSample> list;
+  while (csv.next()) {
+    const std::int64_t at = stamp.read(csv);
+    list.push_back({at, csv.number(place)});
+  }
+  return list;
+}
+
+/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse in a number.
+inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
+  std::string t = video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
+  for (const FrameRecord& f : frames) t += std::to_string(f.stamp_ns) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  return t;
+}
+
+inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+  const auto joints = samples.empty() ? Eigen::Index(1) : samples.front().effort.size();
+  const Effort unit = samples.empty() ? Effort::current_A : samples.front().unit;
+  std::string t = "stamp_ns";
+  for (int j = 0; j < int(joints); ++j)
+    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
+  t += '\n';
+  for (const JointSample& s : samples) {
+    if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
+      throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
+    t += std::to_string(s.stamp_ns);
+    for (Eigen::Index j = 0; j < joints; ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
+    t += '\n';
+  }
+  return t;
+}
+
+inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
+  std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
+  for (const WrenchSample& w : samples) {
+    t += std::to_string(w.stamp_ns);
+    for (const Vec3& v : {w.force_N, w.torque_Nm})
+      for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
+    t += '\n';
+  }
+  return t;
+}
+
+inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
+  std::string t = "stamp_ns,displacement_m\n";
+  for (const MarkerSample& m : samples) t += std::to_string(m.stamp_ns) + ',' + csv_number(m.displacement_m) + '\n';
+  return t;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/readout.hpp
+
+namespace lumo {
+
+/// Light along the finger at one time.
+struct Profile {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd value;  ///< one for each position of the readout; its unit is the readout's
+  /// Share of what was read that stood at the top of its range: values there are lower bounds.
+  double saturated = 0.0;
+};
+
+/// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
+/// Laws: linear in the light as long as nothing saturates; value i belongs to `positions_m()[i]` on the finger's y axis, ascending; a sample that
+/// is not of the readout's size or kind gives false and leaves the profile as it was; no memory is taken after the first call.
+template <class R>
+concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
+  { readout.read(sample, profile) } -> std::same_as<bool>;
+  { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/photodiodes.hpp
+
+namespace lumo {
+
+/// One reading of a row of photodiodes.
+struct PhotodiodeSample {
+  std::int64_t stamp_ns = 0;
+  Eigen::VectorXd signal_V;
+};
+
+/// A row of photodiodes along the finger: the readout without a camera. Values are photocurrents in units of the calibration, (V − dark) · scale.
+class PhotodiodeArray {
+ public:
+  using Sample = PhotodiodeSample;
+
+  struct Config {
+    Eigen::VectorXd position_m;  ///< along the finger, ascending
+    Eigen::VectorXd dark_V;      ///< without light; empty: 0
+    Eigen::VectorXd scale;       ///< per volt; empty: 1
+    double full_scale_V = 3.3;   ///< of the converter
+  };
+
+  /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
+  explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
+    if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
+    if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
+    if (config_.dark_V.size() != n || config_.scale.size() != n)
+      throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
+          " scales, must be as many"));
+    if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite()) throw InvalidArgument("photodiode array: numbers must be finite");
+    for (Eigen::Index i = 1; i < n; ++i)
+      if (!(config_.position_m[i] > config_.position_m[i - 1]))
+        throw InvalidArgument(detail::text("photodiode ", i, " is at ", config_.position_m[i], " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+    require_positive("photodiode full scale", config_.full_scale_V, "V");
+  }
+
+  bool read(const PhotodiodeSample& sample, Profile& profile) const {
+    if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
+    profile.stamp_ns = sample.stamp_ns;
+    profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);
+    profile.saturated = double((sample.signal_V.array() >= config_.full_scale_V).count()) / double(sample.signal_V.size());
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return config_.position_m; }
+
+ private:
+  Config config_;
+};
+
+static_assert(Readout<PhotodiodeArray>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/photodiode_log.hpp
+
+namespace lumo {
+
+/// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
+inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
+  CsvReader csv(in, name);
+  detail::StampColumn stamp(csv);
+  std::vector<int> column;
+  while (csv.find(detail::numbered("signal_V", int(column.size()))) >= 0) column.push_back(csv.find(detail::numbered("signal_V", int(column.size()))));
+  if (column.empty()) csv.require("signal_V_0");
+  csv.require_known([&](std::string_view c) {
+    bool known = detail::is_time(c);
+    for (std::size_t i = 0; i < column.size(); ++i) known = known || c == detail::numbered("signal_V", int(i));
+    return known;
+  });
+  std::vector<PhotodiodeSample> list;
+  while (csv.next()) {
+    PhotodiodeSample s{stamp.read(csv), Eigen::VectorXd(Eigen::Index(column.size()))};
+    for (std::size_t i = 0; i < column.size(); ++i) s.signal_V[Eigen::Index(i)] = csv.number(column[i]);
+    list.push_back(std::move(s));
+  }
+  return list;
+}
+
+inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
+  std::string t = "stamp_ns";
+  const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
+  for (Eigen::Index i = 0; i < n; ++i) t += ',' + detail::numbered("signal_V", int(i));
+  t += '\n';
+  for (const PhotodiodeSample& s : samples) {
+    if (s.signal_V.size() != n) throw InvalidArgument("photodiode log: samples must have the same number of diodes");
+    t += std::to_string(s.stamp_ns);
+    for (Eigen::Index i = 0; i < n; ++i) t += ',' + csv_number(s.signal_V[i]);
+    t += '\n';
+  }
+  return t;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/axis_map.hpp
+
+namespace lumo {
+
+/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
+/// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
+struct AxisMap {
+  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();     ///< pixel centres lie on whole numbers
+  Eigen::Vector2d direction = Eigen::Vector2d::UnitX();    ///< unit, towards the finger's tip (+y)
+  double half_length_px = 1.0;
+  Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
+  double residual_px = 0.0;                                ///< RMS of what the fit leaves
+
+  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  double y_m(double u) const {
+    const double s = u / half_length_px;
+    return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
+  }
+  /// Inverse of y_m.
+  double u_px(double y) const { return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y); }
+  /// dy/du [m/px].
+  double scale_m_per_px(double u) const {
+    const double w = 1.0 + coefficients[2] * u / half_length_px;
+    return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
+  }
+  /// Variance of y at u [m²] that comes from the map itself.
+  double variance_m2(double u) const {
+    const Eigen::Vector3d g = gradient(u);
+    return g.dot(covariance * g);
+  }
+  /// ∂y/∂(a, b, c).
+  Eigen::Vector3d gradient(double u) const {
+    const double s = u / half_length_px, w = 1.0 + coefficients[2] * s;
+    return {1.0 / w, s / w, -s * (coefficients[0] + coefficients[1] * s) / (w * w)};
+  }
+
+  /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
+  /// residual. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
+  /// finite.
+  static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
+};
+
+inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+  const Eigen::Index n = y_m.size();
+  if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
+  if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
+  require_positive("centroid error", sigma_px, "px");
+  for (Eigen::Index i = 1; i < n; ++i)
+    if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(detail::text("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
+
+  AxisMap map;
+  map.origin_px = pixel.rowwise().mean();
+  const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> spread(centred * centred.transpose());
+  map.direction = spread.eigenvectors().col(1);
+  if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
+  const Eigen::VectorXd u = centred.transpose() * map.direction;
+  for (Eigen::Index i = 1; i < n; ++i)
+    if (!(u[i] > u[i - 1])) throw InvalidArgument(detail::text("axis map: place ", i, " does not follow its predecessor in the image"));
+  map.half_length_px = 0.5 * (u[n - 1] - u[0]);
+
+  // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
+  const double b = 0.5 * (y_m[n - 1] - y_m[0]);
+  map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
+  Eigen::MatrixX3d J(n, 3);
+  Eigen::VectorXd r(n);
+  const auto linearise = [&] {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double slope = map.scale_m_per_px(u[i]);
+      r[i] = (map.y_m(u[i]) - y_m[i]) / slope;
+      J.row(i) = map.gradient(u[i]).transpose() / slope;
+    }
+  };
+  for (int k = 0; k < 20; ++k) {
+    linearise();
+    const Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    map.coefficients -= step;
+    map.coefficients[2] = std::clamp(map.coefficients[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    if (step.norm() < 1e-14) break;
+  }
+  linearise();
+  map.residual_px = std::sqrt(r.squaredNorm() / double(n));
+  map.centroid_sigma_px = std::max(sigma_px, n > 3 ? std::sqrt(r.squaredNorm() / double(n - 3)) : 0.0);
+  map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * (J.transpose() * J).inverse();
+  return map;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/led_detector.hpp
+
+namespace lumo {
+
+/// The finger's lights in an image, from proximal to distal, and the map they give.
+struct LedDetection {
+  Eigen::Matrix2Xd centroid_px;
+  Eigen::VectorXd contrast;  ///< green above the brightest of its surroundings [DN]
+  AxisMap map;
+};
+
+/// Finds the LEDs of a finger by what is known of them: bright spots in a row, at one pitch, in equal steps but for perspective.
+/// Runs once for a camera's place, not on every frame.
+struct LedDetector {
+  int count = 5;
+  double pitch_m = 11.0_mm;
+  double first_y_m = -22.0_mm;  ///< of the most proximal one
+  Eigen::Vector2d distal{1.0, 0.0};  ///< direction in the image, at most a right angle from that of the tip
+  int spot_radius_px = 0;            ///< of a LED's image; 0: the image's larger side over 120, at least 2
+  double min_contrast = 8.0;         ///< green above the surroundings [DN]
+  double min_share = 0.3;            ///< of the row's brightest spot that its dimmest must have
+  double max_residual = 0.06;        ///< RMS distance of the spots from the fitted row, in pitches
+  double centroid_sigma_px = 0.3;
+  int max_candidates = 24;
+
+  /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
+  std::optional<LedDetection> find(const ImageView& image) const;
+
+ private:
+  struct Spot {
+    Eigen::Vector2d place;
+    double contrast;
+  };
+  std::vector<Spot> spots(const ImageView& image, int radius) const;
+};
+
+namespace detail {
+
+/// Sums of green over rectangles in constant time.
+class IntegralImage {
+ public:
+  explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
+    for (int y = 0; y < v.height; ++y) {
+      std::uint32_t row = 0;
+      for (int x = 0; x < v.width; ++x) {
+        row += v.green(x, y);
+        at(x + 1, y + 1) = at(x + 1, y) + row;
+      }
+    }
+  }
+  /// Mean over the square of half width r about (x, y), as far as it lies in the image.
+  double mean(int x, int y, int r) const {
+    const int x0 = std::max(0, x - r), x1 = std::min(width_, x + r + 1), y0 = std::max(0, y - r), y1 = std::min(height_, y + r + 1);
+    const std::uint32_t s = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);  // wraps round and back
+    return double(s) / (double(x1 - x0) * double(y1 - y0));
+  }
+
+ private:
+  std::uint32_t& at(int x, int y) { return sum_[std::size_t(y) * std::size_t(width_ + 1) + std::size_t(x)]; }
+  std::uint32_t at(int x, int y) const { return sum_[std::size_t(y) * std::size_t(width_ + 1) + std::size_t(x)]; }
+  int width_, height_;
+  std::vector<std::uint32_t> sum_;
+};
+
+}  // namespace detail
+
+inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
+  const detail::IntegralImage sums(image);
+  const int r = radius, far = 4 * radius;
+  std::vector<float> contrast(std::size_t(image.width) * std::size_t(image.height));
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) {
+      double around = 0.0;  // the brightest of eight neighbours, so that edges and streaks are no spots
+      for (int j = -far; j <= far; j += far)
+        for (int i = -far; i <= far; i += far)
+          if (i != 0 || j != 0) around = std::max(around, sums.mean(std::clamp(x + i, 0, image.width - 1), std::clamp(y + j, 0, image.height - 1), r));
+      contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)] = float(sums.mean(x, y, r) - around);
+    }
+  const auto at = [&](int x, int y) { return contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)]; };
+
+  std::vector<Spot> found;
+  for (int y = r; y < image.height - r; ++y)
+    for (int x = r; x < image.width - r; ++x) {
+      const float c = at(x, y);
+      if (c < min_contrast) continue;
+      bool top = true;
+      for (int j = -2 * r; top && j <= 2 * r; ++j)
+        for (int i = -2 * r; top && i <= 2 * r; ++i) {
+          const int xx = x + i, yy = y + j;
+          if (xx < 0 || yy < 0 || xx >= image.width || yy >= image.height || (i == 0 && j == 0)) continue;
+          const float other = at(xx, yy);
+          top = other < c || (other == c && (j > 0 || (j == 0 && i > 0)));  // of equals, the first
+        }
+      if (!top) continue;
+      // Centroid of what stands above the surroundings, twice, about its own middle: the window must not pull it.
+      Eigen::Vector2d centre(x, y);
+      const double ground = sums.mean(x, y, far);
+      for (int pass = 0; pass < 3; ++pass) {
+        Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+        double weight = 0.0;
+        const int cx = int(std::lround(centre.x())), cy = int(std::lround(centre.y()));
+        for (int yy = std::max(0, cy - 3 * r); yy <= std::min(image.height - 1, cy + 3 * r); ++yy)
+          for (int xx = std::max(0, cx - 3 * r); xx <= std::min(image.width - 1, cx + 3 * r); ++xx) {
+            const Eigen::Vector2d p(xx, yy);
+            const double window = std::exp(-0.5 * (p - centre).squaredNorm() / (1.5 * r * 1.5 * r));
+            const double w = window * std::max(0.0, image.green(xx, yy) - ground);
+            moment += w * p;
+            weight += w;
+          }
+        if (weight <= 0.0) break;
+        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step twice as far.
+        centre += 1.8 * (moment / weight - centre);
+      }
+      if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
+    }
+  std::stable_sort(found.begin(), found.end(), [](const Spot& a, const Spot& b) { return a.contrast > b.contrast; });
+  if (found.size() > std::size_t(max_candidates)) found.resize(std::size_t(max_candidates));
+  return found;
+}
+
+inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
+  require_in_range("number of LEDs", count, 3, 64, "");
+  require_positive("LED pitch", pitch_m, "m");
+  require_positive("length of the distal direction", distal.norm(), "");
+  if (image.empty()) throw InvalidArgument("LED detection: the image is empty");
+  const int radius = spot_radius_px > 0 ? spot_radius_px : std::max(2, std::max(image.width, image.height) / 120);
+  const std::vector<Spot> all = spots(image, radius);
+
+  Eigen::VectorXd y(count);
+  for (int k = 0; k < count; ++k) y[k] = first_y_m + pitch_m * k;
+  std::optional<LedDetection> best;
+  double best_score = 0.0;
+  for (const Spot& first : all)
+    for (const Spot& last : all) {
+      const Eigen::Vector2d step = (last.place - first.place) / double(count - 1);
+      if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
+      LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
+      bool whole = true;
+      for (int k = 0; whole && k < count; ++k) {
+        const Eigen::Vector2d expected = first.place + k * step;
+        const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
+        const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
+        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
+        row.centroid_px.col(k) = near->place;
+        row.contrast[k] = near->contrast;
+      }
+      if (!whole) continue;
+      for (int k = 1; whole && k < count; ++k) whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
+      if (!whole || row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) continue;
+      row.map = AxisMap::fit(row.centroid_px, y, centroid_sigma_px);
+      const Eigen::Vector2d across(-row.map.direction.y(), row.map.direction.x());
+      const double off = ((row.centroid_px.colwise() - row.map.origin_px).transpose() * across).squaredNorm() / count;
+      const double residual = std::sqrt(row.map.residual_px * row.map.residual_px + off) / step.norm();
+      if (residual > max_residual) continue;
+      const double score = row.contrast.minCoeff() * std::exp(-0.5 * std::pow(residual / (0.3 * max_residual), 2));
+      if (score > best_score) best_score = score, best = row;
+    }
+  return best;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/statistics.hpp
+
+namespace lumo {
+
+/// A number with a lower and an upper bound.
+struct Interval {
+  double value = 0.0, low = 0.0, high = 0.0;
+};
+
+/// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+inline double median(std::vector<double> v) {
+  if (v.empty()) throw InvalidArgument("median of no numbers");
+  const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
+  std::nth_element(v.begin(), half, v.end());
+  return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
+}
+
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for none.
+inline double quantile(std::vector<double> v, double p) {
+  if (v.empty()) throw InvalidArgument("quantile of no numbers");
+  require_in_range("quantile", p, 0.0, 1.0, "");
+  std::sort(v.begin(), v.end());
+  const double place = p * double(v.size() - 1);
+  const auto i = std::size_t(place);
+  return i + 1 == v.size() ? v[i] : v[i] + (place - double(i)) * (v[i + 1] - v[i]);
+}
+
+/// Root mean square of the entries.
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
+
+/// Median of each row.
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    const Eigen::VectorXd row = m.row(i);
+    r[i] = median({row.data(), row.data() + row.size()});
+  }
+  return r;
+}
+
+/// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
+  if (all < 1 || right < 0 || right > all) throw InvalidArgument(detail::text("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
+  const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
+  return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
+}
+
+namespace detail {
+
+/// Whole numbers below a bound from a counter; a pure function of (seed, number of calls).
+class CountedDraws {
+ public:
+  explicit CountedDraws(std::uint64_t seed) : state_(seed) {}
+  /// Uniform on 0 … bound − 1 (Lemire's multiplication; the bias is below bound/2³²).
+  std::size_t below(std::size_t bound) {
+    state_ += 0x9e3779b97f4a7c15ull;  // SplitMix64 (Steele, Lea & Flood 2014)
+    std::uint64_t x = state_;
+    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
+    x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
+    return std::size_t(((x ^ (x >> 31)) >> 32) * std::uint64_t(bound) >> 32);
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+}  // namespace detail
+
+}  // namespace lumo
+
+// ---- lumo/sense/cycle_metrics.hpp
+
+namespace lumo {
+
+/// One run of cycles within maintained contact: `load[k]` holds the responses at matched force k, channels × cycles.
+struct CycleRun {
+  std::vector<Eigen::MatrixXd> load;
+};
+
+/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
+/// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
+/// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
+inline double cycle_variation(const std::vector<CycleRun>& runs) {
+  std::vector<double> deviation;
+  for (const CycleRun& run : runs)
+    for (const Eigen::MatrixXd& cycles : run.load) {
+      if (cycles.cols() < 2 || cycles.rows() < 1)
+        throw InvalidArgument(detail::text("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
+      if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
+      const Eigen::VectorXd middle = pointwise_median(cycles);
+      for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
+    }
+  if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
+  return median(deviation);
+}
+
+/// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
+inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
+  if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
+    throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
+        " responses, must be the same, at least one re-contact"));
+  return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
+}
+
+/// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
+inline double reduction_percent(double value, double baseline) {
+  require_positive("baseline's value", baseline, "");
+  return 100.0 * (1.0 - value / baseline);
+}
+/// 100 (D/D_base − 1) [%].
+inline double gain_percent(double value, double baseline) { return -reduction_percent(value, baseline); }
+
+}  // namespace lumo
+
+// ---- lumo/sense/decoder.hpp
+
+namespace lumo {
+
+/// Responses with the place that each belongs to. Places are numbered from 0 along the finger.
+struct LabelledResponses {
+  Eigen::MatrixXd response;  ///< features × observations
+  std::vector<int> place;    ///< of each observation
+  Eigen::VectorXd place_m;   ///< where the places are, ascending
+  int places() const { return int(place_m.size()); }
+};
+
+/// Throws InvalidArgument unless shapes fit, numbers are finite and every place has an observation.
+inline void validate(const LabelledResponses& d) {
+  if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
+    throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
+        d.places(), " places"));
+  if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
+  std::vector<bool> seen(std::size_t(d.places()), false);
+  for (const int p : d.place) {
+    if (p < 0 || p >= d.places()) throw InvalidArgument(detail::text("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
+    seen[std::size_t(p)] = true;
+  }
+  for (std::size_t p = 0; p < seen.size(); ++p)
+    if (!seen[p]) throw InvalidArgument(detail::text("labelled responses: no observation of place ", p));
+}
+
+/// What a decoder says of one response.
+struct Decoding {
+  int place = 0;
+  Eigen::VectorXd probability;  ///< of each place; sums to 1
+};
+
+/// Learns places from labelled responses; the model it gives decodes new ones.
+/// Laws: `fit` is a pure function of its data; the place decoded is (one of) the most probable; the answer does not depend on the order of observations
+/// (up to rounding).
+template <class D>
+concept Decoder = requires(const D& decoder, const LabelledResponses& training, const Eigen::VectorXd& response) {
+  { decoder.fit(training).decode(response) } -> std::same_as<Decoding>;
+};
+
+namespace detail {
+
+/// Softmax of log weights, and its mode.
+inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
+  Decoding d;
+  Eigen::Index top = 0;
+  const double most = log_weight.maxCoeff(&top);
+  d.place = int(top);
+  d.probability = (log_weight.array() - most).exp();
+  d.probability /= d.probability.sum();
+  return d;
+}
+
+/// Mean response of each place, features × places.
+inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
+  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
+  Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
+  for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
+  return mean * count.cwiseInverse().asDiagonal();
+}
+
+}  // namespace detail
+
+}  // namespace lumo
+
+// ---- lumo/sense/recontact_metrics.hpp
+
+namespace lumo {
+
+/// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
+/// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
+  if (force_N.size() < 2 || response.cols() != force_N.size())
+    throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
+  if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
+  const Eigen::VectorXd centred = force_N.array() - force_N.mean();
+  const double spread = centred.squaredNorm();
+  if (!(spread > 1e-12 * force_N.squaredNorm())) throw InvalidArgument("slope over force: all loads are the same");
+  return response * centred / spread;
+}
+
+/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 7, model.md §8).
+struct RecontactMetrics {
+  double D_neighbor = 0.0;    ///< median over neighbours of the RMS difference of their median profiles [unit/N]
+  double W_recontact = 0.0;   ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  std::optional<double> Q;    ///< D/W; empty where W is 0
+};
+
+/// Q with what happens to it when one re-contact is left out (the paper's whiskers), and a bootstrap interval.
+struct RecontactQuality {
+  RecontactMetrics metrics;
+  double Q_low = 0.0, Q_high = 0.0;                      ///< least and greatest with one re-contact left out everywhere, and of all
+  double bootstrap_low = 0.0, bootstrap_high = 0.0;      ///< percentile interval, re-contacts drawn anew at each place
+};
+
+/// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
+/// re-contacts, or shapes that differ.
+RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
+
+/// At least two re-contacts at each place, as many everywhere. `confidence` of the bootstrap interval. Bootstrap samples in which W is 0 (one
+/// re-contact drawn alone) are drawn again. Throws InvalidArgument where Q is not defined.
+RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
+
+inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
+  if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
+  std::vector<Eigen::VectorXd> middle;
+  std::vector<double> between, within;
+  for (const Eigen::MatrixXd& p : slope) {
+    if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
+      throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
+          slope.front().rows(), " channels"));
+    if (!p.allFinite()) throw InvalidArgument(detail::text("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
+    middle.push_back(pointwise_median(p));
+    for (Eigen::Index r = 0; r < p.cols(); ++r) within.push_back(rms(p.col(r) - middle.back()));
+  }
+  for (std::size_t i = 1; i < middle.size(); ++i) between.push_back(rms(middle[i] - middle[i - 1]));
+  RecontactMetrics m{median(between), median(within), {}};
+  if (m.W_recontact > 0.0) m.Q = m.D_neighbor / m.W_recontact;
+  return m;
+}
+
+inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
+  require_in_range("bootstrap resamples", resamples, 1, 1e7, "");
+  require_in_range("confidence", confidence, 0.0, 1.0, "");
+  RecontactQuality q;
+  q.metrics = recontact_metrics(slope);
+  const Eigen::Index repeats = slope.front().cols();
+  for (const Eigen::MatrixXd& p : slope)
+    if (p.cols() != repeats || repeats < 2)
+      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
+  if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
+  q.Q_low = q.Q_high = *q.metrics.Q;
+  std::vector<Eigen::MatrixXd> some(slope.size());
+  for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
+    for (std::size_t i = 0; i < slope.size(); ++i) {
+      some[i].resize(slope[i].rows(), repeats - 1);
+      some[i] << slope[i].leftCols(left_out), slope[i].rightCols(repeats - 1 - left_out);
+    }
+    if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
+  }
+  detail::CountedDraws draws(seed);
+  std::vector<double> drawn;
+  for (int k = 0, tries = 0; k < resamples && tries < 10 * resamples; ++tries) {
+    for (std::size_t i = 0; i < slope.size(); ++i) {
+      some[i].resize(slope[i].rows(), repeats);
+      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = slope[i].col(Eigen::Index(draws.below(std::size_t(repeats))));
+    }
+    if (const auto again = recontact_metrics(some).Q) drawn.push_back(*again), ++k;
+  }
+  q.bootstrap_low = drawn.empty() ? q.Q_low : quantile(drawn, 0.5 * (1.0 - confidence));
+  q.bootstrap_high = drawn.empty() ? q.Q_high : quantile(drawn, 0.5 * (1.0 + confidence));
+  return q;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/alignment.hpp
+
+namespace lumo {
+
+/// From one clock to another: to = from + offset + drift · (from − origin).
+struct ClockMap {
+  std::int64_t origin_ns = 0;
+  double offset_s = 0.0;
+  double drift = 0.0;         ///< seconds per second
+  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
+  bool operator==(const ClockMap&) const = default;
+
+  std::int64_t operator()(std::int64_t from_ns) const {
+    return from_ns + std::llround(1e9 * offset_s + drift * double(from_ns - origin_ns));
+  }
+
+  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    ClockMap map;
+    map.origin_ns = from_ns[from_ns.size() / 2];
+    const double n = double(from_ns.size());
+    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) {
+      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
+      st += t, sd += d, stt += t * t, std_ += t * d;
+    }
+    const double det = n * stt - st * st;
+    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
+    map.offset_s = (sd - map.drift * st) / n;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
+    map.residual_s = std::sqrt(squares / n);
+    return map;
+  }
+};
+
+/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
+class TimeSeries {
+ public:
+  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    for (std::size_t i = 1; i < stamp_.size(); ++i)
+      if (stamp_[i] <= stamp_[i - 1])
+        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+  }
+
+  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
+    if (after == stamp_.end()) return std::nullopt;
+    const auto j = Eigen::Index(after - stamp_.begin());
+    if (*after == stamp_ns) return Eigen::VectorXd(value_.col(j));
+    if (after == stamp_.begin()) return std::nullopt;
+    const double gap = double(*after - *(after - 1));
+    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    const double share = double(stamp_ns - *(after - 1)) / gap;
+    return Eigen::VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+  }
+
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
+  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  Eigen::VectorXd interpolation_residual() const {
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
+    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
+      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
+      const auto k = Eigen::Index(i);
+      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
+    }
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+  }
+  double largest_gap_s() const {
+    std::int64_t gap = 0;
+    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
+    return 1e-9 * double(gap);
+  }
+  std::size_t size() const { return stamp_.size(); }
+
+ private:
+  std::vector<std::int64_t> stamp_;
+  Eigen::MatrixXd value_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/identification.hpp
+
+namespace lumo {
+
+/// Parameters from a linear least-squares problem, with what the data do not tell.
+struct Identification {
+  Eigen::VectorXd value;       ///< of least norm in units of the scales: nothing is added along null directions
+  Eigen::MatrixXd covariance;  ///< along the identified directions only
+  Eigen::Index rank = 0;
+  Eigen::MatrixXd null_space;  ///< parameters × (parameters − rank), unit columns in units of the scales: may be added at will
+  double residual = 0.0;       ///< RMS of what the fit leaves
+
+  Eigen::Index unknowns() const { return value.size(); }
+  bool complete() const { return rank == unknowns(); }
+};
+
+/// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of each). Singular values below
+/// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
+/// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
+/// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
+inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
+                               double known = 0.0) {
+  const Eigen::Index n = a.cols();
+  if (n < 1 || a.rows() != b.size() || scale.size() != n)
+    throw InvalidArgument(detail::text("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(), " observations and ", scale.size(), " scales"));
+  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all()) throw InvalidArgument("identification: numbers must be finite, scales positive");
+  Identification r;
+  const Eigen::MatrixXd scaled = a * scale.asDiagonal();
+  if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {
+    r.value = Eigen::VectorXd::Zero(n);
+    r.covariance = Eigen::MatrixXd::Zero(n, n);
+    r.null_space = Eigen::MatrixXd::Identity(n, n);
+    r.residual = b.size() ? b.norm() / std::sqrt(double(b.size())) : 0.0;
+    return r;
+  }
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
+  const Eigen::VectorXd& s = svd.singularValues();
+  r.rank = (s.array() > tolerance * s[0]).count();
+  const Eigen::VectorXd projection = svd.matrixU().transpose() * b;
+  const auto deviation = [&] {
+    const double left = std::max(b.squaredNorm() - projection.head(r.rank).squaredNorm(), 0.0);
+    return sigma > 0.0 ? sigma : b.size() > r.rank ? std::sqrt(left / double(b.size() - r.rank)) : 0.0;
+  };
+  while (known > 0.0 && r.rank > 0 && deviation() > known * s[r.rank - 1]) --r.rank;
+  const Eigen::MatrixXd v = svd.matrixV().leftCols(r.rank);
+  const Eigen::VectorXd inverse = s.head(r.rank).cwiseInverse();
+  r.value = scale.asDiagonal() * (v * inverse.cwiseProduct(projection.head(r.rank)));
+  r.null_space = svd.matrixV().rightCols(n - r.rank);
+  const double left = (a * r.value - b).squaredNorm();
+  r.residual = std::sqrt(left / double(b.size()));
+  const double variance = sigma > 0.0 ? sigma * sigma : b.size() > r.rank ? left / double(b.size() - r.rank) : 0.0;
+  const Eigen::MatrixXd half = scale.asDiagonal() * v * inverse.asDiagonal();
+  r.covariance = variance * half * half.transpose();
+  return r;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/torque_model.hpp
+
+namespace lumo {
+
+/// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's rise towards standstill and a
+/// viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one rigid link, gravity_sin · sin q + gravity_cos · cos q.
+struct TorqueModel {
+  double torque_constant_Nm_per_A = 1.0;  ///< at the joint, gear included; not seen by an unloaded run
+  double coulomb_Nm = 0.0;
+  double stribeck_Nm = 0.0;             ///< by which friction at standstill exceeds Coulomb's
+  double viscous_Nm_s_per_rad = 0.0;
+  double bias_Nm = 0.0;
+  double gravity_sin_Nm = 0.0, gravity_cos_Nm = 0.0;
+  double stribeck_velocity_rad_per_s = 0.1;
+  double rest_velocity_rad_per_s = 0.02;  ///< below, the joint may stand, and the sign of friction is not known
+  double noise_Nm = 0.01;                 ///< of one sample
+
+  /// Torque of the motor [N·m] from its effort.
+  double motor_torque(double effort, Effort unit) const { return unit == Effort::current_A ? torque_constant_Nm_per_A * effort : effort; }
+  double friction(double velocity) const { return std::tanh(velocity / rest_velocity_rad_per_s) * magnitude(velocity) + viscous_Nm_s_per_rad * velocity; }
+  double unloaded(double position, double velocity) const {
+    return friction(velocity) + bias_Nm + gravity_sin_Nm * std::sin(position) + gravity_cos_Nm * std::cos(position);
+  }
+  /// What friction at standstill leaves open [N·m]: uniform between its two signs.
+  double stiction_sigma(double velocity) const {
+    const double t = std::tanh(velocity / rest_velocity_rad_per_s);
+    return (1.0 - t * t) * magnitude(velocity) / std::sqrt(3.0);
+  }
+
+ private:
+  double magnitude(double velocity) const { return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2)); }
+};
+
+/// A torque model from an unloaded run, and what that run could not tell.
+struct TorqueIdentification {
+  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
+  TorqueModel model;     ///< what is not identified stays 0 along the null directions
+  Identification linear;  ///< of `names`, in this order
+};
+
+/// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
+/// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
+inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
+  std::vector<double> q, v, t;
+  for (const JointSample& s : samples) {
+    if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
+      throw InvalidArgument(detail::text("unloaded run has no joint ", joint));
+    q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]), t.push_back(start.motor_torque(s.effort[joint], s.unit));
+  }
+  if (t.empty()) throw InvalidArgument("unloaded run has no samples");
+  const auto n = Eigen::Index(t.size());
+  const Eigen::VectorXd torque = Eigen::Map<const Eigen::VectorXd>(t.data(), n);
+  const auto fit = [&](double stribeck_velocity) {
+    Eigen::MatrixXd a(n, 6);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
+      a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
+    }
+    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
+    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
+  };
+  // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
+  double fastest = 0.0;
+  for (const double w : v) fastest = std::max(fastest, std::abs(w));
+  const double low = std::log(std::max(1.5 * start.rest_velocity_rad_per_s, 1e-6)), high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
+  constexpr int looks = 13;
+  int least = 0;
+  double smallest = 1e300;
+  for (int k = 0; k < looks; ++k)
+    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) smallest = r, least = k;
+  double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
+  constexpr double golden = 0.61803398874989484820;
+  for (int k = 0; k < 24; ++k) {
+    const double c = b - golden * (b - a), d = a + golden * (b - a);
+    if (fit(std::exp(c)).residual <= fit(std::exp(d)).residual)
+      b = d;
+    else
+      a = c;
+  }
+  TorqueIdentification result{start, fit(std::exp(0.5 * (a + b)))};
+  const Eigen::VectorXd& x = result.linear.value;
+  TorqueModel& m = result.model;
+  m.stribeck_velocity_rad_per_s = std::exp(0.5 * (a + b));
+  m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
+  m.noise_Nm = result.linear.residual;
+  return result;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/session.hpp
+
+namespace lumo {
+
+/// A stretch of a log whose circumstances were known to whoever made it: what decoders learn from and metrics compare. Estimators do not read it.
+struct Segment {
+  std::int64_t from_ns = 0, to_ns = 0;
+  std::string kind = "hold";  ///< "unloaded", "approach", "hold", "cycle", "retract" or anything else
+  int place = -1;             ///< number of the tested place, from 0; −1: none
+  double y_mm = 0.0;          ///< of that place
+  int repetition = -1;        ///< re-contact or run, from 0; −1: none
+  int cycle = -1;             ///< within maintained contact
+  double load_N = 0.0;
+  double angle_deg = 0.0;
+  double diameter_mm = 0.0;   ///< of the indenter; 0: not said
+  bool operator==(const Segment&) const = default;
+};
+
+/// What session.json says.
+struct Session {
+  std::string title;
+  std::string clock = "monotonic";  ///< on which frames are stamped
+  std::string material;             ///< of the pad
+  std::vector<double> theta_mm;     ///< its design; may be empty
+  std::string video;                ///< file name beside session.json; empty: frames/
+  int led_count = 5;
+  double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  Eigen::Vector2d distal{1.0, 0.0};    ///< direction of the tip in the image
+  double joint_to_origin_m = 0.05;     ///< from the joint's axis to the finger's origin
+  std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
+  double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
+  ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
+  std::vector<Segment> segments;
+};
+
+/// Throws InputError for what makes no sense; `name` stands in the message.
+inline void validate(const Session& s, const std::string& name) {
+  const auto require = [&](bool good, const std::string& what) {
+    if (!good) throw InputError(detail::text(name, ": ", what));
+  };
+  require(s.led_count >= 3 && s.led_count <= 64, detail::text("led count is ", s.led_count, ", must lie in [3, 64]"));
+  require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, detail::text("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+  require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
+  require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
+          detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+  require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
+  for (std::size_t i = 0; i < s.segments.size(); ++i)
+    require(s.segments[i].to_ns >= s.segments[i].from_ns,
+            detail::text("segment ", i, " ends at ", s.segments[i].to_ns, " ns, before it begins at ", s.segments[i].from_ns, " ns"));
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/segment_responses.hpp
+
+namespace lumo {
+
+/// Mean response over each hold of a log, ready for metrics and decoders.
+struct HoldResponse {
+  Segment segment;
+  Eigen::VectorXd response;  ///< mean over the segment's profiles, minus the unloaded one that came last before it
+  int profiles = 0;
+};
+
+/// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
+/// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
+inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
+  const auto mean = [&](const Segment& s) {
+    std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
+    for (const Profile& p : profiles) {
+      if (p.stamp_ns < s.from_ns || p.stamp_ns > s.to_ns) continue;
+      if (m.second == 0) m.first = Eigen::VectorXd::Zero(p.value.size());
+      if (p.value.size() != m.first.size()) throw InvalidArgument(detail::text("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
+      m.first += p.value;
+      ++m.second;
+    }
+    if (m.second > 0) m.first /= double(m.second);
+    return m;
+  };
+  std::vector<HoldResponse> list;
+  std::map<std::size_t, Eigen::VectorXd> unloaded;
+  for (const Segment& s : segments) {
+    if (s.kind != "hold" && s.kind != "cycle") continue;
+    const Segment* before = nullptr;
+    for (const Segment& u : segments)
+      if (u.kind == "unloaded" && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
+    if (!before) throw InvalidArgument(detail::text("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
+    auto& reference = unloaded[std::size_t(before - segments.data())];
+    if (reference.size() == 0) reference = mean(*before).first;
+    const auto [value, count] = mean(s);
+    if (count == 0) continue;
+    if (reference.size() != value.size()) throw InvalidArgument(detail::text("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
+    list.push_back({s, value - reference, count});
+  }
+  return list;
+}
+
+/// Slope profiles p_{i,r} over all loads of each re-contact: for each place, channels × re-contacts. Places without re-contacts are left out.
+inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+  std::map<int, std::map<int, std::vector<const HoldResponse*>>> by_place;
+  for (const HoldResponse& h : holds)
+    if (h.segment.kind == "hold" && h.segment.place >= 0 && h.segment.repetition >= 0) by_place[h.segment.place][h.segment.repetition].push_back(&h);
+  std::vector<Eigen::MatrixXd> slopes;
+  for (const auto& place : by_place) {
+    Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
+    Eigen::Index column = 0;
+    for (const auto& recontact : place.second) {
+      Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
+      Eigen::VectorXd load(response.cols());
+      for (Eigen::Index k = 0; k < load.size(); ++k) response.col(k) = recontact.second[std::size_t(k)]->response, load[k] = recontact.second[std::size_t(k)]->segment.load_N;
+      m.col(column++) = intensity_force_slope(response, load);
+    }
+    slopes.push_back(std::move(m));
+  }
+  return slopes;
+}
+
+/// The decoder's observations, with the repetition of each as its fold.
+struct DecodingTask {
+  LabelledResponses data;
+  std::vector<int> fold;
+};
+
+/// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
+/// them are left out. Throws InvalidArgument when fewer than two places are left.
+inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
+  if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
+  std::map<std::pair<int, int>, std::vector<const HoldResponse*>> contacts;  // place, repetition
+  std::map<int, double> place_m;
+  for (const HoldResponse& h : holds) {
+    if (h.segment.kind != "hold" || h.segment.place < 0 || h.segment.repetition < 0) continue;
+    auto& at = contacts[{h.segment.place, h.segment.repetition}];
+    at.resize(load_N.size());
+    for (std::size_t k = 0; k < load_N.size(); ++k)
+      if (std::abs(h.segment.load_N - load_N[k]) < 1e-6) at[k] = &h;
+  }
+  std::erase_if(contacts, [](const auto& c) { return std::find(c.second.begin(), c.second.end(), nullptr) != c.second.end(); });
+  for (const auto& c : contacts) place_m[c.first.first] = 1e-3 * c.second.front()->segment.y_mm;
+  if (place_m.size() < 2) throw InvalidArgument(detail::text("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
+  DecodingTask task;
+  const Eigen::Index channels = contacts.begin()->second.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
+  task.data.response.resize(channels * steps, Eigen::Index(contacts.size()));
+  task.data.place_m.resize(Eigen::Index(place_m.size()));
+  std::map<int, int> number;
+  for (const auto& p : place_m) {
+    const int next = int(number.size());
+    task.data.place_m[next] = p.second;
+    number[p.first] = next;
+  }
+  Eigen::Index column = 0;
+  for (const auto& c : contacts) {
+    for (Eigen::Index k = 0; k < steps; ++k)
+      task.data.response.block(k * channels, column, channels, 1) = c.second[std::size_t(k) + 1]->response - c.second[std::size_t(k)]->response;
+    task.data.place.push_back(number[c.first.first]);
+    task.fold.push_back(c.first.second);
+    ++column;
+  }
+  return task;
+}
+
+/// Runs of cycles within maintained contact: one for each place, angle and repetition, with its matched loads.
+inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
+  std::map<std::tuple<int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
+  for (const HoldResponse& h : holds)
+    if (h.segment.kind == "cycle") runs[{h.segment.place, h.segment.angle_deg, h.segment.repetition}][h.segment.load_N].push_back(&h);
+  std::vector<CycleRun> list;
+  for (const auto& run : runs) {
+    CycleRun r;
+    for (const auto& load : run.second) {
+      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
+      for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
+      r.load.push_back(std::move(m));
+    }
+    list.push_back(std::move(r));
+  }
+  return list;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/nearest_template.hpp
+
+namespace lumo {
+
+/// The paper's decoder: the place whose mean response is nearest (Euclidean). Probabilities are those of equal, round Gaussians about the templates, as
+/// wide as the training data scatter.
+struct NearestTemplate {
+  class Model {
+   public:
+    explicit Model(const LabelledResponses& training) : template_(detail::place_means(training)) {
+      double squares = 0.0;
+      for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - template_.col(training.place[i])).squaredNorm();
+      const double freedom = double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
+      variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
+    }
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const {
+      if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
+      return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
+    }
+    const Eigen::MatrixXd& templates() const { return template_; }
+
+   private:
+    Eigen::MatrixXd template_;
+    double variance_ = 1.0;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    return Model(training);
+  }
+};
+
+static_assert(Decoder<NearestTemplate>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/linear_decoder.hpp
+
+namespace lumo {
+
+namespace detail {
+
+/// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
+/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it.
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage) {
+  const Eigen::Index d = residual.rows(), n = residual.cols();
+  const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
+  const double level = std::max(s.trace() / double(d), 1e-300);
+  const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
+  if (shrinkage < 0.0) {
+    double scatter = 0.0;
+    for (Eigen::Index i = 0; i < n; ++i) scatter += (residual.col(i) * residual.col(i).transpose() - s).squaredNorm();
+    const double far = (s - target).squaredNorm();
+    shrinkage = far > 0.0 ? std::clamp(scatter / (double(n) * double(n)) / far, 0.0, 1.0) : 1.0;
+  }
+  const double left = double(std::max<Eigen::Index>(1, n - parameters)) / double(n);
+  return ((1.0 - shrinkage) * s + (shrinkage + 1e-9) * target) / left;
+}
+
+}  // namespace detail
+
+/// Regularised linear discriminant: Gaussians about the places' means with one covariance, shrunk towards a multiple of the identity because a
+/// finger gives few re-contacts for many regions. Source: Friedman 1989; the shrinkage is Ledoit & Wolf's (2004) from the data, or given.
+struct LinearDecoder {
+  double shrinkage = -1.0;  ///< 0 … 1; negative: Ledoit and Wolf's
+
+  class Model {
+   public:
+    Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
+      Eigen::MatrixXd residual = t.response;
+      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
+      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage);
+      shrinkage_ = shrinkage;
+      factor_.compute(covariance);
+      weight_ = factor_.solve(mean_);
+      offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
+    }
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
+    /// Of each place, up to one common constant.
+    Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
+      if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
+      return weight_.transpose() * response + offset_;
+    }
+    double shrinkage() const { return shrinkage_; }
+
+   private:
+    Eigen::MatrixXd mean_, weight_;
+    Eigen::VectorXd offset_;
+    Eigen::LLT<Eigen::MatrixXd> factor_;
+    double shrinkage_ = 0.0;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
+    return Model(training, shrinkage);
+  }
+};
+
+static_assert(Decoder<LinearDecoder>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/bayes_decoder.hpp
+
+namespace lumo {
+
+/// Bayes filter over the places: takes one response after the other and keeps the probability of each. The contact stays where it is but for a
+/// `change` per step.
+class PlaceFilter {
+ public:
+  /// Throws InvalidArgument for fewer than two places or a change that is no probability.
+  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
+    require_in_range("number of places", places, 2, 1e6, "");
+    require_in_range("change of place per step", change, 0.0, 1.0, "");
+  }
+  /// Takes the log likelihoods of the places (up to a constant) under the next response.
+  const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
+    const double n = double(probability_.size());
+    probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
+    probability_ = detail::decoding_of((probability_.array().log() + log_likelihood.array()).matrix()).probability;
+    return probability_;
+  }
+  const Eigen::VectorXd& probability() const { return probability_; }
+
+ private:
+  double change_;
+  Eigen::VectorXd probability_;
+};
+
+/// Decodes a contact from several steps of its loading: a response is `steps` blocks of features, one below the other, each with a linear
+/// discriminant of its own, and the places' probabilities pass from step to step. With one step it is the linear decoder.
+struct BayesDecoder {
+  int steps = 1;
+  double change = 0.0;  ///< of place from step to step
+  LinearDecoder step = {};
+
+  class Model {
+   public:
+    Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const {
+      const auto n = Eigen::Index(steps_.size());
+      if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
+      PlaceFilter filter(places_, change_);
+      for (Eigen::Index k = 0; k < n; ++k) filter.update(steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
+      return detail::decoding_of(filter.probability().array().max(1e-300).log().matrix());
+    }
+
+   private:
+    std::vector<LinearDecoder::Model> steps_;
+    int places_;
+    double change_;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    require_in_range("steps of the decoder", steps, 1, 1e6, "");
+    if (training.response.rows() % steps != 0)
+      throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
+    std::vector<LinearDecoder::Model> models;
+    const Eigen::Index rows = training.response.rows() / steps;
+    for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));
+    return Model(std::move(models), training.places(), change);
+  }
+};
+
+static_assert(Decoder<BayesDecoder>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/cross_validation.hpp
+
+namespace lumo {
+
+/// What a decoder made of observations that it had not seen.
+struct DecodingReport {
+  struct Prediction {
+    int observation = 0, fold = 0, place = 0, decoded = 0;
+    double probability = 0.0;  ///< that the decoder gave to the place decoded
+  };
+  std::vector<Prediction> predictions;  ///< by observation
+  Eigen::MatrixXi confusion;            ///< true place × decoded place
+  Interval accuracy;                    ///< share of right ones, with Wilson's 95 % interval
+  double mean_error_m = 0.0;            ///< mean distance between the places
+  double log_score = 0.0;               ///< mean logarithm of the probability given to the true place, at least −700
+};
+
+/// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it. `fold[i]` of observation i.
+/// Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
+template <Decoder D>
+DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
+  validate(data);
+  if (fold.size() != data.place.size()) throw InvalidArgument(detail::text("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
+  const std::set<int> folds(fold.begin(), fold.end());
+  if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
+  DecodingReport report;
+  report.confusion = Eigen::MatrixXi::Zero(data.places(), data.places());
+  report.predictions.resize(data.place.size());
+  int right = 0;
+  for (const int out : folds) {
+    std::vector<Eigen::Index> kept;
+    for (std::size_t i = 0; i < fold.size(); ++i)
+      if (fold[i] != out) kept.push_back(Eigen::Index(i));
+    LabelledResponses training{data.response(Eigen::all, kept), {}, data.place_m};
+    for (const Eigen::Index i : kept) training.place.push_back(data.place[std::size_t(i)]);
+    const auto model = decoder.fit(training);
+    for (std::size_t i = 0; i < fold.size(); ++i) {
+      if (fold[i] != out) continue;
+      const Decoding d = model.decode(data.response.col(Eigen::Index(i)));
+      const int place = data.place[i];
+      report.predictions[i] = {int(i), out, place, d.place, d.probability[d.place]};
+      ++report.confusion(place, d.place);
+      right += d.place == place;
+      report.mean_error_m += std::abs(data.place_m[d.place] - data.place_m[place]) / double(fold.size());
+      report.log_score += std::max(std::log(std::max(d.probability[place], 1e-305)), -700.0) / double(fold.size());
+    }
+  }
+  report.accuracy = wilson_interval(right, int(fold.size()));
+  return report;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/constraint_gain.hpp
+
+namespace lumo {
+
+/// Finds when a force sensor first feels the contact.
+struct OnsetDetector {
+  int baseline = 20;        ///< samples at the start that are without contact
+  double threshold = 5.0;   ///< standard deviations of the baseline
+  double min_force_N = 0.05;  ///< above the baseline's mean, however quiet it was
+  int hold = 3;             ///< samples in a row that must lie above
+  int fit = 5;              ///< samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+
+  /// Place of the onset in samples (fractional), and the force's baseline there.
+  struct Onset {
+    double sample = 0.0;
+    double baseline_N = 0.0;
+  };
+  /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are not finite.
+  std::optional<Onset> find(std::span<const double> force_N) const;
+};
+
+inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
+  require_in_range("samples without contact", baseline, 2, 1e9, "");
+  require_in_range("samples above the threshold", hold, 1, 1e6, "");
+  const auto n = std::ptrdiff_t(force_N.size());
+  if (n <= baseline) throw InvalidArgument(detail::text("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
+  for (const double f : force_N)
+    if (!std::isfinite(f)) throw InvalidArgument("onset: forces must be finite");
+  double mean = 0.0, squares = 0.0;
+  for (int i = 0; i < baseline; ++i) mean += force_N[std::size_t(i)] / baseline;
+  for (int i = 0; i < baseline; ++i) squares += std::pow(force_N[std::size_t(i)] - mean, 2);
+  const double limit = mean + std::max(threshold * std::sqrt(squares / (baseline - 1)), min_force_N);
+  int above = 0;
+  for (std::ptrdiff_t i = baseline; i < n; ++i) {
+    above = force_N[std::size_t(i)] > limit ? above + 1 : 0;
+    if (above < hold) continue;
+    const double first = double(i - hold + 1);
+    // The force has risen before it crosses: a line through the next samples goes back to where it left the baseline.
+    double si = 0.0, sf = 0.0, sii = 0.0, sif = 0.0;
+    int count = 0;
+    for (auto k = std::ptrdiff_t(first); k < n && count < fit; ++k, ++count) {
+      const double t = double(k) - first, f = force_N[std::size_t(k)] - mean;
+      si += t, sf += f, sii += t * t, sif += t * f;
+    }
+    const double det = count * sii - si * si, slope = det > 0.0 ? (count * sif - si * sf) / det : 0.0;
+    if (!(slope > 0.0)) return Onset{first, mean};
+    const double at = (sf - slope * si) / count;  // of the line, at the crossing
+    return Onset{std::clamp(first - at / slope, double(baseline - 1), first), mean};
+  }
+  return std::nullopt;
+}
+
+/// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches `force_N`, interpolated linearly [m].
+/// Nothing when there is no onset or the force is not reached. Both series at the same times.
+inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, const OnsetDetector& detector = {}) {
+  if (force.size() != marker_m.size()) throw InvalidArgument(detail::text("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
+  require_positive("force to reach", force_N, "N");
+  for (const double x : marker_m)
+    if (!std::isfinite(x)) throw InvalidArgument("displacement: marker places must be finite");
+  const auto onset = detector.find(force);
+  if (!onset) return std::nullopt;
+  const auto marker_at = [&](double sample) {
+    const auto i = std::min(std::size_t(sample), marker_m.size() - 1), j = std::min(i + 1, marker_m.size() - 1);
+    return marker_m[i] + (sample - double(i)) * (marker_m[j] - marker_m[i]);
+  };
+  const double target = onset->baseline_N + force_N;
+  for (auto i = std::size_t(std::floor(onset->sample)) + 1; i < force.size(); ++i)
+    if (force[i] >= target) {
+      const double before = force[i - 1], step = force[i] - before;
+      const double reached = before >= target || !(step > 0.0) ? double(i - 1) : double(i - 1) + (target - before) / step;
+      return std::abs(marker_at(reached) - marker_at(onset->sample));
+    }
+  return std::nullopt;
+}
+
+/// Progressive-Constraint Gain [%]: by how much less the indenter sinks in from onset to the load than into the baseline (paper, contact cycling).
+inline double progressive_constraint_gain_percent(double displacement_m, double baseline_m) {
+  require_positive("baseline's displacement", baseline_m, "m");
+  return 100.0 * (1.0 - displacement_m / baseline_m);
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/location_estimator.hpp
+
+namespace lumo {
+
+/// Where the finger is touched, and how sure that is.
+struct ContactLocation {
+  double y_m = 0.0;
+  double variance_m2 = 0.0;
+  double amplitude = 0.0;  ///< of the response there, in the readout's unit
+};
+
+/// What one profile (and those before it) says about contacts. Always finite.
+struct LocationEstimate {
+  std::int64_t stamp_ns = 0;
+  int contacts = 0;                        ///< 0, 1 or 2
+  std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
+  double probability = 1.0;                ///< of this number of contacts, as far as the model tells
+};
+
+/// Locates contacts from responses: profiles minus the unloaded reference.
+/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not newer than its predecessor
+/// changes nothing but the answer's stamp; after `reset` it is as new.
+template <class L>
+concept LocationEstimator = requires(L& localizer, const Profile& response) {
+  { localizer.update(response) } -> std::same_as<LocationEstimate>;
+  localizer.reset();
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/peak_localizer.hpp
+
+namespace lumo {
+
+/// The paper's localiser: the strongest peak of the low-passed response above a noise threshold. No labels, no training.
+/// A contact starts above `threshold` noises and ends below `release`. The filter is first order in time and starts anew after a gap.
+class PeakLocalizer {
+ public:
+  struct Config {
+    Eigen::VectorXd position_m;      ///< of the profile's values
+    Eigen::VectorXd noise;           ///< standard deviation of each, unloaded
+    double time_constant_s = 0.05;   ///< of the filter
+    double gap_s = 0.5;              ///< longer without a profile: forget
+    double threshold = 6.0;          ///< in noises of the filtered profile
+    double release = 4.0;
+    double bias_sigma_m = 1.0_mm;    ///< how far the brightest place is believed to lie from the contact; assumed
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit PeakLocalizer(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 3 || config_.noise.size() != n)
+      throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
+    for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+    require_positive("time constant of the localiser", config_.time_constant_s, "s");
+    require_positive("gap of the localiser", config_.gap_s, "s");
+    require_in_range("release threshold", config_.release, 0.0, config_.threshold, "noises");
+    require_in_range("bias of the peak", config_.bias_sigma_m, 0.0, 1.0, "m");
+    reset();
+  }
+
+  void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
+
+  LocationEstimate update(const Profile& response) {
+    if (response.value.size() != config_.position_m.size())
+      throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+    const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
+    if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+    if (fresh_ || step_s > config_.gap_s) {
+      filtered_ = response.value;
+      share_ = 1.0;
+      fresh_ = false;
+    } else {
+      const double weight = -std::expm1(-step_s / config_.time_constant_s);
+      filtered_ += weight * (response.value - filtered_);
+      share_ = (1.0 - weight) * (1.0 - weight) * share_ + weight * weight;  // of the white noise's variance
+    }
+    stamp_ns_ = response.stamp_ns;
+    return answer(stamp_ns_);
+  }
+
+ private:
+  LocationEstimate answer(std::int64_t stamp_ns) {
+    LocationEstimate e{stamp_ns, 0, {}, 1.0};
+    if (fresh_) return e;
+    Eigen::Index top = 0;
+    filtered_.maxCoeff(&top);
+    const double sigma = config_.noise[top] * std::sqrt(share_), peak = filtered_[top];
+    touching_ = peak > (touching_ ? config_.release : config_.threshold) * sigma;
+    if (!touching_) return e;
+    e.contacts = 1;
+    e.contact[0] = vertex(top, sigma);
+    return e;
+  }
+
+  /// The parabola through the peak and its neighbours; at the ends of the profile, the end itself.
+  ContactLocation vertex(Eigen::Index top, double sigma) const {
+    const auto& x = config_.position_m;
+    const double bias2 = config_.bias_sigma_m * config_.bias_sigma_m, peak = filtered_[top];
+    const double width = top == 0 ? x[1] - x[0] : x[top] - x[top - 1];
+    if (top == 0 || top + 1 == x.size()) return {x[top], width * width / 3.0 + bias2, peak};
+    const double left = x[top - 1] - x[top], right = x[top + 1] - x[top];
+    const double a = (filtered_[top - 1] - peak) / left, b = (filtered_[top + 1] - peak) / right;
+    const double curvature = (b - a) / (right - left);  // ≤ 0 at a peak
+    if (!(curvature < 0.0)) return {x[top], width * width / 12.0 + bias2, peak};
+    const double slope = a - curvature * left;  // at the peak's own place
+    const double y = std::clamp(-0.5 * slope / curvature, 0.5 * left, 0.5 * right);
+    // Noise moves the vertex by its error of the slope over the curvature; beyond the bin, by no more than the bin tells.
+    const double slope_sigma = sigma * std::sqrt(2.0) / (right - left);
+    const double moved = std::min(0.5 * slope_sigma / -curvature, 0.5 * (right - left));
+    return {x[top] + y, moved * moved + bias2, peak};
+  }
+
+  Config config_;
+  Eigen::VectorXd filtered_;
+  std::int64_t stamp_ns_ = 0;
+  double share_ = 1.0;
+  bool fresh_ = true, touching_ = false;
+};
+
+static_assert(LocationEstimator<PeakLocalizer>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/bayes_localizer.hpp
+
+namespace lumo {
+
+/// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
+/// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
+/// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
+class BayesLocalizer {
+ public:
+  struct Config {
+    Eigen::VectorXd position_m;   ///< of the profile's values
+    Eigen::VectorXd noise;        ///< standard deviation of each, unloaded
+    Eigen::VectorXd unloaded;     ///< mean profile of the unloaded finger; empty: lamps are steady
+    double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
+    double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
+    double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
+    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
+    double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
+    double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
+    double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
+    double min_separation_m = 12.0_mm;  ///< of two contacts
+    double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
+    double change_rate_per_s = 2.0;     ///< how often contacts come and go
+    double creep_m_per_sqrt_s = 1.0_mm;  ///< random walk of a contact that stays
+    double gap_s = 0.5;                  ///< longer without a profile: forget
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit BayesLocalizer(Config config);
+
+  void reset() { fresh_ = true; }
+  LocationEstimate update(const Profile& response);
+
+  const Eigen::VectorXd& grid_m() const { return grid_; }
+  /// Posterior of the place given one contact; sums to 1.
+  const Eigen::VectorXd& place() const { return place_; }
+  /// Posterior of none, one, two contacts.
+  const Eigen::Vector3d& number() const { return number_; }
+
+ private:
+  static constexpr Eigen::Index widths = 4;
+
+  /// Two bumps of one width, the higher one first.
+  struct Pair {
+    Eigen::Index first = 0, second = 0, width = 0;
+    double explained = -1.0;  ///< by how much they lower χ²; −1: there is no such pair
+  };
+
+  double log_evidence(double s, double g, double tempering) const;
+  double log_evidence(const Pair& pair, double tempering) const;
+  Pair best_pair(double tempering) const;
+  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
+  std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
+  void predict(double step_s);
+  ContactLocation one() const;
+  LocationEstimate answer(std::int64_t stamp_ns) const;
+
+  Config config_;
+  Eigen::VectorXd grid_;
+  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
+  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
+  Eigen::VectorXd score_, place_, likelihood_, spread_;
+  Eigen::Vector3d number_{1.0, 0.0, 0.0};
+  Pair pair_;
+  std::int64_t stamp_ns_ = 0;
+  bool fresh_ = true;
+};
+
+inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
+  const Eigen::Index n = config_.position_m.size();
+  if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
+    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
+        " unloaded values, must have as many, at least 3"));
+  for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+  require_positive("grid spacing", config_.spacing_m, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + 4096.0 * config_.spacing_m, "m");
+  for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
+  require_positive("height of a bump", config_.amplitude_sigma, "");
+  require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
+  require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
+  require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
+
+  const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
+  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
+  if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
+  precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
+  bumps_.resize(n, cells * widths);
+  for (Eigen::Index w = 0; w < widths; ++w)
+    for (Eigen::Index j = 0; j < cells; ++j)
+      bumps_.col(w * cells + j) = (-0.5 * ((config_.position_m.array() - grid_[j]) / config_.width_m[std::size_t(w)]).square()).exp();
+  matched_ = precision_ * bumps_;
+  energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
+  for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
+  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
+  likelihood_ = spread_ = place_;
+  score_.resize(bumps_.cols());
+}
+
+/// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
+inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
+  const double z = t / std::sqrt(h);
+  // log of 2 Φ(z) e^{z²/2}, without overflow on either side
+  const double tail = z > -6.0 ? 0.5 * z * z + std::log(std::erfc(-0.70710678118654752440 * z)) : std::log(0.79788456080286535588 / -z) - 1.0 / (z * z);
+  return tail + 0.5 * std::log(prior / h);
+}
+
+/// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
+inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
+  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
+  const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
+  det = a * b - c * c;
+  return {(b * s - c * t) / det, (a * t - c * s) / det};
+}
+
+/// Searched on every other cell, then about the best.
+inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
+  const Eigen::Index cells = grid_.size();
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
+  Pair best;
+  const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
+    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
+    const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
+    const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
+    const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
+    if (!(std::min(hi, hj) > config_.min_share * std::max(hi, hj))) return;
+    const double explained = (s * hi + t * hj) / (a * b - c * c);
+    if (explained > best.explained) best = {hi >= hj ? i : j, hi >= hj ? j : i, width, explained};
+  };
+  for (Eigen::Index width = 0; width < widths; ++width)
+    for (Eigen::Index i = 0; i < cells; i += 2)
+      for (Eigen::Index j = i + apart; j < cells; j += 2) look(width, i, j);
+  if (best.explained < 0.0) return best;
+  const Eigen::Index i = std::min(best.first, best.second), j = std::max(best.first, best.second);
+  for (Eigen::Index k = std::max<Eigen::Index>(0, i - 1); k <= i + 1; ++k)
+    for (Eigen::Index l = std::max(j - 1, k + apart); l <= std::min(cells - 1, j + 1); ++l) look(best.width, k, l);
+  return best;
+}
+
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
+/// of the lamps, are else taken for a second one.
+inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
+  const auto index = [&](Eigen::Index cell) {
+    Eigen::Index i = 0;
+    (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
+    return i;
+  };
+  double det = 1.0;
+  const Eigen::Index a = index(pair.first), b = index(pair.second);
+  const double least = response.segment(std::min(a, b), std::abs(a - b) + 1).minCoeff();
+  return response[b] - least > 0.25 * heights(pair, 1.0, det)[1];
+}
+
+/// Log of the Bayes factor of two bumps against none.
+inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
+  if (p.explained < 0.0) return -1e300;
+  double det = 1.0;
+  const auto h = heights(p, tempering, det);
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
+  const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
+  const double width = config_.width_m[std::size_t(p.width)];
+  const double sharp = std::max(1.0, 2.5 * width / std::sqrt(std::max(2.0 * fit, 1.0)) / config_.spacing_m);
+  const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
+  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
+}
+
+inline void BayesLocalizer::predict(double step_s) {
+  const double change = -std::expm1(-config_.change_rate_per_s * step_s);
+  number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
+  // A contact that stays creeps; one that is new may be anywhere.
+  const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
+  const auto reach = std::min<Eigen::Index>(place_.size() - 1, Eigen::Index(std::ceil(3.0 * walk)));
+  spread_.setZero();
+  double whole = 0.0;
+  for (Eigen::Index k = -reach; k <= reach; ++k) {
+    const double w = std::exp(-0.5 * double(k * k) / std::max(walk * walk, 1e-12));
+    whole += w;
+    const Eigen::Index n = place_.size() - std::abs(k);
+    spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
+  }
+  place_ = (1.0 - change) / whole * spread_;
+  place_.array() += (1.0 - place_.sum()) / cells;
+}
+
+inline LocationEstimate BayesLocalizer::update(const Profile& response) {
+  if (response.value.size() != config_.position_m.size())
+    throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+  const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
+  if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+  const Eigen::Index cells = grid_.size();
+  if (fresh_ || step_s > config_.gap_s) {
+    number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
+    place_.setConstant(1.0 / double(cells));
+    fresh_ = false;
+  } else {
+    predict(step_s);
+  }
+  stamp_ns_ = response.stamp_ns;
+
+  score_.noalias() = matched_.transpose() * response.value;
+  // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
+  const double typical = config_.noise.mean(), shape = config_.shape_error * response.value.cwiseAbs().maxCoeff();
+  double tempering = typical * typical / (typical * typical + shape * shape);
+
+  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and noise stands for it (Birge).
+  const double explained = (score_.cwiseMax(0.0).cwiseAbs2().cwiseQuotient(energy_)).maxCoeff();
+  pair_ = best_pair(tempering);
+  if (pair_.explained > 0.0 && !dips_between(response.value, pair_)) pair_.explained = -1.0;
+  const double chi2 = response.value.dot(precision_ * response.value), freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
+  const double left = chi2 - std::max(explained, pair_.explained / tempering);
+  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom)) tempering = std::min(tempering, freedom / left);  // more than noise alone does
+
+  double top = -1e300;
+  for (Eigen::Index j = 0; j < cells; ++j) {
+    std::array<double, std::size_t(widths)> e{};
+    for (std::size_t w = 0; w < e.size(); ++w) {
+      const Eigen::Index k = Eigen::Index(w) * cells + j;
+      e[w] = log_evidence(score_[k], energy_[k], tempering);
+    }
+    const double most = *std::max_element(e.begin(), e.end());
+    double sum = 0.0;
+    for (const double v : e) sum += std::exp(v - most);
+    likelihood_[j] = most + std::log(sum / double(widths));
+    top = std::max(top, likelihood_[j]);
+  }
+  likelihood_ = (likelihood_.array() - top).exp();
+  const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
+  place_ = place_.cwiseProduct(likelihood_);
+  const double sum = place_.sum();
+  place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
+
+  const double log_two = log_evidence(pair_, tempering);
+  const double highest = std::max({0.0, log_one, log_two});
+  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseMax(1e-12);
+  number_ /= number_.sum();
+  return answer(stamp_ns_);
+}
+
+/// Mean and variance of the posterior about its mode; the flat part that new contacts leave does not count.
+inline ContactLocation BayesLocalizer::one() const {
+  Eigen::Index top = 0;
+  const double most = place_.maxCoeff(&top);
+  double sum = 0.0, first = 0.0, second = 0.0;
+  for (Eigen::Index j = 0; j < place_.size(); ++j) {
+    const double p = place_[j] > 1e-4 * most ? place_[j] : 0.0, d = grid_[j] - grid_[top];
+    sum += p, first += p * d, second += p * d * d;
+  }
+  const double mean = first / sum, cell2 = config_.spacing_m * config_.spacing_m / 12.0;
+  const double variance = std::max(second / sum - mean * mean, 0.0) + cell2 + config_.bias_sigma_m * config_.bias_sigma_m;
+  const Eigen::Index k = grid_.size() + top;  // of the second width, a middling one
+  return {grid_[top] + mean, variance, std::max(0.0, score_[k] / energy_[k])};
+}
+
+inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
+  LocationEstimate e{stamp_ns, 0, {}, 1.0};
+  if (fresh_) return e;
+  Eigen::Index n = 0;
+  e.probability = number_.maxCoeff(&n);
+  e.contacts = int(n);
+  if (n == 1) e.contact[0] = one();
+  if (n == 2) {
+    double det = 1.0;
+    const auto h = heights(pair_, 1.0, det);
+    const double variance = config_.spacing_m * config_.spacing_m / 12.0 + 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;  // each bends the other
+    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, h[0])};
+    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, h[1])};
+  }
+  return e;
+}
+
+static_assert(LocationEstimator<BayesLocalizer>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/contact_jacobian.hpp
+
+namespace lumo {
+
+/// A place on the pad of one of the links.
+struct ContactPoint {
+  int link = 0;      ///< counted from the base; the link after joint `link`
+  double y_m = 0.0;  ///< finger coordinate on it
+};
+
+/// How a normal force on a pad shows in the motors. The force is that of the object on the finger, against the pad's outward normal, at the
+/// contact point; `column` is the torque that the motors add to hold it, n × 1 [N·m per N = m], positive along each joint's axis.
+/// Laws: joints beyond the contact's link carry nothing; `slope` is the derivative of `column` by y_m.
+template <class J>
+concept ContactJacobian = requires(const J& j, const JointVector& q, const ContactPoint& c) {
+  { j.joints() } -> std::convertible_to<int>;
+  { j.column(q, c) } -> std::same_as<JointVector>;
+  { j.slope(q, c) } -> std::same_as<JointVector>;
+};
+
+/// Torques of unit normal forces at several contacts, joints × contacts [m].
+template <ContactJacobian J>
+Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::span<const ContactPoint> contacts) {
+  Eigen::MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
+  for (std::size_t i = 0; i < contacts.size(); ++i) a.col(Eigen::Index(i)) = jacobian.column(q, contacts[i]);
+  return a;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/serial_chain.hpp
+
+namespace lumo {
+
+/// Revolute joints in a row, each with one link that may carry a pad.
+class SerialChain {
+ public:
+  struct Link {
+    Eigen::Isometry3d joint = Eigen::Isometry3d::Identity();  ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
+    Vec3 axis = Vec3::UnitX();                                ///< of rotation, in the joint's frame; unit
+    Eigen::Isometry3d finger = Eigen::Isometry3d::Identity();  ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
+  };
+
+  /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
+  explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
+    if (links_.empty() || links_.size() > std::size_t(max_joints))
+      throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
+    for (Link& l : links_) {
+      if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
+      require_positive("length of a joint's axis", l.axis.norm(), "");
+      l.axis.normalize();
+    }
+  }
+
+  int joints() const { return int(links_.size()); }
+
+  JointVector column(const JointVector& q, const ContactPoint& c) const {
+    const Pose p = pose(q, c.link);
+    return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
+  }
+  JointVector slope(const JointVector& q, const ContactPoint& c) const {
+    const Pose p = pose(q, c.link);
+    return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
+  }
+  /// Where the contact is, in the base's frame [m].
+  Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
+  /// Outward normal of the pad there, in the base's frame.
+  Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
+
+ private:
+  struct Pose {
+    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
+    Eigen::Isometry3d finger;
+  };
+
+  Pose pose(const JointVector& q, int link) const {
+    if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
+    if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
+    Pose p;
+    p.axis.resize(3, link + 1);
+    p.origin.resize(3, link + 1);
+    Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
+    for (int i = 0; i <= link; ++i) {
+      const Link& l = links_[std::size_t(i)];
+      frame = frame * l.joint;
+      p.axis.col(i) = frame.linear() * l.axis;
+      p.origin.col(i) = frame.translation();
+      frame.rotate(Eigen::AngleAxisd(q[i], l.axis));
+    }
+    p.finger = frame * links_[std::size_t(link)].finger;
+    return p;
+  }
+
+  /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
+  JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
+    JointVector t = JointVector::Zero(joints());
+    for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
+      const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;
+      t[i] = p.axis.col(i).dot(arm.cross(n));
+    }
+    return t;
+  }
+
+  std::vector<Link> links_;
+};
+
+static_assert(ContactJacobian<SerialChain>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/offset_walk.hpp
+
+namespace lumo {
+
+/// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov): two states, linear, exact.
+/// The offset keeps many alike measurements (a motor that sticks, frames of one peak) from looking like many independent ones.
+struct OffsetWalk {
+  double x = 0.0, b = 0.0;
+  double xx = 0.0, xb = 0.0, bb = 0.0;  ///< covariance
+
+  /// `walk`: growth of the variance of x per second, up to `most`. `offset`: stationary variance of b, which forgets within `time_s`.
+  void predict(double dt, double walk, double most, double offset, double time_s) {
+    const double keep = std::exp(-dt / time_s);
+    b *= keep;
+    xb *= keep;
+    bb = keep * keep * bb + (1.0 - keep * keep) * offset;
+    xx += walk * dt;
+    if (xx > most) {
+      xb *= std::sqrt(most / xx);
+      xx = most;
+    }
+  }
+  /// Takes z = x + share · b + noise.
+  void update(double z, double variance, double share = 1.0) {
+    const double px = xx + share * xb, pb = xb + share * bb, s = px + share * pb + variance;
+    const double innovation = (z - x - share * b) / s;
+    x += px * innovation;
+    b += pb * innovation;
+    xx = std::max(xx - px * px / s, 0.0);
+    bb = std::max(bb - pb * pb / s, 0.0);
+    xb -= px * pb / s;
+  }
+  /// Variance of what is seen, without noise.
+  double seen() const { return xx + 2.0 * xb + bb; }
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/contact_filter.hpp
+
+namespace lumo {
+
+/// Place and normal force of one contact with their covariance.
+struct ContactBelief {
+  double y_m = 0.0;
+  double force_N = 0.0;
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< of (y [m], F [N])
+};
+
+/// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are what is seen: y, and the
+/// contact's torque on each joint, each with the offset of its sensor; these filters are linear. Place and force follow from them at the moment of
+/// asking (posterior mode, Gauss–Newton), so that no linearisation about an old guess remains – an extended Kalman filter on (y, F) would come to believe
+/// that one joint's torque tells the place. The torque's offset is learnt while nothing touches.
+/// A measurement that arrives late is put where it belongs, and what came after it is done again.
+template <ContactJacobian Jacobian>
+class ContactFilter {
+ public:
+  struct Config {
+    int link = 0;
+    double from_m = -27.5_mm, to_m = 27.5_mm;      ///< of the pad: the prior of y is uniform on it
+    double creep_m_per_sqrt_s = 5.0_mm;            ///< random walk of y
+    double torque_Nm_per_sqrt_s = 0.3;             ///< random walk of the contact's torques
+    double torque_prior_Nm = 2.0, force_prior_N = 100.0;
+    double location_bias_m = 1.0_mm, location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
+    double torque_bias_Nm = 0.02, torque_bias_s = 5.0;       ///< of the torques'; assumed
+    double no_contact_Nm = 0.01;                   ///< torque of what may act on the pad unseen
+    double jump_gate = 5.0;                        ///< a location or torque this many standard deviations off is a new contact or load
+    std::size_t history = 512;                     ///< measurements that a late one may precede
+  };
+
+  /// Throws InvalidArgument for numbers that make no sense.
+  explicit ContactFilter(Jacobian jacobian, const Config& config = {});
+
+  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored.
+  bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
+    if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
+      throw InvalidArgument(detail::text("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
+    return add({stamp_ns, Kind::torque, torque_Nm, variance, 0.0, 0.0, {}});
+  }
+  /// Location with the variance of its noise, without the localiser's offset.
+  bool add_location(std::int64_t stamp_ns, double y_m, double variance_m2) { return add({stamp_ns, Kind::location, {}, {}, y_m, variance_m2, {}}); }
+  /// Nothing touches the finger.
+  bool add_no_contact(std::int64_t stamp_ns) { return add({stamp_ns, Kind::no_contact, {}, {}, 0.0, 0.0, {}}); }
+
+  /// At a time not before the last measurement's (prediction only), at joint angles q.
+  ContactBelief at(std::int64_t stamp_ns, const JointVector& q) const;
+  /// Offset of a joint's torque that has been learnt [N·m].
+  double torque_offset(int joint) const { return last().torque[std::size_t(joint)].b; }
+  void reset() { begin_ = 0, size_ = 0, started_ = false; }
+  const Jacobian& jacobian() const { return jacobian_; }
+
+ private:
+  enum class Kind { torque, location, no_contact };
+  struct Seen {
+    std::int64_t stamp_ns = 0;
+    OffsetWalk place;
+    std::array<OffsetWalk, std::size_t(max_joints)> torque;
+  };
+  struct Event {
+    std::int64_t stamp_ns;
+    Kind kind;
+    JointVector torque, torque_variance;
+    double y, y_variance;
+    Seen after;
+  };
+
+  Event& event(std::size_t i) { return events_[(begin_ + i) % events_.size()]; }
+  const Event& event(std::size_t i) const { return events_[(begin_ + i) % events_.size()]; }
+  const Seen& last() const { return size_ ? event(size_ - 1).after : prior_; }
+  double pad_variance() const { return (config_.to_m - config_.from_m) * (config_.to_m - config_.from_m) / 12.0; }
+  bool add(Event e);
+  void predict(Seen& s, std::int64_t stamp_ns) const;
+  void apply(Seen& s, const Event& e) const;
+
+  Jacobian jacobian_;
+  Config config_;
+  std::vector<Event> events_;  ///< ring, in the order of stamps
+  std::size_t begin_ = 0, size_ = 0;
+  Seen prior_;
+  bool started_ = false;
+};
+
+template <ContactJacobian Jacobian>
+ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config) : jacobian_(std::move(jacobian)), config_(config) {
+  require_in_range("pad's end", config.to_m, config.from_m, 10.0, "m");
+  require_in_range("joints of the Jacobian", jacobian_.joints(), 1, max_joints, "");
+  using Row = std::tuple<const char*, double, const char*>;
+  for (const auto& [what, value, unit] :
+       {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"}, Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
+        Row{"prior of the torque", config.torque_prior_Nm, "N·m"}, Row{"prior of the force", config.force_prior_N, "N"},
+        Row{"time of the localiser's offset", config.location_bias_s, "s"}, Row{"time of the torque's offset", config.torque_bias_s, "s"},
+        Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
+    require_positive(what, value, unit);
+  require_in_range("offset of the localiser", config.location_bias_m, 0.0, 1.0, "m");
+  require_in_range("offset of the torque", config.torque_bias_Nm, 0.0, 1e3, "N·m");
+  require_in_range("history of the filter", double(config.history), 2.0, 1e6, "measurements");
+  events_.resize(config.history);
+  prior_.place = {0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0, config.location_bias_m * config.location_bias_m};
+  prior_.torque.fill({0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
+}
+
+template <ContactJacobian Jacobian>
+bool ContactFilter<Jacobian>::add(Event e) {
+  if (!started_) prior_.stamp_ns = e.stamp_ns, started_ = true;
+  if (e.stamp_ns < prior_.stamp_ns) return false;
+  if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
+    if (e.stamp_ns < event(0).stamp_ns) return false;
+    prior_ = event(0).after;
+    begin_ = (begin_ + 1) % events_.size();
+    --size_;
+  }
+  std::size_t place = size_++;
+  for (; place > 0 && event(place - 1).stamp_ns > e.stamp_ns; --place) event(place) = event(place - 1);
+  event(place) = std::move(e);
+  for (std::size_t i = place; i < size_; ++i) {
+    Event& now = event(i);
+    now.after = i ? event(i - 1).after : prior_;
+    predict(now.after, now.stamp_ns);
+    apply(now.after, now);
+  }
+  return true;
+}
+
+template <ContactJacobian Jacobian>
+void ContactFilter<Jacobian>::predict(Seen& s, std::int64_t stamp_ns) const {
+  const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
+  if (!(dt > 0.0)) return;
+  s.stamp_ns = stamp_ns;
+  const auto square = [](double v) { return v * v; };
+  s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m), config_.location_bias_s);
+  for (int j = 0; j < jacobian_.joints(); ++j)
+    s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm), square(config_.torque_bias_Nm), config_.torque_bias_s);
+}
+
+template <ContactJacobian Jacobian>
+void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
+  if (e.kind == Kind::location) {
+    const double off = e.y - s.place.x - s.place.b;
+    if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
+      s.place = {e.y, 0.0, pad_variance(), 0.0, config_.location_bias_m * config_.location_bias_m};
+    s.place.update(e.y, e.y_variance);
+  } else {
+    for (int j = 0; j < jacobian_.joints(); ++j) {
+      OffsetWalk& t = s.torque[std::size_t(j)];
+      if (e.kind == Kind::torque) {
+        const double off = e.torque[j] - t.x - t.b;
+        if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j]))  // loads jump, offsets do not
+          t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm, t.xb = 0.0;
+        t.update(e.torque[j], e.torque_variance[j]);
+      } else {
+        t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
+      }
+    }
+  }
+}
+
+template <ContactJacobian Jacobian>
+ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
+  Seen s = last();
+  predict(s, stamp_ns);
+  const int n = jacobian_.joints();
+  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, 1e-14), force_weight = 1.0 / (config_.force_prior_N * config_.force_prior_N);
+  // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
+  ContactBelief belief;
+  double y = place, force = 0.0;
+  Eigen::Matrix2d information;
+  for (int k = 0; k < 8; ++k) {
+    const double inside = std::clamp(y, config_.from_m, config_.to_m);
+    const JointVector a = jacobian_.column(q, {config_.link, inside}), slope = jacobian_.slope(q, {config_.link, inside});
+    double aa = force_weight, at = 0.0;
+    for (int j = 0; j < n; ++j) {
+      const OffsetWalk& t = s.torque[std::size_t(j)];
+      const double weight = 1.0 / std::max(t.xx, 1e-14);
+      aa += weight * a[j] * a[j];
+      at += weight * a[j] * t.x;
+    }
+    if (k == 0) force = at / aa;  // of that place
+    information << place_weight, 0.0, 0.0, aa;
+    Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
+    for (int j = 0; j < n; ++j) {
+      const OffsetWalk& t = s.torque[std::size_t(j)];
+      const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
+      information(0, 0) += weight * h * h;
+      information(0, 1) += weight * h * a[j];
+      gradient[0] += weight * h * (t.x - a[j] * force);
+    }
+    information(1, 0) = information(0, 1);
+    belief.covariance = information.inverse();
+    const Eigen::Vector2d step = belief.covariance * gradient;
+    y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
+    force += step[1];
+    if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;
+  }
+  belief.y_m = y;
+  belief.force_N = force;
+  return belief;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/faults.hpp
+
+namespace lumo {
+
+/// What can be wrong with a finger's two streams. The first block concerns frames, the second joint samples.
+enum class Fault : std::uint32_t {
+  frame_dropped,      ///< a frame is missing between two
+  frames_missing,     ///< none for longer than the limit
+  frame_repeated,     ///< the same picture or the same stamp again
+  frame_late,         ///< older than allowed when it came
+  frame_time,         ///< its stamp runs backwards or lies in the future
+  frame_corrupt,      ///< wrong size or format, or light that no contact makes
+  frame_black,
+  frame_saturated,
+  led_dead,           ///< dark about one LED
+  exposure_changed,   ///< by its metadata, or all lights together
+  camera_lost,        ///< the source has failed
+  joint_dropped,
+  joint_missing,
+  joint_time,
+  joint_not_finite,   ///< a value is not a number, or the number of joints is another
+  torque_stuck,       ///< the very same effort for too long
+  torque_spike,
+  torque_saturated,   ///< beyond the motor's range
+  position_jump,      ///< faster than the joint can turn
+  actuator_lost,
+  count
+};
+
+/// A set of faults.
+class Faults {
+ public:
+  void add(Fault f) { bits_ |= 1u << unsigned(f); }
+  bool has(Fault f) const { return bits_ >> unsigned(f) & 1u; }
+  bool any() const { return bits_ != 0; }
+  Faults& operator|=(Faults o) { return bits_ |= o.bits_, *this; }
+  bool operator==(const Faults&) const = default;
+
+ private:
+  std::uint32_t bits_ = 0;
+};
+
+/// Names, separated by spaces.
+inline std::string to_string(Faults faults) {
+  static constexpr std::array<const char*, std::size_t(Fault::count)> names{
+      "frame_dropped", "frames_missing", "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
+      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite", "torque_stuck", "torque_spike",
+      "torque_saturated", "position_jump", "actuator_lost"};
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i)
+    if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);
+  return text;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/force_estimate.hpp
+
+namespace lumo {
+
+/// Which streams an estimate rests on.
+enum class EstimatorState {
+  ok,           ///< both, without faults
+  degraded,     ///< both, but something is or was just wrong with one
+  torque_only,  ///< no usable frame for too long
+  vision_only,  ///< no usable joint sample for too long
+  invalid       ///< neither
+};
+
+constexpr const char* to_string(EstimatorState s) {
+  constexpr std::array<const char*, 5> names{"ok", "degraded", "torque_only", "vision_only", "invalid"};
+  return names[std::size_t(s)];
+}
+
+/// One contact: the place on the finger and the normal force of the object on the pad. What cannot be told is empty; the rest is finite.
+struct ContactForce {
+  std::optional<double> y_m;
+  std::optional<double> force_N;
+  double y_variance_m2 = 0.0;      ///< also where y is empty
+  double force_variance_N2 = 0.0;
+  double covariance_m_N = 0.0;
+};
+
+struct ForceEstimate {
+  std::int64_t stamp_ns = 0;  ///< the time that it is for
+  EstimatorState state = EstimatorState::invalid;
+  Faults faults;
+  int contacts = 0;
+  std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
+  /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or combinations) are.
+  int rank = 0;
+  Eigen::Matrix2d null_directions = Eigen::Matrix2d::Zero();  ///< the last 2 − rank columns: unit directions that the data leave open
+  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
+  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/force_solution.hpp
+
+namespace lumo {
+
+/// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not tell apart come back
+/// as null directions: three contacts on two joints, two on one link of one joint, any at a joint's axis.
+template <ContactJacobian J>
+Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+  const auto m = Eigen::Index(contacts.size());
+  // A contact within a tenth of a millimetre of all axes counts as on them.
+  const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
+  const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
+  if (largest < 1e-4) return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
+  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
+}
+
+/// One contact from torques alone: place and force together, as far as the joints tell.
+struct TorqueOnlySolution {
+  double y_m = 0.0;
+  double force_N = 0.0;
+  int rank = 0;                                         ///< of (y, force): 2 both, 1 a combination, 0 nothing
+  Eigen::Vector2d null_direction = Eigen::Vector2d::Zero();  ///< (y in units of 10 mm, force in N), unit; where the rank is 1
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();   ///< of (y [m], force [N]); where the rank is 2
+};
+
+/// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only
+/// baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the range's middle.
+template <ContactJacobian J>
+TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m,
+    double torque_sigma_Nm) {
+  require_in_range("end of the finger", to_m, from_m, 10.0, "m");
+  require_positive("error of the torque", torque_sigma_Nm, "N·m");
+  const auto force_at = [&](double y, double& misfit) {
+    const JointVector a = jacobian.column(q, {link, y});
+    const double force = a.dot(contact_torque_Nm) / std::max(a.squaredNorm(), 1e-12);
+    misfit = (contact_torque_Nm - force * a).squaredNorm();
+    return force;
+  };
+  TorqueOnlySolution s;
+  s.y_m = 0.5 * (from_m + to_m);
+  double misfit = 0.0;
+  s.force_N = force_at(s.y_m, misfit);
+  const auto sensitivity = [&] {
+    Eigen::MatrixXd h(jacobian.joints(), 2);
+    h.col(0) = 0.01 * s.force_N * jacobian.slope(q, {link, s.y_m});
+    h.col(1) = jacobian.column(q, {link, s.y_m});
+    return h;
+  };
+  const auto look = [&] { return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
+  Identification local = look();
+  if (local.complete()) {
+    constexpr int cells = 64;
+    double least = 1e300;
+    int best = 0;
+    for (int k = 0; k <= cells; ++k) {
+      force_at(from_m + (to_m - from_m) * k / cells, misfit);
+      if (misfit < least) least = misfit, best = k;
+    }
+    double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
+    constexpr double golden = 0.61803398874989484820;
+    for (int k = 0; k < 40; ++k) {
+      const double c = b - golden * (b - a), d = a + golden * (b - a);
+      double left = 0.0, right = 0.0;
+      force_at(c, left), force_at(d, right);
+      (left <= right ? b : a) = left <= right ? d : c;
+    }
+    s.y_m = 0.5 * (a + b);
+    s.force_N = force_at(s.y_m, misfit);
+    local = look();
+  }
+  s.rank = int(local.rank);
+  if (s.rank == 1) s.null_direction = local.null_space.col(0);
+  if (s.rank == 2) {
+    const Eigen::Vector2d unit(0.01, 1.0);
+    s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
+  }
+  return s;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/frame_monitor.hpp
+
+namespace lumo {
+
+/// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
+class FrameMonitor {
+ public:
+  struct Config {
+    Eigen::VectorXd position_m;        ///< of the profile's values
+    Eigen::VectorXd unloaded;          ///< mean profile without contact
+    std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
+    double period_s = 1.0 / 30.0;      ///< of the frames
+    double max_age_s = 0.15;           ///< from stamp to arrival
+    double max_ahead_s = 0.01;         ///< how far a stamp may lie in the future
+    double black = 0.25;               ///< mean light, relative to unloaded, below which a frame is black
+    double saturated = 0.05;           ///< share of full pixels that is too many
+    double led_dark = 0.6;             ///< light about one LED, relative to the others', below which it is dead
+    double exposure = 0.15;            ///< change of all lights (median over the finger) that no contact makes
+    double corrupt_low = 0.4, corrupt_high = 4.0;  ///< light anywhere, relative to unloaded, outside of which the picture is damaged
+    double exposure_s = 0.0, gain = 0.0;  ///< under which the reference was taken; 0: not known
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit FrameMonitor(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 1 || config_.unloaded.size() != n)
+      throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
+    for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
+    require_positive("period of the frames", config_.period_s, "s");
+    require_positive("greatest age of a frame", config_.max_age_s, "s");
+  }
+
+  struct Verdict {
+    Faults faults;
+    bool usable = true;
+  };
+
+  /// Before anything is read of it: the time. A frame that fails is not to be read.
+  Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
+    Verdict v;
+    if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s) return reject(Fault::frame_time);
+    if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
+    if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);
+    if (1e-9 * double(now_ns - stamp_ns) > config_.max_age_s) v.faults.add(Fault::frame_late);
+    if (seen_ && 1e-9 * double(stamp_ns - stamp_ns_) > 1.6 * config_.period_s) v.faults.add(Fault::frame_dropped);
+    seen_ = true;
+    stamp_ns_ = stamp_ns;
+    return v;
+  }
+
+  /// The light itself, before the reference is subtracted.
+  Verdict check_light(const Profile& p, double exposure_s, double gain) {
+    Verdict v;
+    const bool same = last_.size() == p.value.size() && last_ == p.value;
+    last_ = p.value;
+    if (same) return reject(Fault::frame_repeated);
+    if (!p.value.allFinite()) return reject(Fault::frame_corrupt);
+    const auto differs = [](double a, double b) { return a > 0.0 && b > 0.0 && std::abs(a / b - 1.0) > 0.01; };
+    if (differs(exposure_s, config_.exposure_s) || differs(gain, config_.gain)) v.faults.add(Fault::exposure_changed);
+    if (p.value.mean() < config_.black * config_.unloaded.mean()) v.faults.add(Fault::frame_black);
+    if (p.saturated > config_.saturated) v.faults.add(Fault::frame_saturated);
+    ratio_ = p.value.cwiseQuotient(config_.unloaded);
+    sorted_ = ratio_;
+    const Eigen::Index n = ratio_.size();
+    std::nth_element(sorted_.data(), sorted_.data() + n / 2, sorted_.data() + n);
+    const double median = sorted_[n / 2];
+    if (!v.faults.any()) {
+      const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(), [&](double y) { return led_ratio(y) < config_.led_dark * median; });
+      if (dead)
+        v.faults.add(Fault::led_dead);
+      else if (ratio_.minCoeff() < config_.corrupt_low || ratio_.maxCoeff() > config_.corrupt_high)
+        v.faults.add(Fault::frame_corrupt);
+      if (std::abs(median - 1.0) > config_.exposure) v.faults.add(Fault::exposure_changed);
+    }
+    v.usable = !v.faults.any();
+    return v;
+  }
+
+  static Verdict reject(Fault f) {
+    Verdict v;
+    v.faults.add(f);
+    v.usable = false;
+    return v;
+  }
+
+ private:
+  /// Of the position that is nearest to the LED.
+  double led_ratio(double y) const {
+    Eigen::Index i = 0;
+    (config_.position_m.array() - y).abs().minCoeff(&i);
+    return ratio_[i];
+  }
+
+  Config config_;
+  Eigen::VectorXd last_, ratio_, sorted_;
+  std::int64_t stamp_ns_ = 0;
+  bool seen_ = false;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/longitudinal_bins.hpp
+
+namespace lumo {
+
+/// Where along the finger a profile is averaged: bin i lies between edges i and i + 1.
+struct LongitudinalBins {
+  Eigen::VectorXd edges_m;  ///< ascending
+
+  /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
+  static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  static LongitudinalBins uniform(double from_m, double to_m, int count) {
+    require_in_range("number of bins", count, 1, 4096, "");
+    require_in_range("first edge", from_m, -10.0, 10.0, "m");
+    require_in_range("last edge", to_m, -10.0, 10.0, "m");
+    LongitudinalBins bins{Eigen::VectorXd::LinSpaced(count + 1, from_m, to_m)};
+    validate(bins);
+    return bins;
+  }
+
+  Eigen::Index size() const { return edges_m.size() - 1; }
+  Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
+
+  /// Throws InvalidArgument unless there are at least two edges that ascend.
+  friend void validate(const LongitudinalBins& b) {
+    if (b.edges_m.size() < 2) throw InvalidArgument(detail::text("longitudinal bins have ", b.edges_m.size(), " edges, must have at least 2"));
+    for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
+      if (!(b.edges_m[i] > b.edges_m[i - 1]))
+        throw InvalidArgument(detail::text("edge ", i, " of the longitudinal bins is ", b.edges_m[i], " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
+  }
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/strip.hpp
+
+namespace lumo::detail {
+
+/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y are sheared, not turned: they cross the axis
+/// along image columns (or rows, for an axis that is nearer to upright), to the nearest pixel.
+class Strip {
+ public:
+  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
+
+  bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
+
+  /// Mean of value(pixels, reference pixels, byte) over each bin. Bytes of all channels are summed, which is cheaper than to pick one of three.
+  template <class Value>
+  void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
+
+  /// Share of bytes of the measured channel that are 255, on every eighth row read.
+  double saturated_share(const ImageView& image) const;
+
+ private:
+  struct Run {
+    int row, first, count;  ///< pixels
+    int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
+  };
+
+  void flush();
+
+  int width_, height_, places_ = 0, channels_, channel_;
+  PixelFormat format_;
+  bool along_;  ///< the axis runs along image rows
+  std::vector<Run> runs_;
+  std::vector<double> inverse_count_;          ///< 1/pixels at each place
+  std::vector<double> edges_;                  ///< of the bins, in places
+  std::vector<std::uint16_t> narrow_;          ///< bytes of the places; wrap after 257 rows
+  std::vector<std::uint32_t> wide_;
+  std::vector<double> integral_;               ///< of the mean, from the first place
+};
+
+inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
+    : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
+  require_in_range("frame width", width, 1, 32768, "px");
+  require_in_range("frame height", height, 1, 32768, "px");
+  require_in_range("row step", row_step, 1, height, "");
+  require_in_range("band's upper limit", high_m, low_m, 10.0, "m");
+  validate(bins);
+  const Eigen::Vector2d d = map.direction;
+  along_ = std::abs(d.x()) >= std::abs(d.y());
+  const double scale = map.scale_m_per_px(map.u_px(0.5 * (bins.edges_m[0] + bins.edges_m[bins.size()])));
+  const double v0 = low_m / scale, v1 = high_m / scale;
+  for (const double y : {bins.edges_m[0], bins.edges_m[bins.size()]})
+    if (const double u = map.u_px(y); !(std::isfinite(u) && map.scale_m_per_px(u) > 0.0 && 1.0 + map.coefficients[2] * u / map.half_length_px > 0.0))
+      throw InvalidArgument(text("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
+
+  // Place of a pixel: its column (or row) sheared onto the line, so that u = (place − origin) · main; equal places have equal u.
+  const double main = along_ ? d.x() : d.y(), shear = along_ ? d.y() / d.x() : d.x() / d.y();
+  const double main_origin = along_ ? map.origin_px.x() : map.origin_px.y(), cross_origin = along_ ? map.origin_px.y() : map.origin_px.x();
+  const auto place_of = [&](double y) { return main_origin + map.u_px(y) / main; };
+  const double from = std::min(place_of(bins.edges_m[0]), place_of(bins.edges_m[bins.size()]));
+  const double to = std::max(place_of(bins.edges_m[0]), place_of(bins.edges_m[bins.size()]));
+  const int base = int(std::floor(from + 0.5)), last = int(std::floor(to + 0.5));  // place k covers [k − ½, k + ½)
+  if (!(to - from < 65536.0)) throw InvalidArgument("finger's bins reach far beyond the image");
+  places_ = last - base + 1;
+
+  std::vector<int> count(std::size_t(places_), 0);
+  const auto inside = [&](int x, int y, int& place) {
+    const double px = x - map.origin_px.x(), py = y - map.origin_px.y();
+    const double across = px * -d.y() + py * d.x();
+    if (across < v0 || across >= v1) return false;
+    const double cross = along_ ? y : x;
+    place = (along_ ? x : y) + int(std::lround((cross - cross_origin) * shear)) - base;
+    return place >= 0 && place < places_;
+  };
+  for (int y = 0; y < height; y += row_step)
+    for (int x = 0; x < width; ++x) {
+      int place = 0;
+      if (!inside(x, y, place)) continue;
+      ++count[std::size_t(place)];
+      const bool joins = !runs_.empty() && runs_.back().row == y && runs_.back().first + runs_.back().count == x &&
+                         place == runs_.back().place + (along_ ? runs_.back().count : 0);
+      if (joins)
+        ++runs_.back().count;
+      else
+        runs_.push_back({y, x, 1, place});
+    }
+  for (std::size_t k = 0; k < count.size(); ++k) {
+    if (count[k] == 0)
+      throw InvalidArgument(text("the finger's band leaves the image: no pixel at y = ", 1e3 * map.y_m((double(base) + double(k) - main_origin) * main), " mm"));
+    inverse_count_.push_back(1.0 / count[k]);
+  }
+  for (Eigen::Index i = 0; i < bins.edges_m.size(); ++i) edges_.push_back(place_of(bins.edges_m[i]) + 0.5 - base);
+  for (double& e : edges_) e = std::clamp(e, 0.0, double(places_));
+  const std::size_t bytes = std::size_t(places_) * std::size_t(along_ ? channels_ : 1);
+  narrow_.resize(bytes);
+  wide_.resize(bytes);
+  integral_.resize(std::size_t(places_) + 1);
+}
+
+inline void Strip::flush() {
+  for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
+  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
+}
+
+template <class Value>
+void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
+  std::fill(wide_.begin(), wide_.end(), 0u);
+  std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
+  int rows = 0, row = -1;
+  for (const Run& run : runs_) {
+    const std::uint8_t* __restrict p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_;
+    const std::uint8_t* __restrict q = reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
+    const std::size_t bytes = std::size_t(run.count) * std::size_t(channels_);
+    if (along_) {
+      if (run.row != row && (row = run.row, ++rows) == 256) flush(), rows = 0;
+      std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
+      for (std::size_t i = 0; i < bytes; ++i) to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
+    } else {
+      // 48 lanes are a whole number of pixels in either format; a lane takes 257 bytes.
+      std::uint16_t lane[48] = {};
+      std::uint32_t total = 0;
+      const auto collect = [&] {
+        for (int k = channel_; k < 48; k += channels_) total += lane[k];
+        std::memset(lane, 0, sizeof lane);
+      };
+      std::size_t i = 0;
+      for (int turns = 0; i + 48 <= bytes; i += 48) {
+        for (std::size_t k = 0; k < 48; ++k) lane[k] = std::uint16_t(lane[k] + value(p + i, q ? q + i : nullptr, k));
+        if (++turns == 256) collect(), turns = 0;
+      }
+      collect();
+      for (i += std::size_t(channel_); i < bytes; i += std::size_t(channels_)) total += value(p, q, i);
+      wide_[std::size_t(run.place)] += total;
+    }
+  }
+  if (along_) flush();
+
+  const int stride = along_ ? channels_ : 1, offset = along_ ? channel_ : 0;
+  for (int k = 0; k < places_; ++k)
+    integral_[std::size_t(k) + 1] = integral_[std::size_t(k)] + wide_[std::size_t(k * stride + offset)] * inverse_count_[std::size_t(k)];
+  const auto up_to = [&](double place) {
+    const auto whole = std::min(std::size_t(place), integral_.size() - 2);
+    return integral_[whole] + (place - double(whole)) * (integral_[whole + 1] - integral_[whole]);
+  };
+  mean.resize(Eigen::Index(edges_.size()) - 1);
+  for (Eigen::Index i = 0; i < mean.size(); ++i) {
+    const double a = edges_[std::size_t(i)], b = edges_[std::size_t(i) + 1];
+    mean[i] = (up_to(b) - up_to(a)) / (b - a);
+  }
+}
+
+inline double Strip::saturated_share(const ImageView& image) const {
+  std::size_t full = 0, seen = 0;
+  int row = -1, turn = 7;
+  for (const Run& run : runs_) {
+    if (run.row != row) row = run.row, turn = (turn + 1) % 8;
+    if (turn != 0) continue;
+    const std::uint8_t* p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_ + channel_;
+    unsigned here = 0;
+    for (int i = 0; i < run.count; ++i) here += p[std::ptrdiff_t(i) * channels_] == 255;
+    full += here;
+    seen += std::size_t(run.count);
+  }
+  return seen ? double(full) / double(seen) : 0.0;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/sense/green_profile.hpp
+
+namespace lumo {
+
+/// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
+/// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
+class GreenProfile {
+ public:
+  using Sample = Frame;
+
+  struct Config {
+    AxisMap map;
+    LongitudinalBins bins = LongitudinalBins::regions();
+    double band_low_m = -8.0_mm;   ///< the band's limits to the sides of the map's line; positive lies clockwise of the tip's direction in the image (image y runs down)
+    double band_high_m = 8.0_mm;
+    int width = 640, height = 480;  ///< of the frames [px]
+    PixelFormat format = PixelFormat::bgr;
+    int row_step = 1;  ///< reads every n-th row only
+  };
+
+  /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
+  explicit GreenProfile(const Config& config)
+      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step),
+        centres_(config.bins.centres_m()) {}
+
+  bool read(const Frame& frame, Profile& profile) {
+    if (!strip_.fits(frame.image)) return false;
+    profile.stamp_ns = frame.stamp_ns;
+    strip_.sum(frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr, profile.value);
+    profile.saturated = strip_.saturated_share(frame.image);
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return centres_; }
+
+ private:
+  detail::Strip strip_;
+  Eigen::VectorXd centres_;
+};
+
+static_assert(Readout<GreenProfile>);
+
+/// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing (paper, force estimation).
+/// Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles takes away.
+class PositiveGreenProfile {
+ public:
+  using Sample = Frame;
+
+  /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
+  PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
+      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step),
+        centres_(config.bins.centres_m()),
+        unloaded_(std::move(unloaded)) {
+    if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
+  }
+
+  bool read(const Frame& frame, Profile& profile) {
+    if (!strip_.fits(frame.image)) return false;
+    profile.stamp_ns = frame.stamp_ns;
+    const ImageView reference = unloaded_.view();
+    strip_.sum(
+        frame.image, [](const std::uint8_t* p, const std::uint8_t* q, std::size_t i) { return std::uint8_t(p[i] > q[i] ? p[i] - q[i] : 0); }, &reference, profile.value);
+    profile.saturated = strip_.saturated_share(frame.image);
+    return true;
+  }
+  const Eigen::VectorXd& positions_m() const { return centres_; }
+
+ private:
+  detail::Strip strip_;
+  Eigen::VectorXd centres_;
+  Image unloaded_;
+};
+
+static_assert(Readout<PositiveGreenProfile>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/joint_monitor.hpp
+
+namespace lumo {
+
+/// Says of each joint sample whether it can be trusted.
+class JointMonitor {
+ public:
+  struct Config {
+    int joints = 1;
+    double period_s = 1e-3;
+    double max_ahead_s = 0.01;        ///< how far a stamp may lie in the future
+    double stuck_s = 0.1;             ///< the very same effort for this long is stuck; at least 20 samples. Real currents are noisy
+    double spike = 0.5;               ///< jump against the median of the last five [A or N·m, as the effort]
+    double max_effort = 40.0;         ///< of the motor, same unit
+    double max_velocity_rad_per_s = 65.0;
+  };
+
+  /// Throws InvalidArgument for numbers that make no sense.
+  explicit JointMonitor(const Config& config) : config_(config) {
+    require_in_range("number of joints", config.joints, 1, max_joints, "");
+    require_positive("period of the joint samples", config.period_s, "s");
+    require_positive("time after which an effort is stuck", config.stuck_s, "s");
+    require_positive("spike", config.spike, "");
+    require_positive("largest effort", config.max_effort, "");
+    require_positive("largest velocity", config.max_velocity_rad_per_s, "rad/s");
+  }
+
+  struct Verdict {
+    Faults faults;
+    bool usable = true;
+  };
+
+  Verdict check(const JointSample& s, std::int64_t now_ns) {
+    Verdict v;
+    const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
+    if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_)) return reject(Fault::joint_time), v;
+    const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
+    if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
+    stamp_ns_ = s.stamp_ns;
+    const Eigen::Index n = config_.joints;
+    if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n || !s.effort.allFinite() || !s.position_rad.allFinite() ||
+        !s.velocity_rad_per_s.allFinite())
+      return seen_ = true, reject(Fault::joint_not_finite), v;
+    if (!filled_) position_ = s.position_rad, changed_ns_ = s.stamp_ns, same_ = 0;
+
+    const double reach = config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
+    if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
+    if (v.usable) position_ = s.position_rad, position_ns_ = s.stamp_ns;
+    if (s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
+
+    if (filled_ && s.effort == last_) {
+      ++same_;
+      if (same_ >= 20 && 1e-9 * double(s.stamp_ns - changed_ns_) > config_.stuck_s) reject(Fault::torque_stuck);
+    } else {
+      same_ = 0;
+      changed_ns_ = s.stamp_ns;
+    }
+    last_ = s.effort;
+
+    // A real step fills the window within three samples and then is no spike.
+    if (filled_ >= window)
+      for (Eigen::Index j = 0; j < n; ++j) {
+        std::array<double, window> sorted{};
+        for (std::size_t k = 0; k < window; ++k) sorted[k] = recent_[k][j];
+        std::nth_element(sorted.begin(), sorted.begin() + window / 2, sorted.end());
+        if (std::abs(s.effort[j] - sorted[window / 2]) > config_.spike) reject(Fault::torque_spike);
+      }
+    recent_[std::size_t(next_)] = s.effort;
+    next_ = (next_ + 1) % int(window);
+    filled_ = std::min<std::size_t>(filled_ + 1, window);
+    seen_ = true;
+    return v;
+  }
+
+ private:
+  static constexpr std::size_t window = 5;
+  Config config_;
+  std::array<JointVector, window> recent_;
+  JointVector position_, last_;
+  std::size_t filled_ = 0;
+  int next_ = 0, same_ = 0;
+  std::int64_t stamp_ns_ = 0, position_ns_ = 0, changed_ns_ = 0;
+  bool seen_ = false;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/moment_arm.hpp
+
+namespace lumo {
+
+/// One joint whose axis crosses the finger at right angles: the torque is force times distance.
+struct MomentArm {
+  double joint_to_origin_m = 0.05;  ///< from the joint's axis to the finger's origin, along y
+  double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
+
+  int joints() const { return 1; }
+  JointVector column(const JointVector&, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
+  JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
+};
+
+static_assert(ContactJacobian<MomentArm>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/unloaded_reference.hpp
+
+namespace lumo {
+
+/// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured against.
+class UnloadedReference {
+ public:
+  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
+  void add(const Profile& p) {
+    if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
+    if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
+    if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
+    ++count_;
+    const Eigen::VectorXd before = p.value - mean_;
+    mean_ += before / double(count_);
+    squares_ += before.cwiseProduct(p.value - mean_);
+  }
+
+  int count() const { return count_; }
+  const Eigen::VectorXd& mean() const { return mean_; }
+  /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
+  /// mean's own error is part of it.
+  Eigen::VectorXd noise(double floor = 0.02) const {
+    if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
+    const double n = count_;
+    return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+  }
+  /// Profile minus the mean. Lengths must agree (unchecked).
+  void subtract(Profile& p) const { p.value -= mean_; }
+
+ private:
+  int count_ = 0;
+  Eigen::VectorXd mean_, squares_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/force_estimator.hpp
+
+namespace lumo {
+
+/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived, checks it, and never waits.
+/// Whatever the streams do, the answer is finite and says what it rests on; a faulty frame or sample is left out, and `fault_hold_s` after the
+/// last fault the state is ok again.
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
+  requires std::same_as<typename Readout_::Sample, Frame>
+class ForceEstimator {
+  static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
+      "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
+
+ public:
+  struct Config {
+    FrameMonitor::Config frames;  ///< its positions, reference and exposure are filled in where empty
+    JointMonitor::Config joints;
+    typename ContactFilter<Jacobian>::Config filter;
+    std::vector<TorqueModel> torque{TorqueModel{}};  ///< one for each joint
+    double frame_delay_s = 0.0;       ///< from the light to the stamp, known
+    double joint_delay_s = 0.0;
+    double frame_timeout_s = 0.2;
+    double joint_timeout_s = 0.05;
+    double fault_hold_s = 0.15;       ///< a fault is reported for this long
+    double map_sigma_m = 0.0;         ///< of the map from image to finger (AxisMap::variance_m2); the same in all frames, so no filter lessens it
+    double stiction_time_s = 0.5;     ///< how long a joint sticks on one side; assumed
+    double known_location_m = 6.0_mm;  ///< standard deviation up to which y counts as known
+    double known_force_N = 5.0;
+    int max_frames = 4, max_samples = 256;  ///< taken in one step
+  };
+
+  /// Camera and actuator stay the caller's and must outlive the estimator. `unloaded` is of the same readout. Throws InvalidArgument for parts that do not fit.
+  ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer, Jacobian jacobian, UnloadedReference unloaded, Config config);
+
+  /// Takes all that has arrived and answers for the time `now_ns`, on the clock of the stamps.
+  ForceEstimate step(std::int64_t now_ns);
+
+  /// What the newest usable frame said.
+  const LocationEstimate& location() const { return location_; }
+  /// Its profile minus the unloaded one.
+  const Profile& response() const { return profile_; }
+  const ContactFilter<Jacobian>& filter() const { return filter_; }
+
+ private:
+  void take(const JointSample& s);
+  void take(const Frame& f);
+  void note(Faults faults) {
+    for (unsigned i = 0; i < unsigned(Fault::count); ++i)
+      if (faults.has(Fault(i))) fault_ns_[i] = now_ns_, faulty_[i] = true;
+  }
+  void note(Fault f) {
+    Faults one;
+    one.add(f);
+    note(one);
+  }
+  bool within(bool seen, std::int64_t stamp_ns, double limit_s) const { return seen && 1e-9 * double(now_ns_ - stamp_ns) <= limit_s; }
+  void describe_one(ForceEstimate& e) const;
+  void describe_two(ForceEstimate& e) const;
+
+  Camera_* camera_;
+  Actuator_* actuator_;
+  Readout_ readout_;
+  Localizer localizer_;
+  UnloadedReference unloaded_;
+  Config config_;
+  FrameMonitor frame_monitor_;
+  JointMonitor joint_monitor_;
+  ContactFilter<Jacobian> filter_;
+  Profile reading_, profile_;
+  LocationEstimate location_;
+  JointVector joint_q_, joint_torque_;  ///< newest angles, smoothed contact torque
+  std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
+  std::array<bool, std::size_t(Fault::count)> faulty_{};
+  std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
+  bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
+
+  static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
+    if (c.position_m.size() == 0) c.position_m = readout.positions_m();
+    if (c.unloaded.size() == 0) c.unloaded = unloaded.mean();
+    return c;
+  }
+};
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer,
+                                                                                  Jacobian jacobian, UnloadedReference unloaded, Config config)
+    : camera_(&camera),
+      actuator_(&actuator),
+      readout_(std::move(readout)),
+      localizer_(std::move(localizer)),
+      unloaded_(std::move(unloaded)),
+      config_(std::move(config)),
+      frame_monitor_(completed(config_.frames, readout_, unloaded_)),
+      joint_monitor_(config_.joints),
+      filter_(std::move(jacobian), config_.filter) {
+  const int n = filter_.jacobian().joints();
+  if (int(config_.torque.size()) != n || config_.joints.joints != n)
+    throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints,
+        " joints to watch"));
+  if (unloaded_.mean().size() != readout_.positions_m().size())
+    throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
+  joint_q_ = JointVector::Zero(n);
+  require_positive("frame timeout", config_.frame_timeout_s, "s");
+  require_positive("joint timeout", config_.joint_timeout_s, "s");
+  require_positive("location that counts as known", config_.known_location_m, "m");
+  require_positive("force that counts as known", config_.known_force_N, "N");
+  require_in_range("error of the map", config_.map_sigma_m, 0.0, 1.0, "m");
+  require_in_range("frames in a step", config_.max_frames, 1, 1e6, "");
+  require_in_range("samples in a step", config_.max_samples, 1, 1e6, "");
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(const JointSample& s) {
+  const auto verdict = joint_monitor_.check(s, now_ns_);
+  note(verdict.faults);
+  if (!verdict.usable) return;
+  const Eigen::Index n = s.effort.size();
+  JointVector torque(n), variance(n);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const TorqueModel& m = config_.torque[std::size_t(j)];
+    torque[j] = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
+    const double stick = m.stiction_sigma(s.velocity_rad_per_s[j]);
+    variance[j] = m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s);
+  }
+  filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), torque, variance);
+  joint_torque_ = joint_seen_ ? JointVector(joint_torque_ + 0.1 * (torque - joint_torque_)) : torque;
+  joint_q_ = s.position_rad;
+  joint_ns_ = s.stamp_ns;
+  joint_seen_ = true;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(const Frame& f) {
+  const auto time = frame_monitor_.check_time(f.stamp_ns, now_ns_);
+  note(time.faults);
+  if (!time.usable) return;
+  if (!readout_.read(f, reading_)) return note(Fault::frame_corrupt);
+  const auto light = frame_monitor_.check_light(reading_, f.exposure_s, f.gain);
+  note(light.faults);
+  if (!light.usable) return;
+  std::swap(profile_, reading_);
+  unloaded_.subtract(profile_);
+  location_ = localizer_.update(profile_);
+  const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
+  if (location_.contacts == 0) filter_.add_no_contact(taken);
+  if (location_.contacts == 1) {
+    const double offset = config_.filter.location_bias_m;  // the filter has it as a state
+    filter_.add_location(taken, location_.contact[0].y_m, std::max(location_.contact[0].variance_m2 - offset * offset, 1e-8));
+  }
+  frame_ns_ = f.stamp_ns;
+  frame_seen_ = true;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::step(std::int64_t now_ns) {
+  if (!begun_) now_ns_ = frame_ns_ = joint_ns_ = now_ns;
+  begun_ = true;
+  now_ns_ = std::max(now_ns_, now_ns);
+  for (int i = 0; i < config_.max_samples; ++i) {
+    const auto s = actuator_->next();
+    if (!s) break;
+    take(*s);
+  }
+  for (int i = 0; i < config_.max_frames; ++i) {
+    const auto f = camera_->next();
+    if (!f) break;
+    take(*f);
+  }
+  if (camera_->state() == StreamState::failed) note(Fault::camera_lost);
+  if (actuator_->state() == StreamState::failed) note(Fault::actuator_lost);
+  const bool frames = within(frame_seen_, frame_ns_, config_.frame_timeout_s), joints = within(joint_seen_, joint_ns_, config_.joint_timeout_s);
+  if (!frames) note(Fault::frames_missing);
+  if (!joints) note(Fault::joint_missing);
+
+  ForceEstimate e;
+  e.stamp_ns = now_ns_, e.frame_stamp_ns = frame_ns_, e.joint_stamp_ns = joint_ns_;
+  for (unsigned i = 0; i < unsigned(Fault::count); ++i)
+    if (faulty_[i] && 1e-9 * double(now_ns_ - fault_ns_[i]) <= config_.fault_hold_s) e.faults.add(Fault(i));
+  using enum EstimatorState;
+  e.state = frames && joints ? (e.faults.any() ? degraded : ok) : joints ? torque_only : frames ? vision_only : invalid;
+  e.contacts = location_.contacts;
+  if (e.contacts == 2 && frames && joints)
+    describe_two(e);
+  else
+    describe_one(e);
+  return e;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_one(ForceEstimate& e) const {
+  ContactBelief b = filter_.at(now_ns_, joint_q_);
+  const ContactPoint point{config_.filter.link, std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m)};
+  const JointVector arm = filter_.jacobian().column(joint_q_, point), slope = filter_.jacobian().slope(joint_q_, point);
+  const Eigen::Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
+  b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
+  ContactForce& c = e.contact[0];
+  c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
+  const double force = std::max(0.0, b.force_N);  // pads are pushed, not pulled
+  if (e.state == EstimatorState::torque_only || e.state == EstimatorState::invalid) e.contacts = force > 3.0 * std::sqrt(c.force_variance_N2) ? 1 : 0;
+  e.contacts = std::min(e.contacts, 1);
+  if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = point.y_m;
+  if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
+  // Directions of the posterior that are wider than what counts as known are open.
+  const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
+  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(scaled);  // ascending
+  e.rank = int((axes.eigenvalues().array() <= 1.0).count());
+  e.null_directions = axes.eigenvectors();
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e) const {
+  JointVector torque = joint_torque_;
+  for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
+  const int link = config_.filter.link;
+  const std::array<ContactPoint, 2> points{ContactPoint{link, location_.contact[0].y_m}, ContactPoint{link, location_.contact[1].y_m}};
+  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, config_.filter.torque_bias_Nm);
+  e.rank = int(forces.rank);
+  e.null_directions.setZero();
+  e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
+  for (Eigen::Index i = 0; i < 2; ++i) {
+    ContactForce& c = e.contact[std::size_t(i)];
+    c.y_m = location_.contact[std::size_t(i)].y_m;
+    c.y_variance_m2 = location_.contact[std::size_t(i)].variance_m2;
+    c.force_variance_N2 = forces.covariance(i, i);
+    if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
+  }
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/force_baselines.hpp
+
+namespace lumo {
+
+/// One moment of a log at which a force is asked for: joints there, what was estimated of the place, and the truth to compare with.
+struct ForceSample {
+  std::int64_t stamp_ns = 0;
+  JointVector position_rad, contact_torque_Nm;  ///< torque: motor minus torque model
+  std::optional<double> estimated_y_m;          ///< of the localiser
+  std::optional<double> fused_N;                ///< of the force estimator
+  double true_y_m = 0.0, true_force_N = 0.0;
+};
+
+/// Mean absolute errors [N] of the ways to a force, over the samples for which each gave one.
+struct ForceErrors {
+  struct Error {
+    double mae_N = 0.0;
+    int samples = 0;
+  };
+  Error fused;           ///< the filter
+  Error optical;         ///< sample by sample, at the localiser's place
+  Error fixed_arm;       ///< at the middle of the tested range
+  Error known_location;  ///< at the true place
+  Error torque_only;     ///< from the ratio of torques; none where one joint does not tell
+  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %); empty where there is no gap.
+  std::optional<double> recovery() const {
+    const double gap = fixed_arm.mae_N - known_location.mae_N;
+    return optical.samples && gap > 0.0 ? std::optional((fixed_arm.mae_N - optical.mae_N) / gap) : std::nullopt;
+  }
+};
+
+/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nothing in gaps of more than `max_gap_s`.
+class ContactTorques {
+ public:
+  /// Throws InvalidArgument for no samples, or models that do not fit the joints.
+  ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock = {}, double delay_s = 0.0)
+      : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
+
+  /// Positions, then torques.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
+  int joints() const { return joints_; }
+  /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
+  Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
+
+ private:
+  static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock, double delay_s) {
+    const auto n = Eigen::Index(models.size());
+    std::vector<std::int64_t> stamp;
+    Eigen::MatrixXd value(2 * n, Eigen::Index(samples.size()));
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const JointSample& s = samples[i];
+      if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n)
+        throw InvalidArgument(detail::text("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
+      stamp.push_back(clock(s.stamp_ns) - std::llround(1e9 * delay_s));
+      for (Eigen::Index j = 0; j < n; ++j) {
+        const TorqueModel& m = models[std::size_t(j)];
+        value(j, Eigen::Index(i)) = s.position_rad[j];
+        value(n + j, Eigen::Index(i)) = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
+      }
+    }
+    if (stamp.empty() || n == 0) throw InvalidArgument("contact torques: no samples or no joints");
+    return {std::move(stamp), std::move(value)};
+  }
+
+  int joints_;
+  TimeSeries series_;
+};
+
+/// Compares the ways to a force on the same samples. `from_m`, `to_m`: the tested range, whose middle is the fixed arm. Forces are taken as at least 0, for
+/// all ways alike.
+template <ContactJacobian J>
+ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, int link, double from_m, double to_m, double torque_sigma_Nm) {
+  require_in_range("end of the tested range", to_m, from_m, 10.0, "m");
+  ForceErrors e;
+  const auto count = [](ForceErrors::Error& error, double force, double truth) {
+    error.mae_N += (std::abs(std::max(0.0, force) - truth) - error.mae_N) / double(++error.samples);
+  };
+  for (const ForceSample& s : samples) {
+    const auto at = [&](ForceErrors::Error& error, double y) {
+      const ContactPoint point{link, y};
+      const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
+      if (f.complete()) count(error, f.value[0], s.true_force_N);
+    };
+    if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
+    if (s.estimated_y_m) at(e.optical, *s.estimated_y_m);
+    at(e.fixed_arm, 0.5 * (from_m + to_m));
+    at(e.known_location, s.true_y_m);
+    const TorqueOnlySolution alone = solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
+    if (alone.rank == 2) count(e.torque_only, alone.force_N, s.true_force_N);
+  }
+  return e;
+}
+
+}  // namespace lumo
+
 // ---- lumo/campaign/ensemble.hpp
 
 namespace lumo {
@@ -8815,6 +12500,77 @@ inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& diffe
   }
   return s;
 }
+
+}  // namespace lumo
+
+// ---- lumo/campaign/gaussian_process_decoder.hpp
+
+namespace lumo {
+
+/// Templates that are smooth along the finger: one Gaussian process for each feature over the finger coordinate, so that each place learns from its
+/// neighbours' observations too. A response is weighed against the processes' mean with one shrunk covariance of the residuals and the processes' own
+/// variance. Unlike discriminants it has a template between the tested places as well.
+struct GaussianProcessDecoder {
+  double shrinkage = -1.0;  ///< of the residuals' covariance, 0 … 1; negative: Ledoit and Wolf's
+  int grid = 201;           ///< coordinates that `coordinate_m` weighs
+
+  class Model {
+   public:
+    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+      const Eigen::Index d = t.response.rows(), n = t.response.cols();
+      TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
+      for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
+      Eigen::MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
+      mean_.resize(d, t.places());
+      Eigen::MatrixXd variance(d, t.places());
+      for (Eigen::Index f = 0; f < d; ++f) {
+        data.y = t.response.row(f).transpose();
+        const auto process = GaussianProcess<>::fit(data);
+        residual.row(f) = t.response.row(f) - process.mean(data.x).transpose();
+        const auto places = process.predict(t.place_m.transpose()), fine = process.predict(grid_.transpose());
+        mean_.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
+        on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
+      }
+      double share = config.shrinkage;
+      covariance_ = detail::shrunk_covariance(residual, t.places(), share);
+      for (Eigen::Index p = 0; p < mean_.cols(); ++p) place_.push_back(factor(variance.col(p)));
+      for (Eigen::Index g = 0; g < grid_.size(); ++g) fine_.push_back(factor(grid_variance.col(g)));
+      grid_mean_ = std::move(on_grid);
+    }
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
+    /// Mean of the coordinate's posterior over the tested range, flat before [m].
+    double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
+
+   private:
+    using Factor = Eigen::LLT<Eigen::MatrixXd>;
+    Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
+    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Factor>& factors) {
+      if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
+      Eigen::VectorXd log_likelihood(mean.cols());
+      for (Eigen::Index p = 0; p < mean.cols(); ++p) {
+        const Factor& l = factors[std::size_t(p)];
+        const Eigen::VectorXd z = l.matrixL().solve(response - mean.col(p));
+        log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
+      }
+      return detail::decoding_of(log_likelihood);
+    }
+
+    Eigen::VectorXd grid_;
+    Eigen::MatrixXd mean_, grid_mean_, covariance_;
+    std::vector<Factor> place_, fine_;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
+    require_in_range("grid of the decoder", grid, 2, 100000, "");
+    return Model(training, *this);
+  }
+};
+
+static_assert(Decoder<GaussianProcessDecoder>);
 
 }  // namespace lumo
 

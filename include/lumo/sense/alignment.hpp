@@ -1,0 +1,98 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// From one clock to another: to = from + offset + drift · (from − origin).
+struct ClockMap {
+  std::int64_t origin_ns = 0;
+  double offset_s = 0.0;
+  double drift = 0.0;         ///< seconds per second
+  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
+  bool operator==(const ClockMap&) const = default;
+
+  std::int64_t operator()(std::int64_t from_ns) const {
+    return from_ns + std::llround(1e9 * offset_s + drift * double(from_ns - origin_ns));
+  }
+
+  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    ClockMap map;
+    map.origin_ns = from_ns[from_ns.size() / 2];
+    const double n = double(from_ns.size());
+    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) {
+      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
+      st += t, sd += d, stt += t * t, std_ += t * d;
+    }
+    const double det = n * stt - st * st;
+    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
+    map.offset_s = (sd - map.drift * st) / n;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
+    map.residual_s = std::sqrt(squares / n);
+    return map;
+  }
+};
+
+/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
+class TimeSeries {
+ public:
+  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    for (std::size_t i = 1; i < stamp_.size(); ++i)
+      if (stamp_[i] <= stamp_[i - 1])
+        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+  }
+
+  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
+    if (after == stamp_.end()) return std::nullopt;
+    const auto j = Eigen::Index(after - stamp_.begin());
+    if (*after == stamp_ns) return Eigen::VectorXd(value_.col(j));
+    if (after == stamp_.begin()) return std::nullopt;
+    const double gap = double(*after - *(after - 1));
+    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    const double share = double(stamp_ns - *(after - 1)) / gap;
+    return Eigen::VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+  }
+
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
+  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  Eigen::VectorXd interpolation_residual() const {
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
+    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
+      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
+      const auto k = Eigen::Index(i);
+      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
+    }
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+  }
+  double largest_gap_s() const {
+    std::int64_t gap = 0;
+    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
+    return 1e-9 * double(gap);
+  }
+  std::size_t size() const { return stamp_.size(); }
+
+ private:
+  std::vector<std::int64_t> stamp_;
+  Eigen::MatrixXd value_;
+};
+
+}  // namespace lumo

@@ -1,0 +1,99 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+
+namespace lumo {
+
+/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
+/// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
+struct AxisMap {
+  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();     ///< pixel centres lie on whole numbers
+  Eigen::Vector2d direction = Eigen::Vector2d::UnitX();    ///< unit, towards the finger's tip (+y)
+  double half_length_px = 1.0;
+  Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
+  double residual_px = 0.0;                                ///< RMS of what the fit leaves
+
+  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  double y_m(double u) const {
+    const double s = u / half_length_px;
+    return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
+  }
+  /// Inverse of y_m.
+  double u_px(double y) const { return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y); }
+  /// dy/du [m/px].
+  double scale_m_per_px(double u) const {
+    const double w = 1.0 + coefficients[2] * u / half_length_px;
+    return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
+  }
+  /// Variance of y at u [m²] that comes from the map itself.
+  double variance_m2(double u) const {
+    const Eigen::Vector3d g = gradient(u);
+    return g.dot(covariance * g);
+  }
+  /// ∂y/∂(a, b, c).
+  Eigen::Vector3d gradient(double u) const {
+    const double s = u / half_length_px, w = 1.0 + coefficients[2] * s;
+    return {1.0 / w, s / w, -s * (coefficients[0] + coefficients[1] * s) / (w * w)};
+  }
+
+  /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
+  /// residual. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
+  /// finite.
+  static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
+};
+
+inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+  const Eigen::Index n = y_m.size();
+  if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
+  if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
+  require_positive("centroid error", sigma_px, "px");
+  for (Eigen::Index i = 1; i < n; ++i)
+    if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(detail::text("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
+
+  AxisMap map;
+  map.origin_px = pixel.rowwise().mean();
+  const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> spread(centred * centred.transpose());
+  map.direction = spread.eigenvectors().col(1);
+  if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
+  const Eigen::VectorXd u = centred.transpose() * map.direction;
+  for (Eigen::Index i = 1; i < n; ++i)
+    if (!(u[i] > u[i - 1])) throw InvalidArgument(detail::text("axis map: place ", i, " does not follow its predecessor in the image"));
+  map.half_length_px = 0.5 * (u[n - 1] - u[0]);
+
+  // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
+  const double b = 0.5 * (y_m[n - 1] - y_m[0]);
+  map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
+  Eigen::MatrixX3d J(n, 3);
+  Eigen::VectorXd r(n);
+  const auto linearise = [&] {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double slope = map.scale_m_per_px(u[i]);
+      r[i] = (map.y_m(u[i]) - y_m[i]) / slope;
+      J.row(i) = map.gradient(u[i]).transpose() / slope;
+    }
+  };
+  for (int k = 0; k < 20; ++k) {
+    linearise();
+    const Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    map.coefficients -= step;
+    map.coefficients[2] = std::clamp(map.coefficients[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    if (step.norm() < 1e-14) break;
+  }
+  linearise();
+  map.residual_px = std::sqrt(r.squaredNorm() / double(n));
+  map.centroid_sigma_px = std::max(sigma_px, n > 3 ? std::sqrt(r.squaredNorm() / double(n - 3)) : 0.0);
+  map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * (J.transpose() * J).inverse();
+  return map;
+}
+
+}  // namespace lumo

@@ -1,0 +1,294 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/sense/location_estimator.hpp"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace lumo {
+
+/// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
+/// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
+/// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
+class BayesLocalizer {
+ public:
+  struct Config {
+    Eigen::VectorXd position_m;   ///< of the profile's values
+    Eigen::VectorXd noise;        ///< standard deviation of each, unloaded
+    Eigen::VectorXd unloaded;     ///< mean profile of the unloaded finger; empty: lamps are steady
+    double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
+    double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
+    double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
+    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
+    double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
+    double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
+    double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
+    double min_separation_m = 12.0_mm;  ///< of two contacts
+    double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
+    double change_rate_per_s = 2.0;     ///< how often contacts come and go
+    double creep_m_per_sqrt_s = 1.0_mm;  ///< random walk of a contact that stays
+    double gap_s = 0.5;                  ///< longer without a profile: forget
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit BayesLocalizer(Config config);
+
+  void reset() { fresh_ = true; }
+  LocationEstimate update(const Profile& response);
+
+  const Eigen::VectorXd& grid_m() const { return grid_; }
+  /// Posterior of the place given one contact; sums to 1.
+  const Eigen::VectorXd& place() const { return place_; }
+  /// Posterior of none, one, two contacts.
+  const Eigen::Vector3d& number() const { return number_; }
+
+ private:
+  static constexpr Eigen::Index widths = 4;
+
+  /// Two bumps of one width, the higher one first.
+  struct Pair {
+    Eigen::Index first = 0, second = 0, width = 0;
+    double explained = -1.0;  ///< by how much they lower χ²; −1: there is no such pair
+  };
+
+  double log_evidence(double s, double g, double tempering) const;
+  double log_evidence(const Pair& pair, double tempering) const;
+  Pair best_pair(double tempering) const;
+  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
+  std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
+  void predict(double step_s);
+  ContactLocation one() const;
+  LocationEstimate answer(std::int64_t stamp_ns) const;
+
+  Config config_;
+  Eigen::VectorXd grid_;
+  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
+  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
+  Eigen::VectorXd score_, place_, likelihood_, spread_;
+  Eigen::Vector3d number_{1.0, 0.0, 0.0};
+  Pair pair_;
+  std::int64_t stamp_ns_ = 0;
+  bool fresh_ = true;
+};
+
+inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
+  const Eigen::Index n = config_.position_m.size();
+  if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
+    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
+        " unloaded values, must have as many, at least 3"));
+  for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+  require_positive("grid spacing", config_.spacing_m, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + 4096.0 * config_.spacing_m, "m");
+  for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
+  require_positive("height of a bump", config_.amplitude_sigma, "");
+  require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
+  require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
+  require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
+
+  const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
+  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
+  if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
+  precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
+  bumps_.resize(n, cells * widths);
+  for (Eigen::Index w = 0; w < widths; ++w)
+    for (Eigen::Index j = 0; j < cells; ++j)
+      bumps_.col(w * cells + j) = (-0.5 * ((config_.position_m.array() - grid_[j]) / config_.width_m[std::size_t(w)]).square()).exp();
+  matched_ = precision_ * bumps_;
+  energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
+  for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
+  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
+  likelihood_ = spread_ = place_;
+  score_.resize(bumps_.cols());
+}
+
+/// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
+inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
+  const double z = t / std::sqrt(h);
+  // log of 2 Φ(z) e^{z²/2}, without overflow on either side
+  const double tail = z > -6.0 ? 0.5 * z * z + std::log(std::erfc(-0.70710678118654752440 * z)) : std::log(0.79788456080286535588 / -z) - 1.0 / (z * z);
+  return tail + 0.5 * std::log(prior / h);
+}
+
+/// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
+inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
+  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
+  const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
+  det = a * b - c * c;
+  return {(b * s - c * t) / det, (a * t - c * s) / det};
+}
+
+/// Searched on every other cell, then about the best.
+inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
+  const Eigen::Index cells = grid_.size();
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
+  Pair best;
+  const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
+    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
+    const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
+    const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
+    const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
+    if (!(std::min(hi, hj) > config_.min_share * std::max(hi, hj))) return;
+    const double explained = (s * hi + t * hj) / (a * b - c * c);
+    if (explained > best.explained) best = {hi >= hj ? i : j, hi >= hj ? j : i, width, explained};
+  };
+  for (Eigen::Index width = 0; width < widths; ++width)
+    for (Eigen::Index i = 0; i < cells; i += 2)
+      for (Eigen::Index j = i + apart; j < cells; j += 2) look(width, i, j);
+  if (best.explained < 0.0) return best;
+  const Eigen::Index i = std::min(best.first, best.second), j = std::max(best.first, best.second);
+  for (Eigen::Index k = std::max<Eigen::Index>(0, i - 1); k <= i + 1; ++k)
+    for (Eigen::Index l = std::max(j - 1, k + apart); l <= std::min(cells - 1, j + 1); ++l) look(best.width, k, l);
+  return best;
+}
+
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
+/// of the lamps, are else taken for a second one.
+inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
+  const auto index = [&](Eigen::Index cell) {
+    Eigen::Index i = 0;
+    (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
+    return i;
+  };
+  double det = 1.0;
+  const Eigen::Index a = index(pair.first), b = index(pair.second);
+  const double least = response.segment(std::min(a, b), std::abs(a - b) + 1).minCoeff();
+  return response[b] - least > 0.25 * heights(pair, 1.0, det)[1];
+}
+
+/// Log of the Bayes factor of two bumps against none.
+inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
+  if (p.explained < 0.0) return -1e300;
+  double det = 1.0;
+  const auto h = heights(p, tempering, det);
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
+  const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
+  const double width = config_.width_m[std::size_t(p.width)];
+  const double sharp = std::max(1.0, 2.5 * width / std::sqrt(std::max(2.0 * fit, 1.0)) / config_.spacing_m);
+  const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
+  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
+}
+
+inline void BayesLocalizer::predict(double step_s) {
+  const double change = -std::expm1(-config_.change_rate_per_s * step_s);
+  number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
+  // A contact that stays creeps; one that is new may be anywhere.
+  const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
+  const auto reach = std::min<Eigen::Index>(place_.size() - 1, Eigen::Index(std::ceil(3.0 * walk)));
+  spread_.setZero();
+  double whole = 0.0;
+  for (Eigen::Index k = -reach; k <= reach; ++k) {
+    const double w = std::exp(-0.5 * double(k * k) / std::max(walk * walk, 1e-12));
+    whole += w;
+    const Eigen::Index n = place_.size() - std::abs(k);
+    spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
+  }
+  place_ = (1.0 - change) / whole * spread_;
+  place_.array() += (1.0 - place_.sum()) / cells;
+}
+
+inline LocationEstimate BayesLocalizer::update(const Profile& response) {
+  if (response.value.size() != config_.position_m.size())
+    throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+  const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
+  if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+  const Eigen::Index cells = grid_.size();
+  if (fresh_ || step_s > config_.gap_s) {
+    number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
+    place_.setConstant(1.0 / double(cells));
+    fresh_ = false;
+  } else {
+    predict(step_s);
+  }
+  stamp_ns_ = response.stamp_ns;
+
+  score_.noalias() = matched_.transpose() * response.value;
+  // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
+  const double typical = config_.noise.mean(), shape = config_.shape_error * response.value.cwiseAbs().maxCoeff();
+  double tempering = typical * typical / (typical * typical + shape * shape);
+
+  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and noise stands for it (Birge).
+  const double explained = (score_.cwiseMax(0.0).cwiseAbs2().cwiseQuotient(energy_)).maxCoeff();
+  pair_ = best_pair(tempering);
+  if (pair_.explained > 0.0 && !dips_between(response.value, pair_)) pair_.explained = -1.0;
+  const double chi2 = response.value.dot(precision_ * response.value), freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
+  const double left = chi2 - std::max(explained, pair_.explained / tempering);
+  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom)) tempering = std::min(tempering, freedom / left);  // more than noise alone does
+
+  double top = -1e300;
+  for (Eigen::Index j = 0; j < cells; ++j) {
+    std::array<double, std::size_t(widths)> e{};
+    for (std::size_t w = 0; w < e.size(); ++w) {
+      const Eigen::Index k = Eigen::Index(w) * cells + j;
+      e[w] = log_evidence(score_[k], energy_[k], tempering);
+    }
+    const double most = *std::max_element(e.begin(), e.end());
+    double sum = 0.0;
+    for (const double v : e) sum += std::exp(v - most);
+    likelihood_[j] = most + std::log(sum / double(widths));
+    top = std::max(top, likelihood_[j]);
+  }
+  likelihood_ = (likelihood_.array() - top).exp();
+  const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
+  place_ = place_.cwiseProduct(likelihood_);
+  const double sum = place_.sum();
+  place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
+
+  const double log_two = log_evidence(pair_, tempering);
+  const double highest = std::max({0.0, log_one, log_two});
+  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseMax(1e-12);
+  number_ /= number_.sum();
+  return answer(stamp_ns_);
+}
+
+/// Mean and variance of the posterior about its mode; the flat part that new contacts leave does not count.
+inline ContactLocation BayesLocalizer::one() const {
+  Eigen::Index top = 0;
+  const double most = place_.maxCoeff(&top);
+  double sum = 0.0, first = 0.0, second = 0.0;
+  for (Eigen::Index j = 0; j < place_.size(); ++j) {
+    const double p = place_[j] > 1e-4 * most ? place_[j] : 0.0, d = grid_[j] - grid_[top];
+    sum += p, first += p * d, second += p * d * d;
+  }
+  const double mean = first / sum, cell2 = config_.spacing_m * config_.spacing_m / 12.0;
+  const double variance = std::max(second / sum - mean * mean, 0.0) + cell2 + config_.bias_sigma_m * config_.bias_sigma_m;
+  const Eigen::Index k = grid_.size() + top;  // of the second width, a middling one
+  return {grid_[top] + mean, variance, std::max(0.0, score_[k] / energy_[k])};
+}
+
+inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
+  LocationEstimate e{stamp_ns, 0, {}, 1.0};
+  if (fresh_) return e;
+  Eigen::Index n = 0;
+  e.probability = number_.maxCoeff(&n);
+  e.contacts = int(n);
+  if (n == 1) e.contact[0] = one();
+  if (n == 2) {
+    double det = 1.0;
+    const auto h = heights(pair_, 1.0, det);
+    const double variance = config_.spacing_m * config_.spacing_m / 12.0 + 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;  // each bends the other
+    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, h[0])};
+    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, h[1])};
+  }
+  return e;
+}
+
+static_assert(LocationEstimator<BayesLocalizer>);
+
+}  // namespace lumo

@@ -1,0 +1,258 @@
+#pragma once
+
+#include "lumo/sense/actuator.hpp"
+#include "lumo/sense/camera.hpp"
+#include "lumo/sense/contact_filter.hpp"
+#include "lumo/sense/force_estimate.hpp"
+#include "lumo/sense/force_solution.hpp"
+#include "lumo/sense/frame_monitor.hpp"
+#include "lumo/sense/green_profile.hpp"
+#include "lumo/sense/joint_monitor.hpp"
+#include "lumo/sense/location_estimator.hpp"
+#include "lumo/sense/moment_arm.hpp"
+#include "lumo/sense/torque_model.hpp"
+#include "lumo/sense/unloaded_reference.hpp"
+
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived, checks it, and never waits.
+/// Whatever the streams do, the answer is finite and says what it rests on; a faulty frame or sample is left out, and `fault_hold_s` after the
+/// last fault the state is ok again.
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
+  requires std::same_as<typename Readout_::Sample, Frame>
+class ForceEstimator {
+  static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
+      "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
+
+ public:
+  struct Config {
+    FrameMonitor::Config frames;  ///< its positions, reference and exposure are filled in where empty
+    JointMonitor::Config joints;
+    typename ContactFilter<Jacobian>::Config filter;
+    std::vector<TorqueModel> torque{TorqueModel{}};  ///< one for each joint
+    double frame_delay_s = 0.0;       ///< from the light to the stamp, known
+    double joint_delay_s = 0.0;
+    double frame_timeout_s = 0.2;
+    double joint_timeout_s = 0.05;
+    double fault_hold_s = 0.15;       ///< a fault is reported for this long
+    double map_sigma_m = 0.0;         ///< of the map from image to finger (AxisMap::variance_m2); the same in all frames, so no filter lessens it
+    double stiction_time_s = 0.5;     ///< how long a joint sticks on one side; assumed
+    double known_location_m = 6.0_mm;  ///< standard deviation up to which y counts as known
+    double known_force_N = 5.0;
+    int max_frames = 4, max_samples = 256;  ///< taken in one step
+  };
+
+  /// Camera and actuator stay the caller's and must outlive the estimator. `unloaded` is of the same readout. Throws InvalidArgument for parts that do not fit.
+  ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer, Jacobian jacobian, UnloadedReference unloaded, Config config);
+
+  /// Takes all that has arrived and answers for the time `now_ns`, on the clock of the stamps.
+  ForceEstimate step(std::int64_t now_ns);
+
+  /// What the newest usable frame said.
+  const LocationEstimate& location() const { return location_; }
+  /// Its profile minus the unloaded one.
+  const Profile& response() const { return profile_; }
+  const ContactFilter<Jacobian>& filter() const { return filter_; }
+
+ private:
+  void take(const JointSample& s);
+  void take(const Frame& f);
+  void note(Faults faults) {
+    for (unsigned i = 0; i < unsigned(Fault::count); ++i)
+      if (faults.has(Fault(i))) fault_ns_[i] = now_ns_, faulty_[i] = true;
+  }
+  void note(Fault f) {
+    Faults one;
+    one.add(f);
+    note(one);
+  }
+  bool within(bool seen, std::int64_t stamp_ns, double limit_s) const { return seen && 1e-9 * double(now_ns_ - stamp_ns) <= limit_s; }
+  void describe_one(ForceEstimate& e) const;
+  void describe_two(ForceEstimate& e) const;
+
+  Camera_* camera_;
+  Actuator_* actuator_;
+  Readout_ readout_;
+  Localizer localizer_;
+  UnloadedReference unloaded_;
+  Config config_;
+  FrameMonitor frame_monitor_;
+  JointMonitor joint_monitor_;
+  ContactFilter<Jacobian> filter_;
+  Profile reading_, profile_;
+  LocationEstimate location_;
+  JointVector joint_q_, joint_torque_;  ///< newest angles, smoothed contact torque
+  std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
+  std::array<bool, std::size_t(Fault::count)> faulty_{};
+  std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
+  bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
+
+  static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
+    if (c.position_m.size() == 0) c.position_m = readout.positions_m();
+    if (c.unloaded.size() == 0) c.unloaded = unloaded.mean();
+    return c;
+  }
+};
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimator(Camera_& camera, Actuator_& actuator, Readout_ readout, Localizer localizer,
+                                                                                  Jacobian jacobian, UnloadedReference unloaded, Config config)
+    : camera_(&camera),
+      actuator_(&actuator),
+      readout_(std::move(readout)),
+      localizer_(std::move(localizer)),
+      unloaded_(std::move(unloaded)),
+      config_(std::move(config)),
+      frame_monitor_(completed(config_.frames, readout_, unloaded_)),
+      joint_monitor_(config_.joints),
+      filter_(std::move(jacobian), config_.filter) {
+  const int n = filter_.jacobian().joints();
+  if (int(config_.torque.size()) != n || config_.joints.joints != n)
+    throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints,
+        " joints to watch"));
+  if (unloaded_.mean().size() != readout_.positions_m().size())
+    throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
+  joint_q_ = JointVector::Zero(n);
+  require_positive("frame timeout", config_.frame_timeout_s, "s");
+  require_positive("joint timeout", config_.joint_timeout_s, "s");
+  require_positive("location that counts as known", config_.known_location_m, "m");
+  require_positive("force that counts as known", config_.known_force_N, "N");
+  require_in_range("error of the map", config_.map_sigma_m, 0.0, 1.0, "m");
+  require_in_range("frames in a step", config_.max_frames, 1, 1e6, "");
+  require_in_range("samples in a step", config_.max_samples, 1, 1e6, "");
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(const JointSample& s) {
+  const auto verdict = joint_monitor_.check(s, now_ns_);
+  note(verdict.faults);
+  if (!verdict.usable) return;
+  const Eigen::Index n = s.effort.size();
+  JointVector torque(n), variance(n);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const TorqueModel& m = config_.torque[std::size_t(j)];
+    torque[j] = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
+    const double stick = m.stiction_sigma(s.velocity_rad_per_s[j]);
+    variance[j] = m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s);
+  }
+  filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), torque, variance);
+  joint_torque_ = joint_seen_ ? JointVector(joint_torque_ + 0.1 * (torque - joint_torque_)) : torque;
+  joint_q_ = s.position_rad;
+  joint_ns_ = s.stamp_ns;
+  joint_seen_ = true;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(const Frame& f) {
+  const auto time = frame_monitor_.check_time(f.stamp_ns, now_ns_);
+  note(time.faults);
+  if (!time.usable) return;
+  if (!readout_.read(f, reading_)) return note(Fault::frame_corrupt);
+  const auto light = frame_monitor_.check_light(reading_, f.exposure_s, f.gain);
+  note(light.faults);
+  if (!light.usable) return;
+  std::swap(profile_, reading_);
+  unloaded_.subtract(profile_);
+  location_ = localizer_.update(profile_);
+  const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
+  if (location_.contacts == 0) filter_.add_no_contact(taken);
+  if (location_.contacts == 1) {
+    const double offset = config_.filter.location_bias_m;  // the filter has it as a state
+    filter_.add_location(taken, location_.contact[0].y_m, std::max(location_.contact[0].variance_m2 - offset * offset, 1e-8));
+  }
+  frame_ns_ = f.stamp_ns;
+  frame_seen_ = true;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::step(std::int64_t now_ns) {
+  if (!begun_) now_ns_ = frame_ns_ = joint_ns_ = now_ns;
+  begun_ = true;
+  now_ns_ = std::max(now_ns_, now_ns);
+  for (int i = 0; i < config_.max_samples; ++i) {
+    const auto s = actuator_->next();
+    if (!s) break;
+    take(*s);
+  }
+  for (int i = 0; i < config_.max_frames; ++i) {
+    const auto f = camera_->next();
+    if (!f) break;
+    take(*f);
+  }
+  if (camera_->state() == StreamState::failed) note(Fault::camera_lost);
+  if (actuator_->state() == StreamState::failed) note(Fault::actuator_lost);
+  const bool frames = within(frame_seen_, frame_ns_, config_.frame_timeout_s), joints = within(joint_seen_, joint_ns_, config_.joint_timeout_s);
+  if (!frames) note(Fault::frames_missing);
+  if (!joints) note(Fault::joint_missing);
+
+  ForceEstimate e;
+  e.stamp_ns = now_ns_, e.frame_stamp_ns = frame_ns_, e.joint_stamp_ns = joint_ns_;
+  for (unsigned i = 0; i < unsigned(Fault::count); ++i)
+    if (faulty_[i] && 1e-9 * double(now_ns_ - fault_ns_[i]) <= config_.fault_hold_s) e.faults.add(Fault(i));
+  using enum EstimatorState;
+  e.state = frames && joints ? (e.faults.any() ? degraded : ok) : joints ? torque_only : frames ? vision_only : invalid;
+  e.contacts = location_.contacts;
+  if (e.contacts == 2 && frames && joints)
+    describe_two(e);
+  else
+    describe_one(e);
+  return e;
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_one(ForceEstimate& e) const {
+  ContactBelief b = filter_.at(now_ns_, joint_q_);
+  const ContactPoint point{config_.filter.link, std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m)};
+  const JointVector arm = filter_.jacobian().column(joint_q_, point), slope = filter_.jacobian().slope(joint_q_, point);
+  const Eigen::Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
+  b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
+  ContactForce& c = e.contact[0];
+  c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
+  const double force = std::max(0.0, b.force_N);  // pads are pushed, not pulled
+  if (e.state == EstimatorState::torque_only || e.state == EstimatorState::invalid) e.contacts = force > 3.0 * std::sqrt(c.force_variance_N2) ? 1 : 0;
+  e.contacts = std::min(e.contacts, 1);
+  if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = point.y_m;
+  if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
+  // Directions of the posterior that are wider than what counts as known are open.
+  const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
+  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(scaled);  // ascending
+  e.rank = int((axes.eigenvalues().array() <= 1.0).count());
+  e.null_directions = axes.eigenvectors();
+}
+
+template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
+  requires std::same_as<typename Readout_::Sample, Frame>
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e) const {
+  JointVector torque = joint_torque_;
+  for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
+  const int link = config_.filter.link;
+  const std::array<ContactPoint, 2> points{ContactPoint{link, location_.contact[0].y_m}, ContactPoint{link, location_.contact[1].y_m}};
+  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, config_.filter.torque_bias_Nm);
+  e.rank = int(forces.rank);
+  e.null_directions.setZero();
+  e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
+  for (Eigen::Index i = 0; i < 2; ++i) {
+    ContactForce& c = e.contact[std::size_t(i)];
+    c.y_m = location_.contact[std::size_t(i)].y_m;
+    c.y_variance_m2 = location_.contact[std::size_t(i)].variance_m2;
+    c.force_variance_N2 = forces.covariance(i, i);
+    if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
+  }
+}
+
+}  // namespace lumo

@@ -1,0 +1,56 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace lumo {
+
+/// Bytes of a pixel: one of grey, or blue, green, red.
+enum class PixelFormat { grey, bgr };
+
+constexpr int channels(PixelFormat f) { return f == PixelFormat::grey ? 1 : 3; }
+
+/// A view of 8-bit pixels that something else owns. Rows run from the top, columns from the left.
+struct ImageView {
+  const std::uint8_t* data = nullptr;
+  int width = 0;
+  int height = 0;
+  std::ptrdiff_t stride = 0;  ///< bytes from a row to the next
+  PixelFormat format = PixelFormat::bgr;
+
+  const std::uint8_t* row(int y) const { return data + y * stride; }
+  /// Green value, or the grey one. Unchecked.
+  std::uint8_t green(int x, int y) const { return format == PixelFormat::grey ? row(y)[x] : row(y)[3 * x + 1]; }
+  bool empty() const { return !data || width <= 0 || height <= 0; }
+};
+
+/// An image that owns its pixels; rows without padding.
+struct Image {
+  int width = 0;
+  int height = 0;
+  PixelFormat format = PixelFormat::bgr;
+  std::vector<std::uint8_t> pixels;
+
+  /// Black. Throws InvalidArgument for sizes outside 1 … 32768.
+  static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
+    require_in_range("image width", width, 1, 32768, "px");
+    require_in_range("image height", height, 1, 32768, "px");
+    return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+  }
+  ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
+  std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
+};
+
+/// One picture of a camera and how it was taken.
+struct Frame {
+  ImageView image;
+  std::int64_t stamp_ns = 0;  ///< middle of the exposure where the driver tells it, on the clock that the session names
+  double exposure_s = 0.0;    ///< 0: not known
+  double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
+  std::int64_t index = 0;     ///< counted by the source
+};
+
+}  // namespace lumo

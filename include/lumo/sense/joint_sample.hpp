@@ -1,0 +1,26 @@
+#pragma once
+
+#include <Eigen/Core>
+
+#include <cstdint>
+
+namespace lumo {
+
+/// A finger or hand has at most this many joints; vectors of joints need no heap.
+inline constexpr int max_joints = 8;
+
+using JointVector = Eigen::Matrix<double, Eigen::Dynamic, 1, Eigen::ColMajor, max_joints, 1>;
+
+/// What a motor driver's effort is. A current becomes a torque by the torque model's constants.
+enum class Effort { current_A, torque_Nm };
+
+/// State of all joints at one time.
+struct JointSample {
+  std::int64_t stamp_ns = 0;  ///< on the clock that the session names
+  JointVector position_rad;
+  JointVector velocity_rad_per_s;
+  JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
+  Effort unit = Effort::current_A;
+};
+
+}  // namespace lumo

@@ -1,0 +1,74 @@
+#pragma once
+
+#include "lumo/sense/decoder.hpp"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+
+namespace lumo {
+
+namespace detail {
+
+/// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
+/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it.
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage) {
+  const Eigen::Index d = residual.rows(), n = residual.cols();
+  const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
+  const double level = std::max(s.trace() / double(d), 1e-300);
+  const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
+  if (shrinkage < 0.0) {
+    double scatter = 0.0;
+    for (Eigen::Index i = 0; i < n; ++i) scatter += (residual.col(i) * residual.col(i).transpose() - s).squaredNorm();
+    const double far = (s - target).squaredNorm();
+    shrinkage = far > 0.0 ? std::clamp(scatter / (double(n) * double(n)) / far, 0.0, 1.0) : 1.0;
+  }
+  const double left = double(std::max<Eigen::Index>(1, n - parameters)) / double(n);
+  return ((1.0 - shrinkage) * s + (shrinkage + 1e-9) * target) / left;
+}
+
+}  // namespace detail
+
+/// Regularised linear discriminant: Gaussians about the places' means with one covariance, shrunk towards a multiple of the identity because a
+/// finger gives few re-contacts for many regions. Source: Friedman 1989; the shrinkage is Ledoit & Wolf's (2004) from the data, or given.
+struct LinearDecoder {
+  double shrinkage = -1.0;  ///< 0 … 1; negative: Ledoit and Wolf's
+
+  class Model {
+   public:
+    Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
+      Eigen::MatrixXd residual = t.response;
+      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
+      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage);
+      shrinkage_ = shrinkage;
+      factor_.compute(covariance);
+      weight_ = factor_.solve(mean_);
+      offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
+    }
+    /// Throws InvalidArgument for another number of features.
+    Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
+    /// Of each place, up to one common constant.
+    Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
+      if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
+      return weight_.transpose() * response + offset_;
+    }
+    double shrinkage() const { return shrinkage_; }
+
+   private:
+    Eigen::MatrixXd mean_, weight_;
+    Eigen::VectorXd offset_;
+    Eigen::LLT<Eigen::MatrixXd> factor_;
+    double shrinkage_ = 0.0;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
+    return Model(training, shrinkage);
+  }
+};
+
+static_assert(Decoder<LinearDecoder>);
+
+}  // namespace lumo

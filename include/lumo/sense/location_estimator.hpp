@@ -1,0 +1,35 @@
+#pragma once
+
+#include "lumo/sense/readout.hpp"
+
+#include <array>
+#include <concepts>
+#include <cstdint>
+
+namespace lumo {
+
+/// Where the finger is touched, and how sure that is.
+struct ContactLocation {
+  double y_m = 0.0;
+  double variance_m2 = 0.0;
+  double amplitude = 0.0;  ///< of the response there, in the readout's unit
+};
+
+/// What one profile (and those before it) says about contacts. Always finite.
+struct LocationEstimate {
+  std::int64_t stamp_ns = 0;
+  int contacts = 0;                        ///< 0, 1 or 2
+  std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
+  double probability = 1.0;                ///< of this number of contacts, as far as the model tells
+};
+
+/// Locates contacts from responses: profiles minus the unloaded reference.
+/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not newer than its predecessor
+/// changes nothing but the answer's stamp; after `reset` it is as new.
+template <class L>
+concept LocationEstimator = requires(L& localizer, const Profile& response) {
+  { localizer.update(response) } -> std::same_as<LocationEstimate>;
+  localizer.reset();
+};
+
+}  // namespace lumo

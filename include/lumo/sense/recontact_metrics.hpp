@@ -1,0 +1,95 @@
+#pragma once
+
+#include "lumo/sense/statistics.hpp"
+
+#include <optional>
+#include <vector>
+
+namespace lumo {
+
+/// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
+/// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
+  if (force_N.size() < 2 || response.cols() != force_N.size())
+    throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
+  if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
+  const Eigen::VectorXd centred = force_N.array() - force_N.mean();
+  const double spread = centred.squaredNorm();
+  if (!(spread > 1e-12 * force_N.squaredNorm())) throw InvalidArgument("slope over force: all loads are the same");
+  return response * centred / spread;
+}
+
+/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 7, model.md §8).
+struct RecontactMetrics {
+  double D_neighbor = 0.0;    ///< median over neighbours of the RMS difference of their median profiles [unit/N]
+  double W_recontact = 0.0;   ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]
+  std::optional<double> Q;    ///< D/W; empty where W is 0
+};
+
+/// Q with what happens to it when one re-contact is left out (the paper's whiskers), and a bootstrap interval.
+struct RecontactQuality {
+  RecontactMetrics metrics;
+  double Q_low = 0.0, Q_high = 0.0;                      ///< least and greatest with one re-contact left out everywhere, and of all
+  double bootstrap_low = 0.0, bootstrap_high = 0.0;      ///< percentile interval, re-contacts drawn anew at each place
+};
+
+/// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
+/// re-contacts, or shapes that differ.
+RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
+
+/// At least two re-contacts at each place, as many everywhere. `confidence` of the bootstrap interval. Bootstrap samples in which W is 0 (one
+/// re-contact drawn alone) are drawn again. Throws InvalidArgument where Q is not defined.
+RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
+
+inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
+  if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
+  std::vector<Eigen::VectorXd> middle;
+  std::vector<double> between, within;
+  for (const Eigen::MatrixXd& p : slope) {
+    if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
+      throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
+          slope.front().rows(), " channels"));
+    if (!p.allFinite()) throw InvalidArgument(detail::text("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
+    middle.push_back(pointwise_median(p));
+    for (Eigen::Index r = 0; r < p.cols(); ++r) within.push_back(rms(p.col(r) - middle.back()));
+  }
+  for (std::size_t i = 1; i < middle.size(); ++i) between.push_back(rms(middle[i] - middle[i - 1]));
+  RecontactMetrics m{median(between), median(within), {}};
+  if (m.W_recontact > 0.0) m.Q = m.D_neighbor / m.W_recontact;
+  return m;
+}
+
+inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
+  require_in_range("bootstrap resamples", resamples, 1, 1e7, "");
+  require_in_range("confidence", confidence, 0.0, 1.0, "");
+  RecontactQuality q;
+  q.metrics = recontact_metrics(slope);
+  const Eigen::Index repeats = slope.front().cols();
+  for (const Eigen::MatrixXd& p : slope)
+    if (p.cols() != repeats || repeats < 2)
+      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
+  if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
+  q.Q_low = q.Q_high = *q.metrics.Q;
+  std::vector<Eigen::MatrixXd> some(slope.size());
+  for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
+    for (std::size_t i = 0; i < slope.size(); ++i) {
+      some[i].resize(slope[i].rows(), repeats - 1);
+      some[i] << slope[i].leftCols(left_out), slope[i].rightCols(repeats - 1 - left_out);
+    }
+    if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
+  }
+  detail::CountedDraws draws(seed);
+  std::vector<double> drawn;
+  for (int k = 0, tries = 0; k < resamples && tries < 10 * resamples; ++tries) {
+    for (std::size_t i = 0; i < slope.size(); ++i) {
+      some[i].resize(slope[i].rows(), repeats);
+      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = slope[i].col(Eigen::Index(draws.below(std::size_t(repeats))));
+    }
+    if (const auto again = recontact_metrics(some).Q) drawn.push_back(*again), ++k;
+  }
+  q.bootstrap_low = drawn.empty() ? q.Q_low : quantile(drawn, 0.5 * (1.0 - confidence));
+  q.bootstrap_high = drawn.empty() ? q.Q_high : quantile(drawn, 0.5 * (1.0 + confidence));
+  return q;
+}
+
+}  // namespace lumo

@@ -1,0 +1,261 @@
+#pragma once
+
+// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole folder. Schema: docs/log_format.md.
+
+#include "lumo/sense/log.hpp"
+#include "lumo/sense/session.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+namespace detail {
+
+/// An object whose keys must all be asked for: what is left over is an error that names the nearest key.
+class StrictObject {
+ public:
+  StrictObject(const nlohmann::json& object, std::string where) : object_(object), where_(std::move(where)) {
+    if (!object.is_object()) throw InputError(text(where_, ": must be an object"));
+  }
+  /// Each key may be absent; then the value stays as it is.
+  void get(const char* key, double& value) { read(key, [&](const auto& j) { value = number(j, key); }); }
+  void get(const char* key, int& value) {
+    read(key, [&](const auto& j) {
+      if (!j.is_number_integer() || j.template get<std::int64_t>() < -1'000'000'000 || j.template get<std::int64_t>() > 1'000'000'000) fail(key, "must be a whole number");
+      value = j.template get<int>();
+    });
+  }
+  void get(const char* key, std::int64_t& value) {
+    read(key, [&](const auto& j) {
+      const bool beyond = j.is_number_unsigned() && j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max());
+      if (!j.is_number_integer() || beyond) fail(key, "must be a whole number of 64 bits");
+      value = j.template get<std::int64_t>();
+    });
+  }
+  void get(const char* key, std::string& value) {
+    read(key, [&](const auto& j) {
+      if (!j.is_string()) fail(key, "must be a string");
+      value = j.template get<std::string>();
+    });
+  }
+  void get(const char* key, std::vector<double>& value) {
+    read(key, [&](const auto& j) {
+      if (!j.is_array()) fail(key, "must be an array of numbers");
+      value.clear();
+      for (const auto& v : j) value.push_back(number(v, key));
+    });
+  }
+  /// Applies `take(json, where)` to the value, if it is there.
+  template <class Take>
+  void with(const char* key, Take take) {
+    read(key, [&](const auto& j) { take(j, where_ + "." + key); });
+  }
+  bool has(const char* key) {
+    asked_.push_back(key);
+    return object_.contains(key);
+  }
+  /// To be called last.
+  void finish() const {
+    for (const auto& item : object_.items()) {
+      const std::string& key = item.key();
+      if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
+      const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
+      throw InputError(text(where_, ": key '", key.substr(0, 40), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
+    }
+  }
+  [[noreturn]] void fail(const char* key, const char* why) const { throw InputError(text(where_, ".", key, ": ", why)); }
+
+ private:
+  template <class Read>
+  void read(const char* key, Read read) {
+    asked_.push_back(key);
+    if (const auto it = object_.find(key); it != object_.end()) read(*it);
+  }
+  double number(const nlohmann::json& j, const char* key) const {
+    if (!j.is_number() || !std::isfinite(j.get<double>())) fail(key, "must be a finite number");
+    return j.get<double>();
+  }
+  /// Levenshtein's.
+  static std::size_t distance(std::string_view a, std::string_view b) {
+    b = b.substr(0, 64);
+    std::vector<std::size_t> row(b.size() + 1);
+    for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
+    for (std::size_t i = 1; i <= a.size(); ++i) {
+      std::size_t corner = row[0]++;
+      for (std::size_t j = 1; j <= b.size(); ++j) corner = std::exchange(row[j], std::min({row[j] + 1, row[j - 1] + 1, corner + (a[i - 1] != b[j - 1])}));
+    }
+    return row[b.size()];
+  }
+
+  const nlohmann::json& object_;
+  std::string where_;
+  std::vector<std::string> asked_;
+};
+
+}  // namespace detail
+
+/// Reads the text of a session.json. Throws InputError of one line that names file and key.
+inline Session session_from_json(std::string_view json, const std::string& name) {
+  // Deep nesting would exhaust the stack of the parser's destructor.
+  int depth = 0, deepest = 0;
+  for (const char c : json) depth += (c == '{' || c == '[') - (c == '}' || c == ']'), deepest = std::max(deepest, depth);
+  if (deepest > 64) throw InputError(detail::text(name, ": is nested deeper than 64 levels"));
+  nlohmann::json root;
+  try {
+    root = nlohmann::json::parse(json);
+  } catch (const nlohmann::json::exception& e) {
+    std::string what = e.what();
+    std::replace_if(what.begin(), what.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+    throw InputError(detail::text(name, ": is no JSON: ", what.substr(0, 200)));
+  }
+  Session s;
+  detail::StrictObject top(root, name);
+  std::string format;
+  int version = 0;
+  top.get("format", format);
+  top.get("version", version);
+  if (format != "lumo-log") top.fail("format", "must be \"lumo-log\"");
+  if (version != 1) top.fail("version", "must be 1");
+  top.get("title", s.title);
+  top.get("clock", s.clock);
+  top.get("material", s.material);
+  top.get("theta_mm", s.theta_mm);
+  top.get("video", s.video);
+  top.get("torque_constant_Nm_per_A", s.torque_constant_Nm_per_A);
+  double joint_mm = 1e3 * s.joint_to_origin_m;
+  top.get("joint_to_origin_mm", joint_mm);
+  s.joint_to_origin_m = 1e-3 * joint_mm;
+  top.get("frame_delay_s", s.frame_delay_s);
+  top.get("joint_delay_s", s.joint_delay_s);
+  top.with("leds", [&](const nlohmann::json& j, const std::string& where) {
+    detail::StrictObject o(j, where);
+    double pitch_mm = 1e3 * s.led_pitch_m, first_mm = 1e3 * s.led_first_y_m;
+    o.get("count", s.led_count);
+    o.get("pitch_mm", pitch_mm);
+    o.get("first_y_mm", first_mm);
+    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm;
+    std::vector<double> distal{s.distal.x(), s.distal.y()};
+    o.get("distal", distal);
+    if (distal.size() != 2) o.fail("distal", "must be two numbers");
+    s.distal = {distal[0], distal[1]};
+    o.finish();
+  });
+  const auto clock = [&](const char* key, ClockMap& map) {
+    top.with(key, [&](const nlohmann::json& j, const std::string& where) {
+      detail::StrictObject o(j, where);
+      o.get("origin_ns", map.origin_ns);
+      o.get("offset_s", map.offset_s);
+      o.get("drift", map.drift);
+      o.get("residual_s", map.residual_s);
+      o.finish();
+    });
+  };
+  clock("joint_clock", s.joint_clock);
+  clock("wrench_clock", s.wrench_clock);
+  top.with("segments", [&](const nlohmann::json& j, const std::string& where) {
+    if (!j.is_array()) throw InputError(detail::text(where, ": must be an array"));
+    for (const auto& item : j) {
+      detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
+      Segment g;
+      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place), o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
+      o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg), o.get("diameter_mm", g.diameter_mm);
+      o.finish();
+      s.segments.push_back(g);
+    }
+  });
+  top.finish();
+  validate(s, name);
+  return s;
+}
+
+inline Session read_session(const std::string& path) {
+  std::ifstream in = detail::open_text(path);
+  const std::string json((std::istreambuf_iterator<char>(in)), {});
+  if (in.bad()) throw InputError(detail::text(path, ": cannot be read"));
+  return session_from_json(json, path);
+}
+
+/// The text of a session.json that reads back as the same session.
+inline std::string to_json(const Session& s) {
+  using Json = nlohmann::ordered_json;
+  const auto clock = [](const ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
+  Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
+  j["leds"] = {{"count", s.led_count}, {"pitch_mm", 1e3 * s.led_pitch_m}, {"first_y_mm", 1e3 * s.led_first_y_m}, {"distal", {s.distal.x(), s.distal.y()}}};
+  j["joint_to_origin_mm"] = 1e3 * s.joint_to_origin_m;
+  j["torque_constant_Nm_per_A"] = s.torque_constant_Nm_per_A;
+  j["frame_delay_s"] = s.frame_delay_s;
+  j["joint_delay_s"] = s.joint_delay_s;
+  j["joint_clock"] = clock(s.joint_clock);
+  j["wrench_clock"] = clock(s.wrench_clock);
+  j["segments"] = Json::array();
+  for (const Segment& g : s.segments)
+    j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},
+                             {"cycle", g.cycle}, {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
+  return j.dump(2) + "\n";
+}
+
+/// A log folder's session and tables; the pictures stay where they are. A table that is absent is empty.
+struct LogFolder {
+  std::string path;
+  Session session;
+  std::vector<FrameRecord> frames;
+  std::vector<JointSample> joints;
+  std::vector<WrenchSample> wrenches;
+  std::vector<MarkerSample> markers;
+};
+
+/// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
+inline LogFolder read_log_folder(const std::string& path) {
+  LogFolder log;
+  log.path = path;
+  log.session = read_session(path + "/session.json");
+  const auto table = [&](const char* name, auto read) {
+    const std::string file = path + '/' + name;
+    std::error_code error;
+    if (!std::filesystem::exists(file, error)) return;
+    std::ifstream in = detail::open_text(file);
+    read(in, file);
+  };
+  table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = read_frame_log(in, name, !log.session.video.empty()); });
+  table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = read_joint_log(in, name); });
+  table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = read_wrench_log(in, name); });
+  table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = read_marker_log(in, name); });
+  const auto joints = log.joints.empty() ? 0 : std::size_t(log.joints.front().effort.size());
+  if (joints > 0 && log.session.torque_constant_Nm_per_A.size() != joints)
+    throw InputError(detail::text(path, ": joint.csv has ", joints, " joints, session.json ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+  return log;
+}
+
+/// Writes session.json and the tables that are not empty into a folder that is there; each file whole or not at all. Throws InputError.
+inline void write_log_folder(const LogFolder& log) {
+  const auto write = [&](const char* name, const std::string& text) {
+    const std::string file = log.path + '/' + name, part = file + ".part";
+    std::ofstream out(part, std::ios::binary);
+    out << text;
+    out.close();
+    std::error_code error;
+    if (out) std::filesystem::rename(part, file, error);
+    if (!out || error) {
+      std::filesystem::remove(part, error);
+      throw InputError(detail::text(file, ": cannot be written"));
+    }
+  };
+  write("session.json", to_json(log.session));
+  if (!log.frames.empty()) write("frames.csv", frame_log_text(log.frames, !log.session.video.empty()));
+  if (!log.joints.empty()) write("joint.csv", joint_log_text(log.joints));
+  if (!log.wrenches.empty()) write("wrench.csv", wrench_log_text(log.wrenches));
+  if (!log.markers.empty()) write("marker.csv", marker_log_text(log.markers));
+}
+
+}  // namespace lumo

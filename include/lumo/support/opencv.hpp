@@ -1,0 +1,245 @@
+#pragma once
+
+// Adapter to OpenCV (Apache-2.0), modules core, imgcodecs and videoio: images from files and videos, live V4L2 cameras.
+// V4l2Camera has not met hardware yet: there was no camera where it was written. What is tested of it is that it does not open what is no camera.
+
+#include "lumo/core/error.hpp"
+#include "lumo/sense/camera.hpp"
+#include "lumo/sense/log.hpp"
+
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio.hpp>
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+namespace detail {
+
+/// View of an 8-bit matrix of one or three channels; empty for anything else.
+inline ImageView view_of(const cv::Mat& m) {
+  if (m.empty() || m.depth() != CV_8U || (m.channels() != 1 && m.channels() != 3)) return {};
+  return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]), m.channels() == 1 ? PixelFormat::grey : PixelFormat::bgr};
+}
+
+/// Decoded image, or an empty matrix.
+inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return {};  // OpenCV would print
+  try {
+    return cv::imread(path, (format == PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION);
+  } catch (const cv::Exception&) {
+    return {};
+  }
+}
+
+inline void require_file(const std::string& path, const char* what) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) throw InputError(text(path, ": no such ", what));
+}
+
+}  // namespace detail
+
+/// Reads an image file as 8 bits, colour or grey. Throws InputError.
+inline Image read_image(const std::string& path, PixelFormat format = PixelFormat::bgr) {
+  detail::require_file(path, "image");
+  const cv::Mat m = detail::decode_file(path, format);
+  const ImageView v = detail::view_of(m);
+  if (v.empty()) throw InputError(detail::text(path, ": is no image that can be decoded"));
+  Image image = Image::black(v.width, v.height, format);
+  for (int y = 0; y < v.height; ++y) std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
+  return image;
+}
+
+/// Writes an image in the format of the path's ending (.png without loss). Throws InputError.
+inline void write_image(const std::string& path, const ImageView& image) {
+  if (image.empty()) throw InvalidArgument("image to write is empty");
+  const cv::Mat m(image.height, image.width, image.format == PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(image.data), std::size_t(image.stride));
+  bool good = false;
+  try {
+    good = cv::imwrite(path, m);
+  } catch (const cv::Exception&) {
+  }
+  if (!good) throw InputError(detail::text(path, ": cannot be written"));
+}
+
+/// Images of a folder, in the order of a table or of their names. A file that is missing or cannot be decoded is a frame without pixels.
+class FolderCamera {
+ public:
+  /// `folder` holds the files of the records. Throws InputError when it is no folder.
+  FolderCamera(std::string folder, std::vector<FrameRecord> records, PixelFormat format = PixelFormat::bgr)
+      : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
+    std::error_code error;
+    if (!std::filesystem::is_directory(folder_, error)) throw InputError(detail::text(folder_, ": no such folder"));
+  }
+  /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
+  static FolderCamera by_name(const std::string& folder, double frames_per_s, PixelFormat format = PixelFormat::bgr) {
+    require_positive("frame rate", frames_per_s, "1/s");
+    std::vector<std::string> names;
+    std::error_code error;
+    for (std::filesystem::directory_iterator i(folder, error), end; !error && i != end; i.increment(error)) {
+      std::string ending = i->path().extension().string();
+      std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+      if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp") names.push_back(i->path().filename().string());
+    }
+    if (names.empty()) throw InputError(detail::text(folder, ": holds no images"));
+    std::sort(names.begin(), names.end());
+    std::vector<FrameRecord> records;
+    for (std::size_t i = 0; i < names.size(); ++i) records.push_back({std::llround(1e9 * double(i) / frames_per_s), names[i], 0.0, 0.0});
+    return FolderCamera(folder, std::move(records), format);
+  }
+
+  std::optional<Frame> next() {
+    if (next_ == records_.size()) return std::nullopt;
+    const FrameRecord& r = records_[next_];
+    image_ = detail::decode_file((std::filesystem::path(folder_) / r.file).string(), format_);
+    return Frame{detail::view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
+  }
+  StreamState state() const { return next_ == records_.size() ? StreamState::ended : StreamState::open; }
+
+ private:
+  std::string folder_;
+  std::vector<FrameRecord> records_;
+  PixelFormat format_;
+  std::size_t next_ = 0;
+  cv::Mat image_;
+};
+
+static_assert(Camera<FolderCamera>);
+
+/// Frames of a video file. Stamps, exposure and gain come from the log's table, one row for each frame; without one, stamps follow from the file's
+/// frame rate.
+class VideoCamera {
+ public:
+  /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
+  explicit VideoCamera(const std::string& path, std::vector<FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
+    detail::require_file(path, "video");
+    bool opened = false;
+    try {
+      // Of all backends the two that read files; others take the name for a pipeline or a pattern.
+      opened = capture_.open(path, cv::CAP_FFMPEG) || capture_.open(path, cv::CAP_OPENCV_MJPEG);
+    } catch (const cv::Exception&) {
+    }
+    if (!opened) throw InputError(detail::text(path, ": is no video that can be decoded"));
+    rate_ = capture_.get(cv::CAP_PROP_FPS);
+    if (!timed_ && !(std::isfinite(rate_) && rate_ > 0.0)) throw InputError(detail::text(path, ": tells no frame rate, needs a frames.csv"));
+  }
+
+  std::optional<Frame> next() {
+    if (state_ != StreamState::open) return std::nullopt;
+    if (timed_ && std::size_t(next_) == records_.size()) return state_ = StreamState::ended, std::nullopt;
+    bool good = false;
+    try {
+      good = capture_.read(image_);
+    } catch (const cv::Exception&) {
+    }
+    if (!good) return state_ = timed_ ? StreamState::failed : StreamState::ended, std::nullopt;  // rows without frames: the video is cut
+    Frame f{detail::view_of(image_), 0, 0.0, 0.0, next_};
+    if (timed_)
+      f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s, f.gain = records_[std::size_t(next_)].gain;
+    else
+      f.stamp_ns = std::llround(1e9 * double(next_) / rate_);
+    ++next_;
+    return f;
+  }
+  StreamState state() const { return state_; }
+
+ private:
+  cv::VideoCapture capture_;
+  std::vector<FrameRecord> records_;
+  bool timed_;
+  double rate_ = 0.0;
+  std::int64_t next_ = 0;
+  StreamState state_ = StreamState::open;
+  cv::Mat image_;
+};
+
+static_assert(Camera<VideoCamera>);
+
+/// A live camera under Linux (Video4Linux2), exposure and gain locked.
+/// Exposure goes to the driver in units of 100 µs (V4L2_CID_EXPOSURE_ABSOLUTE); some cameras snap to steps of their own, so that what is in force is read
+/// back, and that is what frames carry. Gain is the driver's own number (V4L2_CID_GAIN; 0 … 128, default 64, on a RealSense D435). A new exposure may
+/// take up to six frames to hold (librealsense #11228): those are thrown away at the start. Stamps are the driver's, on CLOCK_MONOTONIC.
+class V4l2Camera {
+ public:
+  struct Config {
+    std::string device = "/dev/video0";
+    int width = 640, height = 480;
+    double frames_per_s = 30.0;
+    double exposure_s = 0.001;
+    double gain = 64.0;
+    int settle_frames = 6;
+    double wait_s = 0.001;  ///< how long `next` may wait for a frame
+  };
+
+  /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure locked.
+  explicit V4l2Camera(const Config& config) : config_(config) {
+    require_positive("exposure of the camera", config.exposure_s, "s");
+    require_positive("frame rate of the camera", config.frames_per_s, "1/s");
+    struct stat status {};
+    if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode)) throw InputError(detail::text(config.device, ": no such camera"));
+    std::vector<cv::VideoCapture> capture(1);
+    try {
+      capture[0].open(config.device, cv::CAP_V4L2);
+    } catch (const cv::Exception&) {
+    }
+    if (!capture[0].isOpened()) throw InputError(detail::text(config.device, ": cannot be opened as a camera (no rights, in use, or of another kind)"));
+    cv::VideoCapture& c = capture[0];
+    c.set(cv::CAP_PROP_FRAME_WIDTH, config.width);
+    c.set(cv::CAP_PROP_FRAME_HEIGHT, config.height);
+    c.set(cv::CAP_PROP_FPS, config.frames_per_s);
+    c.set(cv::CAP_PROP_AUTO_WB, 0);
+    const bool manual = c.set(cv::CAP_PROP_AUTO_EXPOSURE, 1);  // V4L2_EXPOSURE_MANUAL
+    const bool exposed = c.set(cv::CAP_PROP_EXPOSURE, std::round(config.exposure_s / 1e-4));
+    const bool gained = c.set(cv::CAP_PROP_GAIN, config.gain);
+    if (int(c.get(cv::CAP_PROP_FRAME_WIDTH)) != config.width || int(c.get(cv::CAP_PROP_FRAME_HEIGHT)) != config.height)
+      throw InputError(detail::text(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ",
+          config.width, " x ", config.height));
+    if (!manual || !exposed || !gained) throw InputError(detail::text(config.device, ": does not let its exposure and gain be locked"));
+    exposure_s_ = 1e-4 * c.get(cv::CAP_PROP_EXPOSURE);
+    gain_ = c.get(cv::CAP_PROP_GAIN);
+    capture_ = std::move(capture);
+  }
+
+  std::optional<Frame> next() {
+    if (state_ != StreamState::open) return std::nullopt;
+    try {
+      std::vector<int> ready;
+      // A timeout of 0 would wait for ever.
+      if (!cv::VideoCapture::waitAny(capture_, ready, std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) || ready.empty()) return std::nullopt;
+      if (!capture_[0].grab()) return state_ = StreamState::failed, std::nullopt;
+      if (grabbed_++ < config_.settle_frames) return std::nullopt;
+      if (!capture_[0].retrieve(image_)) return std::nullopt;
+    } catch (const cv::Exception&) {
+      return state_ = StreamState::failed, std::nullopt;
+    }
+    return Frame{detail::view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
+  }
+  StreamState state() const { return state_; }
+  double exposure_s() const { return exposure_s_; }  ///< in force
+  double gain() const { return gain_; }
+
+ private:
+  Config config_;
+  std::vector<cv::VideoCapture> capture_;  ///< one; waitAny takes a vector
+  cv::Mat image_;
+  double exposure_s_ = 0.0, gain_ = 0.0;
+  std::int64_t grabbed_ = 0;
+  StreamState state_ = StreamState::open;
+};
+
+static_assert(Camera<V4l2Camera>);
+
+}  // namespace lumo

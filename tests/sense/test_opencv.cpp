@@ -1,0 +1,125 @@
+#include "../catch.hpp"
+
+#include "lumo/support/opencv.hpp"
+#include "synthetic.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include <unistd.h>
+
+using namespace lumo;
+
+namespace {
+
+/// A folder that goes when the test does.
+struct Folder {
+  std::filesystem::path path;
+  Folder() {
+    char name[] = "/tmp/lumo-opencv-XXXXXX";
+    REQUIRE(::mkdtemp(name));
+    path = name;
+  }
+  ~Folder() {
+    std::error_code ignored;
+    std::filesystem::remove_all(path, ignored);
+  }
+  std::string operator/(const std::string& name) const { return (path / name).string(); }
+};
+
+Image picture(int which, PixelFormat format = PixelFormat::bgr) {
+  synthetic::View v;
+  v.width = 64, v.height = 48;
+  return synthetic::paint(v, [&](double, double) { return 40.0 + 20.0 * which; }, 10.0, std::uint64_t(which), format);
+}
+
+bool same(const ImageView& a, const Image& b) {
+  if (a.width != b.width || a.height != b.height || a.format != b.format) return false;
+  for (int y = 0; y < a.height; ++y)
+    if (std::memcmp(a.row(y), b.view().row(y), std::size_t(a.width) * std::size_t(channels(a.format))) != 0) return false;
+  return true;
+}
+
+}  // namespace
+
+TEST_CASE("images survive a PNG to the bit, in colour and grey", "[opencv]") {
+  const Folder folder;
+  for (const PixelFormat format : {PixelFormat::bgr, PixelFormat::grey}) {
+    const Image image = picture(1, format);
+    write_image(folder / "a.png", image.view());
+    CHECK(same(read_image(folder / "a.png", format).view(), image));
+  }
+  CHECK_THROWS_AS(read_image(folder / "none.png"), InputError);
+  CHECK_THROWS_AS(write_image(folder / "no/such/folder.png", picture(1).view()), InputError);
+  CHECK_THROWS_AS(write_image(folder / "a.unknown", picture(1).view()), InputError);
+  std::ofstream(folder / "text.png") << "no image";
+  CHECK_THROWS_AS(read_image(folder / "text.png"), InputError);
+}
+
+TEST_CASE("a folder of images is a camera; a damaged file is a frame without pixels", "[opencv]") {
+  const Folder folder;
+  for (int k = 0; k < 3; ++k) write_image(folder / ("f" + std::to_string(k) + ".png"), picture(k).view());
+  std::ofstream(folder / "bad.png") << "\x89PNG broken";
+  FolderCamera camera(folder.path.string(), {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
+  auto f = camera.next();
+  REQUIRE(f);
+  CHECK(same(f->image, picture(1)));
+  CHECK(f->exposure_s == 0.001);
+  CHECK(camera.next()->image.empty());
+  CHECK(camera.next()->image.empty());
+  f = camera.next();
+  CHECK(f->stamp_ns == 40);
+  CHECK(same(f->image, picture(0)));
+  CHECK(camera.state() == StreamState::ended);
+  CHECK_FALSE(camera.next());
+
+  FolderCamera named = FolderCamera::by_name(folder.path.string(), 25.0);
+  CHECK(named.next()->image.empty());  // bad.png comes first
+  CHECK(named.next()->stamp_ns == 40'000'000);
+  CHECK_THROWS_AS(FolderCamera(folder / "none", {}), InputError);
+  CHECK_THROWS_AS(FolderCamera::by_name(folder / "none", 25.0), InputError);
+}
+
+TEST_CASE("a video file is a camera, with the table's stamps or its own rate", "[opencv]") {
+  const Folder folder;
+  const std::string path = folder / "video.avi";
+  {
+    cv::VideoWriter writer(path, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 20.0, {64, 48});
+    REQUIRE(writer.isOpened());
+    for (int k = 0; k < 4; ++k) {
+      const Image i = picture(k);
+      writer.write(cv::Mat(48, 64, CV_8UC3, const_cast<std::uint8_t*>(i.pixels.data())));
+    }
+  }
+  VideoCamera own(path);
+  int count = 0;
+  for (auto f = own.next(); f; f = own.next(), ++count) {
+    CHECK(f->stamp_ns == count * 50'000'000LL);
+    double mean = 0.0;
+    for (int y = 0; y < 48; ++y)
+      for (int x = 0; x < 64; ++x) mean += f->image.green(x, y) / (48.0 * 64.0);
+    CHECK(mean == Approx(40.0 + 20.0 * count).margin(2.0));
+  }
+  CHECK(count == 4);
+  CHECK(own.state() == StreamState::ended);
+  VideoCamera timed(path, {{7, "", 0.002, 3.0}, {9, "", 0.002, 3.0}});
+  CHECK(timed.next()->stamp_ns == 7);
+  CHECK(timed.next()->gain == 3.0);
+  CHECK_FALSE(timed.next());
+  CHECK(timed.state() == StreamState::ended);
+  VideoCamera cut(path, std::vector<FrameRecord>(6));
+  for (int k = 0; k < 4; ++k) CHECK(cut.next());
+  CHECK_FALSE(cut.next());
+  CHECK(cut.state() == StreamState::failed);
+  std::ofstream(folder / "text.avi") << "no video";
+  CHECK_THROWS_AS(VideoCamera(folder / "text.avi"), InputError);
+  CHECK_THROWS_AS(VideoCamera(folder / "none.avi"), InputError);
+}
+
+TEST_CASE("what is no camera is not opened", "[opencv]") {
+  const Folder folder;
+  std::ofstream(folder / "file") << "x";
+  CHECK_THROWS_AS(V4l2Camera({"/dev/video97"}), InputError);
+  CHECK_THROWS_AS(V4l2Camera({folder / "file"}), InputError);
+  CHECK_THROWS_AS(V4l2Camera({"/dev/null"}), InputError);
+}

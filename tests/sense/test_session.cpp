@@ -1,0 +1,117 @@
+#include "../catch.hpp"
+
+#include "lumo/support/json.hpp"
+#include "synthetic.hpp"
+
+#include <stdlib.h>
+
+#include <filesystem>
+
+using namespace lumo;
+
+namespace {
+
+std::string message(const std::string& json) {
+  try {
+    session_from_json(json, "s.json");
+  } catch (const InputError& e) {
+    return e.what();
+  }
+  return "no error";
+}
+
+const std::string head = R"({"format": "lumo-log", "version": 1)";
+
+}  // namespace
+
+TEST_CASE("a session reads back as it was written", "[session]") {
+  Session s;
+  s.title = "first light \"quoted\" µ";
+  s.theta_mm = {5, 10, 10, 6, 3};
+  s.video = "video.avi";
+  s.distal = {0.0, -1.0};
+  s.joint_to_origin_m = 0.0475;
+  s.torque_constant_Nm_per_A = {0.91, 0.88};
+  s.joint_clock = {1'700'000'000'000'000'001, -0.25, 2e-5, 1e-4};
+  s.segments = {{1, 9'007'199'254'740'993, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}, {5, 6, "unloaded"}};
+  const Session r = session_from_json(to_json(s), "s.json");
+  CHECK(r.title == s.title);
+  CHECK(r.theta_mm == s.theta_mm);
+  CHECK(r.video == s.video);
+  CHECK(r.distal == s.distal);
+  CHECK(r.joint_to_origin_m == Approx(s.joint_to_origin_m).epsilon(1e-15));
+  CHECK(r.torque_constant_Nm_per_A == s.torque_constant_Nm_per_A);
+  CHECK(r.joint_clock == s.joint_clock);
+  CHECK(r.segments == s.segments);
+  CHECK(to_json(r) == to_json(s));
+  CHECK(session_from_json(head + "}", "s.json").led_count == 5);  // the least there is
+}
+
+TEST_CASE("every fault of a session is one line that names file and key", "[session]") {
+  CHECK(message("{") .starts_with("s.json: is no JSON: "));
+  CHECK(message("[]") == "s.json: must be an object");
+  CHECK(message("{}") == "s.json.format: must be \"lumo-log\"");
+  CHECK(message(R"({"format": "lumo-log", "version": 2})") == "s.json.version: must be 1");
+  CHECK(message(head + R"(, "tittle": ""})") == "s.json: key 'tittle' is not known, the nearest is 'title'");
+  CHECK(message(head + R"(, "leds": {"pitch": 11}})") == "s.json.leds: key 'pitch' is not known, the nearest is 'pitch_mm'");
+  CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
+  CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
+  CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
+  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number");
+  CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") == "s.json.segments[1].from_ns: must be a whole number of 64 bits");
+  CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") == "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
+  CHECK(message(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");
+  CHECK(message(head + R"(, "video": "../x"})") == "s.json: video must be a file name beside session.json");
+  CHECK(message(head + R"(, "title": 1e999})").starts_with("s.json: is no JSON"));
+  CHECK(message(std::string(100000, '[')) == "s.json: is nested deeper than 64 levels");
+  CHECK(message(head + R"(, "title": ")" + "\xff" + "\"}").starts_with("s.json: is no JSON"));
+  CHECK_THROWS_AS(read_session("/nonexistent/session.json"), InputError);
+}
+
+TEST_CASE("a log folder reads back as it was written", "[session]") {
+  char name[] = "/tmp/lumo-log-XXXXXX";
+  REQUIRE(::mkdtemp(name));
+  LogFolder log;
+  log.path = name;
+  log.session.title = "two frames";
+  log.frames = {{1, "a.png", 0.001, 64.0}, {2, "b.png", 0.001, 64.0}};
+  log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
+  log.wrenches = {{7, Vec3(0, 0, -2), Vec3::Zero()}};
+  write_log_folder(log);
+  const LogFolder r = read_log_folder(name);
+  CHECK(r.session.title == "two frames");
+  CHECK(r.frames.size() == 2);
+  CHECK(r.frames[1].file == "b.png");
+  CHECK(r.joints.at(0).effort[0] == 0.5);
+  CHECK(r.wrenches.at(0).force_N.z() == -2.0);
+  CHECK(r.markers.empty());
+  log.session.torque_constant_Nm_per_A = {1.0, 1.0};
+  write_log_folder(log);
+  CHECK_THROWS_AS(read_log_folder(name), InputError);  // one joint, two constants
+  log.path = std::string(name) + "/none";
+  CHECK_THROWS_AS(write_log_folder(log), InputError);
+  CHECK_THROWS_AS(read_log_folder(log.path), InputError);
+  std::filesystem::remove_all(name);
+}
+
+TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {
+  Session s;
+  s.segments = {{1, 2, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
+  const std::string good = to_json(s);
+  synthetic::Normal draw(5);
+  int refused = 0;
+  for (int k = 0; k < 5000; ++k) {
+    std::string bad = good;
+    for (int n = 1 + int(3.0 * draw.uniform()); n > 0; --n) {
+      const auto at = std::size_t(draw.uniform() * double(bad.size()));
+      if (draw.uniform() < 0.5)
+        bad[at] = char(256.0 * draw.uniform());
+      else
+        bad.erase(at, std::size_t(6.0 * draw.uniform()));
+    }
+    const std::string what = message(bad);
+    REQUIRE(what.find('\n') == std::string::npos);
+    refused += what != "no error";
+  }
+  CHECK(refused > 3000);
+}
