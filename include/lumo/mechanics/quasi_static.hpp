@@ -36,7 +36,7 @@ struct QuasiStatic {
     int stride_iterations = 40;         ///< factorisations before a stride is cut
     double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
     double load_stride = 1.6;           ///< loads in between are at most this factor apart
-    double max_advance = 0.2;           ///< largest advance in one step, in indenter radii
+    double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
     double time_limit_s = 1e9;          ///< per scenario, wall clock
   };
   Config config = {};
@@ -90,10 +90,10 @@ class QuasiStaticRun {
   static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
-  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
+  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
   double hertz_area(double load) const {
     const double share = model_.sector.fraction(), whole = load / share;
-    return share * pi * std::pow(3.0 * whole * system_.tool.radius_m() / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
+    return share * pi * std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -185,7 +185,7 @@ class QuasiStaticRun {
     const Eigen::VectorXd du = -z - response_ * ds;
     if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
     const double now = model_.solid.smallest_J(now_.x);
-    double t = std::min(1.0, config_.max_advance * system_.tool.radius_m() / std::max(std::abs(ds), 1e-300));
+    double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, du, 1.0);
     for (int k = 0; k < 20; ++k, t *= 0.5) {
