@@ -32,8 +32,8 @@ struct SectorModel {
 
   SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
       : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
-        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }),
-        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }), carrier{b.carrier} {
+        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
       if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;

@@ -8,10 +8,21 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <utility>
 #include <vector>
 
 namespace lumo {
+
+struct QuasiStaticConfig {
+  double residual_tolerance = 1e-7;   ///< of the load
+  int max_iterations = 200;           ///< factorisations per load
+  int stride_iterations = 40;         ///< factorisations before a stride is cut
+  double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+  double load_stride = 1.6;           ///< loads in between are at most this factor apart
+  double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
+  double time_limit_s = 1e9;          ///< per scenario, wall clock
+};
 
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly (model: solver policy
 /// "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
@@ -29,22 +40,24 @@ namespace lumo {
 ///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
+template <LinearSolver Linear = EigenCholesky>
 struct QuasiStatic {
-  struct Config {
-    double residual_tolerance = 1e-7;   ///< of the load
-    int max_iterations = 200;           ///< factorisations per load
-    int stride_iterations = 40;         ///< factorisations before a stride is cut
-    double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-    double load_stride = 1.6;           ///< loads in between are at most this factor apart
-    double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
-    double time_limit_s = 1e9;          ///< per scenario, wall clock
-  };
+  template <class Material, class Contact, class Element>
+  using Model = SectorModel<Material, Contact, Element, Linear>;
+  using Config = QuasiStaticConfig;
+  static constexpr bool uses_symmetry = true;
   Config config = {};
+
+  template <class Material, class Contact, class Element>
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+                                                           const Element& element) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
+  }
 
   /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no further one is tried
   /// (it carries the reason).
-  template <class Model, Indenter Tool>
-  std::vector<MechanicalState> run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const;
+  template <class SomeModel, Indenter Tool>
+  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
 
 namespace detail {
@@ -52,7 +65,7 @@ namespace detail {
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStatic::Config& config)
+  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations), linear_(model.blocks.front().analysed), now_{positions_of(model.sector.mesh), 0.0},
         deadline_(std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
@@ -218,7 +231,7 @@ class QuasiStaticRun {
     return Status::converged;
   }
 
-  QuasiStatic::Config config_;
+  QuasiStaticConfig config_;
   const Model& model_;
   System system_;
   const Equations& eq_;
@@ -233,9 +246,10 @@ class QuasiStaticRun {
 
 }  // namespace detail
 
-template <class Model, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  detail::QuasiStaticRun<Model, Tool> path(model, scenario, touch, config);
+template <LinearSolver Linear>
+template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+  detail::QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
   for (double load : scenario.loads_N) {

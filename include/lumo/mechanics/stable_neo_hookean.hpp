@@ -22,6 +22,11 @@ struct StableNeoHookean {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};
   }
+  template <class T>
+  DilatationSample<T> dilatation(const T& J) const {
+    const double k = lambda + mu;
+    return {k * (J - 1.0) - mu, k + 0.0 * J};
+  }
 };
 
 inline void validate(const StableNeoHookean& m) {
@@ -29,6 +34,6 @@ inline void validate(const StableNeoHookean& m) {
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
 
-static_assert(HyperelasticMaterial<StableNeoHookean>);
+static_assert(HyperelasticMaterial<StableNeoHookean> && DilatationalMaterial<StableNeoHookean>);
 
 }  // namespace lumo
