@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 
@@ -13,6 +14,11 @@ struct Lanes {
 
   double operator[](std::size_t lane) const { return v[lane]; }
   void set(std::size_t lane, double value) { v[lane] = value; }
+  /// values[index[lane]] in each lane.
+  static Lanes gathered(const double* values, const std::array<int, width>& index) {
+    const auto at = [&](std::size_t lane) { return values[index[lane]]; };
+    return {Register{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)}};
+  }
   static Lanes of(double value) { return {Register{value, value, value, value, value, value, value, value}}; }
 
   Lanes& operator+=(const Lanes& b) {

@@ -45,7 +45,7 @@ class VertexLanes {
   struct Slot {
     std::array<Lanes, 9> gradient;
     Lanes weight;
-    std::array<std::array<int, width>, 3> node;
+    std::array<std::array<int, width>, 3> node;   // times three: where its x is
   };
   // Where a batch's vertices are.
   static std::array<Lanes, 3> places(const Batch& batch, const Positions& x);
@@ -86,7 +86,7 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
           const auto& g = elasticity.gradient(in.tet, 0);
           for (int b = 0, other = 0; b < 4; ++b) {
             if (b == in.place) continue;
-            slot.node[std::size_t(other)][lane] = mesh.tets[std::size_t(in.tet)][std::size_t(b)];
+            slot.node[std::size_t(other)][lane] = 3 * mesh.tets[std::size_t(in.tet)][std::size_t(b)];
             for (int c = 0; c < 3; ++c) slot.gradient[std::size_t(3 * other + c)].set(lane, g(c, b));
             ++other;
           }
@@ -113,20 +113,12 @@ std::array<Lanes, 3> VertexLanes<Material>::places(const Batch& batch, const Pos
 
 template <DilatationalMaterial Material>
 std::array<Lanes, 9> VertexLanes<Material>::deformation(const std::array<Lanes, 3>& self, const Slot& slot, const Positions& x) {
-  const double* at = x.data();
+  std::array<std::array<Lanes, 3>, 3> edge;
+  for (std::size_t b = 0; b < 3; ++b)
+    for (std::size_t i = 0; i < 3; ++i) edge[b][i] = Lanes::gathered(x.data() + i, slot.node[b]) - self[i];
   std::array<Lanes, 9> F;
-  for (std::size_t b = 0; b < 3; ++b) {
-    std::array<Lanes, 3> edge;
-    for (std::size_t lane = 0; lane < width; ++lane)
-      for (std::size_t c = 0; c < 3; ++c) edge[c].set(lane, at[3 * std::size_t(slot.node[b][lane]) + c]);
-    for (std::size_t i = 0; i < 3; ++i) {
-      edge[i] -= self[i];
-      for (std::size_t j = 0; j < 3; ++j) {
-        if (b == 0) F[i + 3 * j] = edge[i] * slot.gradient[j];
-        else F[i + 3 * j] += edge[i] * slot.gradient[3 * b + j];
-      }
-    }
-  }
+  for (std::size_t j = 0; j < 3; ++j)
+    for (std::size_t i = 0; i < 3; ++i) F[i + 3 * j] = edge[0][i] * slot.gradient[j] + edge[1][i] * slot.gradient[3 + j] + edge[2][i] * slot.gradient[6 + j];
   return F;
 }
 
