@@ -106,7 +106,8 @@ TEST_CASE("vertex blocks are the derivatives of the energy by one node, for ever
 TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid motion") {
   const TetMesh mesh = small_mesh<LinearTet>();
   const VertexElasticity<StableNeoHookean, LinearTet> vertices(mesh, {1e5, 2e6}, {});
-  const auto [x, start] = moved(mesh);
+  const auto [x, begin] = moved(mesh);
+  const Positions start = begin;   // clang 14 does not capture bindings
   const double rate = 300.0;
   const auto dissipation = [&](const Positions& at) {   // ½ η/Δt Σ V |C − C₀|²
     double sum = 0.0;

@@ -1,16 +1,11 @@
 #pragma once
 
 #include "lumo/mechanics/contact_set.hpp"
+#include "lumo/mechanics/friction.hpp"
 #include "lumo/mechanics/press_system.hpp"
 #include "lumo/mechanics/state.hpp"
 
 namespace lumo {
-
-/// Friction on the body's nodes [N], and what of its reaction pushes the indenter back along its way.
-struct FrictionForces {
-  std::vector<Vec3> on_nodes;   ///< per mesh node; empty: none
-  double push_N = 0.0;
-};
 
 /// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
 /// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.

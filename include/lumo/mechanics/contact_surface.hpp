@@ -152,6 +152,15 @@ struct Moving {
 
 namespace detail {
 
+// What a contact without friction would answer.
+struct NoFriction {
+  struct Answer {
+    Vec3 traction;
+    Mat3 stiffness;
+  };
+  Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+};
+
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
 template <class Tool, class Visit>
@@ -172,9 +181,10 @@ using SeenGaps = std::vector<std::vector<double>>;
 
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
-template <ContactHandler Contact, class Tool>
+/// Friction, where a history of it is given, enters forces but not the energy.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
-                               const SeenGaps* seen = nullptr) {
+                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
     const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
@@ -182,7 +192,10 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
     if (gamma >= 0.0) return;
     const ContactResponse r = contact.respond(gamma);
     sums.energy += p.weight_m2 * r.energy;
-    const Vec3 traction = p.weight_m2 * (r.pressure + r.stiffness * (gamma - gap)) * rigid.sample(at).gradient;
+    const double pressure = r.pressure + r.stiffness * (gamma - gap);
+    const Vec3 normal = rigid.sample(at).gradient;
+    Vec3 traction = p.weight_m2 * pressure * normal;
+    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
     sums.push_N += traction.dot(rigid.direction);
     if (!force) return;
     for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
@@ -191,9 +204,9 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool>
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr) {
+                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
@@ -217,7 +230,8 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
     }
     const DistanceSample d = rigid.sample(at);
     const ContactResponse r = contact.respond(gamma);
-    const Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
     sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
     for (std::size_t a = 0; a < nodes; ++a) {
       for (std::size_t b = 0; b < nodes; ++b)
