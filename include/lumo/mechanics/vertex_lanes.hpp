@@ -45,21 +45,43 @@ class VertexLanes {
   struct Slot {
     std::array<Lanes, 9> gradient;
     Lanes weight;
+    Lanes area_scale;   // signed 1/(6 V): the opposite face's doubled area vector times it is the slope of det F by the vertex
     std::array<std::array<int, width>, 3> node;   // times three: where its x is
   };
   // Where a batch's vertices are.
   static std::array<Lanes, 3> places(const Batch& batch, const Positions& x);
-  // F, column by column, of vertices at `self`.
-  static std::array<Lanes, 9> deformation(const std::array<Lanes, 3>& self, const Slot& slot, const Positions& x);
-  static std::array<Lanes, 6> squares(const std::array<Lanes, 9>& F);
+  // From vertices at `self` to the slot's other nodes.
+  using Edges = std::array<std::array<Lanes, 3>, 3>;
+  [[gnu::always_inline]] static Edges edges(const std::array<Lanes, 3>& self, const Slot& slot, const Positions& x) {
+    Edges e;
+    for (std::size_t b = 0; b < 3; ++b)
+      for (std::size_t i = 0; i < 3; ++i) e[b][i] = Lanes::gathered(x.data() + i, slot.node[b]) - self[i];
+    return e;
+  }
+  // F, column by column.
+  [[gnu::always_inline]] static std::array<Lanes, 9> deformation(const Edges& e, const Slot& slot) {
+    std::array<Lanes, 9> F;
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t i = 0; i < 3; ++i) F[i + 3 * j] = e[0][i] * slot.gradient[j] + e[1][i] * slot.gradient[3 + j] + e[2][i] * slot.gradient[6 + j];
+    return F;
+  }
+  [[gnu::always_inline]] static std::array<Lanes, 6> squares(const std::array<Lanes, 9>& F) {
+    const auto dot = [&](std::size_t i, std::size_t j) -> Lanes { return F[3 * i] * F[3 * j] + F[3 * i + 1] * F[3 * j + 1] + F[3 * i + 2] * F[3 * j + 2]; };
+    return {dot(0, 0), dot(1, 1), dot(2, 2), dot(0, 1), dot(0, 2), dot(1, 2)};
+  }
   // Gradient of the vertex's own shape function.
   static std::array<Lanes, 3> own_gradient(const Slot& slot) {
     std::array<Lanes, 3> g;
     for (std::size_t j = 0; j < 3; ++j) g[j] = -(slot.gradient[j] + slot.gradient[3 + j] + slot.gradient[6 + j]);
     return g;
   }
-  // det F, and cof F applied to g.
-  static Lanes dilation(const std::array<Lanes, 9>& F, const std::array<Lanes, 3>& g, std::array<Lanes, 3>& c);
+  // det F and its slope c by the vertex's place, cof F applied to its gradient: the doubled area vector of the opposite face.
+  [[gnu::always_inline]] static Lanes dilation(const Edges& e, const Lanes& scale, std::array<Lanes, 3>& c) {
+    std::array<Lanes, 3> a, b;
+    for (std::size_t i = 0; i < 3; ++i) a[i] = e[1][i] - e[0][i], b[i] = e[2][i] - e[0][i];
+    for (std::size_t i = 0; i < 3; ++i) c[i] = scale * (a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]);
+    return -(c[0] * e[0][0] + c[1] * e[0][1] + c[2] * e[0][2]);
+  }
 
   Material material_;
   std::vector<std::vector<Batch>> batches_;
@@ -84,12 +106,16 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
           const bool real = batch.vertex[lane] >= 0 && k < at.size();
           const auto& in = at[std::min(k, at.size() - 1)];
           const auto& g = elasticity.gradient(in.tet, 0);
+          std::array<Vec3, 3> at_rest;
           for (int b = 0, other = 0; b < 4; ++b) {
             if (b == in.place) continue;
+            at_rest[std::size_t(other)] = mesh.nodes[std::size_t(mesh.tets[std::size_t(in.tet)][std::size_t(b)])];
             slot.node[std::size_t(other)][lane] = 3 * mesh.tets[std::size_t(in.tet)][std::size_t(b)];
             for (int c = 0; c < 3; ++c) slot.gradient[std::size_t(3 * other + c)].set(lane, g(c, b));
             ++other;
           }
+          const Vec3 area = (at_rest[1] - at_rest[0]).cross(at_rest[2] - at_rest[0]);
+          slot.area_scale.set(lane, area.dot(g.col(in.place)) / area.squaredNorm());   // at rest the slope is the vertex's own gradient
           slot.weight.set(lane, real ? elasticity.weight(in.tet, 0) : 0.0);
         }
         slots_.push_back(slot);
@@ -112,35 +138,6 @@ std::array<Lanes, 3> VertexLanes<Material>::places(const Batch& batch, const Pos
 }
 
 template <DilatationalMaterial Material>
-std::array<Lanes, 9> VertexLanes<Material>::deformation(const std::array<Lanes, 3>& self, const Slot& slot, const Positions& x) {
-  std::array<std::array<Lanes, 3>, 3> edge;
-  for (std::size_t b = 0; b < 3; ++b)
-    for (std::size_t i = 0; i < 3; ++i) edge[b][i] = Lanes::gathered(x.data() + i, slot.node[b]) - self[i];
-  std::array<Lanes, 9> F;
-  for (std::size_t j = 0; j < 3; ++j)
-    for (std::size_t i = 0; i < 3; ++i) F[i + 3 * j] = edge[0][i] * slot.gradient[j] + edge[1][i] * slot.gradient[3 + j] + edge[2][i] * slot.gradient[6 + j];
-  return F;
-}
-
-template <DilatationalMaterial Material>
-std::array<Lanes, 6> VertexLanes<Material>::squares(const std::array<Lanes, 9>& F) {
-  const auto dot = [&](std::size_t i, std::size_t j) -> Lanes { return F[3 * i] * F[3 * j] + F[3 * i + 1] * F[3 * j + 1] + F[3 * i + 2] * F[3 * j + 2]; };
-  return {dot(0, 0), dot(1, 1), dot(2, 2), dot(0, 1), dot(0, 2), dot(1, 2)};
-}
-
-template <DilatationalMaterial Material>
-Lanes VertexLanes<Material>::dilation(const std::array<Lanes, 9>& F, const std::array<Lanes, 3>& g, std::array<Lanes, 3>& c) {
-  Lanes J;
-  for (std::size_t i = 0; i < 3; ++i) {
-    const std::size_t p = (i + 1) % 3, q = (i + 2) % 3;
-    const Lanes first = F[p + 3] * F[q + 6] - F[q + 3] * F[p + 6];   // column 0 of the cofactor
-    J += F[i] * first;
-    c[i] = first * g[0] + (F[p + 6] * F[q] - F[q + 6] * F[p]) * g[1] + (F[p] * F[q + 3] - F[q] * F[p + 3]) * g[2];
-  }
-  return J;
-}
-
-template <DilatationalMaterial Material>
 std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(const Batch& batch, const Positions& x,
                                                                                        const std::array<Vec3, width>& steps) const {
   std::array<double, width> part;
@@ -151,7 +148,7 @@ std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible
   const std::array<Lanes, 3> self = places(batch, x);
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     std::array<Lanes, 3> c;
-    const Lanes J = dilation(deformation(self, slots_[k], x), own_gradient(slots_[k]), c);
+    const Lanes J = dilation(edges(self, slots_[k], x), slots_[k].area_scale, c);
     const Lanes slope = c[0] * step[0] + c[1] * step[1] + c[2] * step[2];
     for (std::size_t lane = 0; lane < width; ++lane)
       if (J[lane] + part[lane] * slope[lane] < 0.1 * J[lane]) part[lane] = -0.9 * J[lane] / slope[lane];
@@ -162,7 +159,7 @@ std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible
 template <DilatationalMaterial Material>
 void VertexLanes<Material>::remember(const Batch& batch, const Positions& x, Start& start) const {
   const std::array<Lanes, 3> self = places(batch, x);
-  for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = squares(deformation(self, slots_[k], x));
+  for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = squares(deformation(edges(self, slots_[k], x), slots_[k]));
 }
 
 template <DilatationalMaterial Material>
@@ -174,11 +171,12 @@ void VertexLanes<Material>::add(const Batch& batch, const Positions& x, const St
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     const Slot& slot = slots_[k];
-    const std::array<Lanes, 9> F = deformation(self, slot, x);
+    const Edges e = edges(self, slot, x);
+    const std::array<Lanes, 9> F = deformation(e, slot);
     const std::array<Lanes, 3> g = own_gradient(slot);
     std::array<Lanes, 3> Fg, c;
     for (std::size_t i = 0; i < 3; ++i) Fg[i] = F[i] * g[0] + F[i + 3] * g[1] + F[i + 6] * g[2];
-    const DilatationSample<Lanes> h = material_.dilatation(dilation(F, g, c));
+    const DilatationSample<Lanes> h = material_.dilatation(dilation(e, slot.area_scale, c));
     const Lanes square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
     const Lanes push = slot.weight * h.stress, stretch = mu * slot.weight, bulk = slot.weight * h.stiffness;
     for (std::size_t i = 0; i < 3; ++i) {
