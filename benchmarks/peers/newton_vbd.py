@@ -2,12 +2,13 @@
 """Newton's vertex block descent beside lumo's: one mesh of linear tetrahedra, one schedule, Newton's own color groups and predictor.
 
 usage: benchmarks/peers/newton_vbd.py [--lumo build/release/benchmarks/lumo_newton_vbd] [--edges 2,1.5] [--sweeps 10] [--loads 1,2,5]
-                                      [--hold 0.2] [--stiffness 1000] [--viscosity 10] [--friction 0,0.5] [--out FILE]
+                                      [--hold 0.2] [--stiffness 1000] [--viscosity 10] [--friction 0,0.5] [--interior] [--out FILE]
 
 Newton (CPU, one thread, steps replayed from a captured graph) presses a sphere of 10 mm into the baseline finger: 5 mm/s until each load
 is met, then a hold. lumo goes through the same advances. The table has, per recorded state, the contact forces of both (the relative
 difference over all steps in contact, largest and at the state), the largest distance between vertices over the pad's height, and the
-CPU time of a sweep per vertex. What remains between them is float32 against float64.
+CPU time of a sweep per vertex. What remains between them is float32 against float64. Newton lets every vertex touch the sphere, also those
+below the surface, which a dent between coarse vertices reaches: they are taken out of its list of pairs unless --interior keeps them.
 """
 import argparse
 import pathlib
@@ -21,10 +22,17 @@ import numpy as np
 DT, SPEED, RADIUS, DENSITY, MU, LAMBDA = 0.01, 5e-3, 5e-3, 1070.0, 106.0e3, 10.494e6
 
 
+def surface_vertices(tets):
+    """Vertices of the triangles that belong to one tetrahedron only."""
+    sides = np.sort(np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]]), axis=1)
+    sides, count = np.unique(sides, axis=0, return_counts=True)
+    return np.unique(sides[count == 1])
+
+
 class Newton:
     """The finger, bonded at the carrier, and a kinematic sphere."""
 
-    def __init__(self, nodes, tets, bonded, touch, *, sweeps, stiffness, viscosity, friction):
+    def __init__(self, nodes, tets, bonded, touch, *, sweeps, stiffness, viscosity, friction, interior=False):
         import newton
         import warp as wp
 
@@ -47,6 +55,11 @@ class Newton:
         model.soft_contact_ke, model.soft_contact_kd, model.soft_contact_mu = stiffness, 0.0, friction
         self.model, self.colors = model, [g.numpy() for g in model.particle_color_groups]
         self.pipeline = newton.CollisionPipeline(model, soft_contact_gap=1e-3)
+        if not interior:
+            pairs = self.pipeline.soft_rigid_contact_pairs.numpy()
+            pairs = pairs[np.isin(pairs[:, 0], surface_vertices(tets))]
+            self.pipeline.soft_rigid_contact_pairs = wp.array(pairs, dtype=wp.vec2i, device="cpu")
+            self.pipeline._soft_contact_pair_count = len(pairs)
         self.contacts = self.pipeline.contacts()
         self.solver = newton.solvers.SolverVBD(model, iterations=sweeps)
         kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
@@ -97,7 +110,7 @@ def compare(driver, edge, friction, args):
         tets = np.fromfile(folder / "tets.i32", dtype=np.int32).reshape(-1, 4)
         bonded = np.fromfile(folder / "bonded.i32", dtype=np.int32)
         peer = Newton(nodes, tets, bonded, np.fromfile(folder / "touch.f64"), sweeps=args.sweeps, stiffness=args.stiffness, viscosity=args.viscosity,
-                      friction=friction)
+                      friction=friction, interior=args.interior)
         (folder / "colors.txt").write_text("\n".join(" ".join(map(str, g)) for g in peer.colors) + "\n")
         schedule, forces, states, depths, met = [], [], [], [], []
         for load in args.loads:
@@ -150,6 +163,7 @@ def main():
     parser.add_argument("--stiffness", type=float, default=1000.0, help="contact stiffness of a vertex in N/m")
     parser.add_argument("--viscosity", type=float, default=10.0, help="Pa s")
     parser.add_argument("--friction", type=numbers(float), default=[0.0, 0.5])
+    parser.add_argument("--interior", action="store_true", help="Newton's own contact pairs, vertices below the surface among them")
     parser.add_argument("--out", type=pathlib.Path, help="also write the table here")
     args = parser.parse_args()
     lines = ["| edge mm | vertices | friction | load N | depth mm | met N | Newton N | lumo N | force differs % | at worst % | vertices apart / height | "
