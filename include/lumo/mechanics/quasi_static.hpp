@@ -14,6 +14,7 @@
 
 namespace lumo {
 
+/// Settings of the quasi-static solver.
 struct QuasiStaticConfig {
   double residual_tolerance = 1e-7;   ///< of the load
   int max_iterations = 200;           ///< factorisations per load
