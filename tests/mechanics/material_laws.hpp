@@ -4,6 +4,8 @@
 #include "lumo/mechanics/material.hpp"
 
 #include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
 #include <random>
 
 // One suite for every hyperelastic material: the laws that stand beside the concept.
@@ -46,6 +48,32 @@ void check_material_laws(const M& m) {
       for (int j = 0; j < 9; ++j) CHECK(slope.data()[j] == Approx(A(j, i)).margin(2e-7 * scale).epsilon(1e-7));
     }
     CHECK((A - A.transpose()).norm() < 1e-12 * A.norm());
+    CHECK(first_piola(m, Q).norm() < 1e-10 * scale);
+  }
+  // Small strain: an isotropic tangent whose shear modulus is the one that the material names.
+  const Mat9 A = elasticity_tangent(m, Mat3::Identity());
+  const double mu = m.shear_modulus(), lambda = A(0, 4);
+  Mat9 hooke = Mat9::Zero();
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      hooke(4 * i, 4 * j) += lambda;
+      hooke(i + 3 * j, i + 3 * j) += mu;
+      hooke(i + 3 * j, j + 3 * i) += mu;
+    }
+  CHECK((A - hooke).norm() < 1e-12 * A.norm());
+  // Inside out: no bound on the energy, or a finite one with the stress that belongs to it. Never NaN.
+  for (double squeeze : {-0.3, -1e-3, 0.0}) {
+    const Mat3 F = random_rotation(random) * Mat3(Vec3(squeeze, 1.1, 0.9).asDiagonal());
+    const double w = energy_density(m, F);
+    if (w == std::numeric_limits<double>::infinity()) continue;
+    REQUIRE(std::isfinite(w));
+    const double h = 1e-6;
+    const Mat3 P = first_piola(m, F);
+    for (int i = 0; i < 9; ++i) {
+      Mat3 up = F, down = F;
+      up.data()[i] += h, down.data()[i] -= h;
+      CHECK((energy_density(m, up) - energy_density(m, down)) / (2 * h) == Approx(P.data()[i]).margin(1e-7 * scale));
+    }
   }
   for (double J : {0.6, 0.9, 1.0, 1.2, 2.0}) {
     const double h = 1e-6;

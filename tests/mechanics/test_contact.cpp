@@ -1,52 +1,21 @@
 #include "bodies.hpp"
 #include "catch.hpp"
+#include "indenter_laws.hpp"
 #include "lumo/mechanics/carrier.hpp"
 #include "lumo/mechanics/contact_set.hpp"
 #include "lumo/mechanics/first_touch.hpp"
 #include "lumo/morphology/finger.hpp"
 
 #include <Eigen/Dense>
-#include <random>
 
 using namespace lumo;
 
 static_assert(!Indenter<int>);
 static_assert(!ContactHandler<double>);
 
-namespace {
-
-template <class Thing>
-void check_distance_laws(const Thing& thing, double size) {
-  std::mt19937 random(3);
-  std::uniform_real_distribution<double> u(-size, size);
-  int compared = 0;
-  for (int k = 0; k < 200; ++k) {
-    const Vec3 p(u(random), u(random), u(random)), q(u(random), u(random), u(random));
-    CHECK(std::abs(thing.distance(p) - thing.distance(q)) <= (p - q).norm() * (1 + 1e-12));
-    const DistanceSample d = thing.sample(p);
-    CHECK(d.distance == Approx(thing.distance(p)).margin(1e-15));
-    CHECK(d.gradient.norm() == Approx(1.0));
-    const double h = 1e-5 * size;
-    bool smooth = true;
-    for (int i = 0; i < 3; ++i)
-      for (double sign : {-2.0, 2.0}) smooth = smooth && (thing.sample(p + sign * h * Vec3::Unit(i)).gradient - d.gradient).norm() < 1e-3;
-    if (!smooth) continue;  // edges of a box
-    ++compared;
-    for (int i = 0; i < 3; ++i) {
-      const Vec3 step = h * Vec3::Unit(i);
-      CHECK((thing.distance(p + step) - thing.distance(p - step)) / (2 * h) == Approx(d.gradient[i]).margin(1e-7));
-      const Vec3 bend = (thing.sample(p + step).gradient - thing.sample(p - step).gradient) / (2 * h);
-      CHECK((bend - d.hessian.col(i)).norm() < 1e-5 / size);
-    }
-  }
-  CHECK(compared > 100);
-}
-
-}  // namespace
-
 TEST_CASE("distance fields obey the laws of an indenter") {
-  check_distance_laws(Sphere{10e-3}, 20e-3);
-  check_distance_laws(Carrier{{{{0, 0, -5e-3}, {15e-3, 30e-3, 5e-3}}, {{0, 0, 0}, {4e-3, 30e-3, 5e-3}}}}, 30e-3);
+  test::check_distance_laws(Sphere{10e-3}, 20e-3);
+  test::check_distance_laws(Carrier{{{{0, 0, -5e-3}, {15e-3, 30e-3, 5e-3}}, {{0, 0, 0}, {4e-3, 30e-3, 5e-3}}}}, 30e-3);
 }
 
 TEST_CASE("the penalty's pressure and stiffness are derivatives of its energy, and nothing acts across a gap") {

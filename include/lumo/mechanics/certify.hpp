@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/mechanics/contact_set.hpp"
+#include "lumo/mechanics/friction.hpp"
 #include "lumo/mechanics/press_system.hpp"
 #include "lumo/mechanics/state.hpp"
 
@@ -8,9 +9,10 @@ namespace lumo {
 
 /// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
 /// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
+/// Friction depends on the way that was taken and is given.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement) {
+                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement, const FrictionForces& friction = {}) {
   std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
@@ -38,18 +40,19 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + displacement[k];
   const Carrier carrier{body.carrier};
-  double push = 0.0;
+  double push = friction.push_N;
+  for (std::size_t k = 0; k < friction.on_nodes.size(); ++k) force[k] -= friction.on_nodes[k];
   const auto press = [&](const ContactSurface& surface, const auto& rigid, bool is_indenter) {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (const SurfacePoint& p : surface.points(f)) {
         const DistanceSample d = rigid.sample(surface.position(f, p, x));
         const Vec3 traction = contact.respond(d.distance).pressure * d.gradient;
-        if (is_indenter) push += p.area_m2 * traction.dot(direction);
-        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.area_m2 * p.shape[k] * traction;
+        if (is_indenter) push += p.weight_m2 * traction.dot(direction);
+        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.weight_m2 * p.shape[k] * traction;
       }
   };
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }), Moving<Tool>{&tool, origin, direction}, true);
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }), Moving<Carrier>{&carrier, Vec3::Zero(), direction}, false);
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }, contact), Moving<Tool>{&tool, origin, direction}, true);
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact), Moving<Carrier>{&carrier, Vec3::Zero(), direction}, false);
   for (const BoundaryFace& f : mesh.faces)
     if (body.patches[std::size_t(f.patch)].bonded)
       for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();

@@ -13,7 +13,8 @@ struct ContactResponse {
   double stiffness;
 };
 
-/// A frictionless contact law between the body's surface and a rigid surface.
+/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`, Coulomb's coefficient, and
+/// acts all over the surface unless it has `points`.
 /// Laws: no pressure at gaps ≥ 0; pressure ≥ 0; pressure and stiffness are the derivatives of the energy.
 template <class C>
 concept ContactHandler = requires(const C& contact, double gap) {
@@ -22,10 +23,34 @@ concept ContactHandler = requires(const C& contact, double gap) {
   validate(contact);
 };
 
+/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
+enum class ContactPoints { surface, vertices };
+
+template <ContactHandler Contact>
+constexpr ContactPoints contact_points() {
+  if constexpr (requires { { Contact::points } -> std::convertible_to<ContactPoints>; }) return Contact::points;
+  else return ContactPoints::surface;
+}
+
+/// Coulomb's coefficient of a law; 0 where it has none.
+template <ContactHandler Contact>
+double friction_coefficient(const Contact& contact) {
+  if constexpr (requires { contact.friction; }) return contact.friction;
+  else return 0.0;
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact>
+double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
+}
+
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;             ///< Coulomb's coefficient
 
   ContactResponse respond(double gap) const {
     if (gap >= 0.0) return {0.0, 0.0, 0.0};
@@ -33,7 +58,10 @@ struct SDFContact {
   }
 };
 
-inline void validate(const SDFContact& c) { require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3"); }
+inline void validate(const SDFContact& c) {
+  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
+  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+}
 
 static_assert(ContactHandler<SDFContact>);
 
@@ -43,6 +71,8 @@ struct Firmness {
   const Contact* law;
   double factor;
   double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
+  double friction = friction_coefficient(*law);
+  static constexpr ContactPoints points = contact_points<Contact>();
 
   ContactResponse respond(double gap) const {
     const ContactResponse r = law->respond(gap);

@@ -171,7 +171,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
         area[node] += p.area_m2 * p.hat[k];
-        c.pressure_Pa[node] += p.area_m2 * p.hat[k] * contact.respond(g).pressure;
+        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
       }
     }
   for (std::size_t k = 0; k < n; ++k) {

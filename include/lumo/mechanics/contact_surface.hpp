@@ -7,6 +7,7 @@
 #include "lumo/morphology/body.hpp"
 
 #include <algorithm>
+#include <utility>
 #include <vector>
 
 namespace lumo {
@@ -15,6 +16,7 @@ namespace lumo {
 struct SurfacePoint {
   std::array<double, 6> shape;
   double area_m2;
+  double weight_m2;             ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
   int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
   std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
 };
@@ -28,11 +30,17 @@ inline const std::array<std::array<int, 3>, 4>& face_parts() {
 /// Part of a mesh's surface that may come into contact, with its quadrature.
 class ContactSurface {
  public:
-  /// Faces of the patches for which `chosen` holds.
+  /// Faces of the patches for which `chosen` holds, with points inside them.
   template <class Choose>
   ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
     for (const BoundaryFace& f : mesh.faces)
       if (chosen(body.patches[std::size_t(f.patch)])) add(f);
+  }
+
+  /// The same with the points that a contact law wants.
+  template <class Choose, ContactHandler Contact>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law) : ContactSurface(mesh, body, chosen) {
+    if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
   }
 
   std::size_t size() const { return faces_.size(); }
@@ -61,6 +69,7 @@ class ContactSurface {
 
  private:
   void add(const BoundaryFace& face);
+  void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
   std::vector<BoundaryFace> faces_;
@@ -100,11 +109,34 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
         }
         p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        p.weight_m2 = p.area_m2;
         points.push_back(p);
       }
   }
   faces_.push_back(face);
   points_.push_back(std::move(points));
+}
+
+// Every node once, on the first face that has it, with all of its area.
+inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
+  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  std::vector<char> done(mesh_->nodes.size(), 0);
+  const auto corners = [&](int part) { return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2}; };
+  for (std::size_t f = 0; f < faces_.size(); ++f)
+    for (const SurfacePoint& p : points_[f])
+      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    points_[f].clear();
+    for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        if (std::exchange(done[node], char(1))) continue;
+        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        p.shape[local] = 1.0;
+        p.hat[k] = 1.0;
+        points_[f].push_back(p);
+      }
+  }
 }
 
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
@@ -119,6 +151,15 @@ struct Moving {
 };
 
 namespace detail {
+
+// What a contact without friction would answer.
+struct NoFriction {
+  struct Answer {
+    Vec3 traction;
+    Mat3 stiffness;
+  };
+  Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+};
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
@@ -140,17 +181,21 @@ using SeenGaps = std::vector<std::vector<double>>;
 
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
-template <ContactHandler Contact, class Tool>
+/// Friction, where a history of it is given, enters forces but not the energy.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
-                               const SeenGaps* seen = nullptr) {
+                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
     const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
     if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
     if (gamma >= 0.0) return;
     const ContactResponse r = contact.respond(gamma);
-    sums.energy += p.area_m2 * r.energy;
-    const Vec3 traction = p.area_m2 * (r.pressure + r.stiffness * (gamma - gap)) * rigid.sample(at).gradient;
+    sums.energy += p.weight_m2 * r.energy;
+    const double pressure = r.pressure + r.stiffness * (gamma - gap);
+    const Vec3 normal = rigid.sample(at).gradient;
+    Vec3 traction = p.weight_m2 * pressure * normal;
+    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
     sums.push_N += traction.dot(rigid.direction);
     if (!force) return;
     for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
@@ -159,9 +204,9 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool>
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr) {
+                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
@@ -185,7 +230,8 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
     }
     const DistanceSample d = rigid.sample(at);
     const ContactResponse r = contact.respond(gamma);
-    const Mat3 block = p.area_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
     sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
     for (std::size_t a = 0; a < nodes; ++a) {
       for (std::size_t b = 0; b < nodes; ++b)

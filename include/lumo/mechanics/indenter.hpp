@@ -14,7 +14,8 @@ struct DistanceSample {
   Mat3 hessian;      ///< [1/m]
 };
 
-/// A rigid tool, given by its signed distance field in its own frame (origin at its centre).
+/// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a ball about the origin
+/// that holds it.
 /// Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives match finite differences.
 template <class T>
 concept Indenter = requires(const T& tool, const Vec3& p) {
@@ -23,6 +24,13 @@ concept Indenter = requires(const T& tool, const Vec3& p) {
   { tool.radius_m() } -> std::convertible_to<double>;
   validate(tool);
 };
+
+/// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's radius. Only a scale for first guesses.
+template <Indenter Tool>
+double contact_radius(const Tool& tool) {
+  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
+  else return tool.radius_m();
+}
 
 /// Rigid sphere.
 struct Sphere {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/lanes.hpp"
 #include "lumo/core/types.hpp"
 
 #include <Eigen/LU>
@@ -25,6 +26,19 @@ concept HyperelasticMaterial = requires(const M& m, const Mat3& F, double J) {
   { m.volumetric(J) } -> std::convertible_to<VolumetricSample>;
   { m.shear_modulus() } -> std::convertible_to<double>;
   validate(m);
+};
+
+/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or arrays of them.
+template <class T>
+struct DilatationSample {
+  T stress;
+  T stiffness;
+};
+
+/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many elements at once.
+template <class M>
+concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const Lanes& J) {
+  { m.dilatation(J) } -> std::same_as<DilatationSample<Lanes>>;
 };
 
 /// Derivative of det F by F: the cofactor matrix.

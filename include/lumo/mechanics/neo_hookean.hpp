@@ -32,6 +32,12 @@ struct NeoHookean {
     const double l = std::log(J);
     return {0.5 * lambda * l * l, lambda * l / J, lambda * (1.0 - l) / (J * J)};
   }
+  template <class T>
+  DilatationSample<T> dilatation(const T& J) const {
+    using std::log;
+    const T l = log(J);
+    return {(lambda * l - mu) / J, (lambda * (1.0 - l) + mu) / (J * J)};
+  }
 };
 
 inline void validate(const NeoHookean& m) {
@@ -39,6 +45,6 @@ inline void validate(const NeoHookean& m) {
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
 
-static_assert(HyperelasticMaterial<NeoHookean>);
+static_assert(HyperelasticMaterial<NeoHookean> && DilatationalMaterial<NeoHookean>);
 
 }  // namespace lumo

@@ -4,6 +4,7 @@
 #include "lumo/mechanics/contact_surface.hpp"
 #include "lumo/mechanics/equations.hpp"
 #include "lumo/mechanics/first_touch.hpp"
+#include "lumo/mechanics/friction.hpp"
 #include "lumo/mechanics/solid.hpp"
 
 #include <map>
@@ -32,8 +33,8 @@ struct SectorModel {
 
   SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
       : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
-        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }),
-        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }), carrier{b.carrier} {
+        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
       if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
@@ -55,6 +56,8 @@ struct PressSystem {
   Vec3 origin;      ///< of the indenter at first touch
   Vec3 direction;
   double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
+  const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
+  const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
 
   Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
@@ -94,8 +97,8 @@ struct PressSystem {
   Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr);
-    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr);
+    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
+    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
     Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
@@ -125,9 +128,9 @@ struct PressSystem {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
-                                                seen ? &seen->touch : nullptr);
+                                                seen ? &seen->touch : nullptr, touch_friction);
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr);
+      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr, rest_friction);
     }
   }
 

@@ -8,10 +8,22 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <utility>
 #include <vector>
 
 namespace lumo {
+
+/// Settings of the quasi-static solver.
+struct QuasiStaticConfig {
+  double residual_tolerance = 1e-7;   ///< of the load
+  int max_iterations = 200;           ///< factorisations per load
+  int stride_iterations = 40;         ///< factorisations before a stride is cut
+  double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+  double load_stride = 1.6;           ///< loads in between are at most this factor apart
+  double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
+  double time_limit_s = 1e9;          ///< per scenario, wall clock
+};
 
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly (model: solver policy
 /// "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
@@ -27,24 +39,29 @@ namespace lumo {
 /// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
 /// equilibrium.
 ///
+/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so that it stays symmetric:
+/// convergence is linear, and states depend on the strides that lead to them.
+///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
+template <LinearSolver Linear = EigenCholesky>
 struct QuasiStatic {
-  struct Config {
-    double residual_tolerance = 1e-7;   ///< of the load
-    int max_iterations = 200;           ///< factorisations per load
-    int stride_iterations = 40;         ///< factorisations before a stride is cut
-    double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-    double load_stride = 1.6;           ///< loads in between are at most this factor apart
-    double max_advance = 0.2;           ///< largest advance in one step, in indenter radii
-    double time_limit_s = 1e9;          ///< per scenario, wall clock
-  };
+  template <class Material, class Contact, class Element>
+  using Model = SectorModel<Material, Contact, Element, Linear>;
+  using Config = QuasiStaticConfig;
+  static constexpr bool uses_symmetry = true;
   Config config = {};
+
+  template <class Material, class Contact, class Element>
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+                                                           const Element& element) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
+  }
 
   /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no further one is tried
   /// (it carries the reason).
-  template <class Model, Indenter Tool>
-  std::vector<MechanicalState> run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const;
+  template <class SomeModel, Indenter Tool>
+  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
 
 namespace detail {
@@ -52,9 +69,10 @@ namespace detail {
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStatic::Config& config)
+  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations), linear_(model.blocks.front().analysed), now_{positions_of(model.sector.mesh), 0.0},
+        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()),
         deadline_(std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
                                                          std::chrono::duration<double>(std::min(config.time_limit_s, 1e6)))) {}
 
@@ -62,6 +80,7 @@ class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     const typename System::Place start = now_;
+    const FrictionHistory touched_before = touched_, rested_before = rested_;
     const double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
@@ -69,11 +88,13 @@ class QuasiStaticRun {
       const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
+        touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
+        rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, load_ = from;   // what was reached loosely on the way may be what led astray
+      now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
@@ -83,17 +104,20 @@ class QuasiStaticRun {
 
   const Positions& positions() const { return now_.x; }
   double advance() const { return now_.advance; }
+  /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
+  FrictionForces friction() const;
   int iterations = 0;
 
  private:
   using System = PressSystem<Model, Tool>;
   static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
+  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom change between sticking and sliding
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
-  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
+  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
   double hertz_area(double load) const {
     const double share = model_.sector.fraction(), whole = load / share;
-    return share * pi * std::pow(3.0 * whole * system_.tool.radius_m() / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
+    return share * pi * std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -116,6 +140,7 @@ class QuasiStaticRun {
   Status touch_down(double load, double tolerance) {
     system_.firmness = 0.1;
     const Status s = approach(load, loose, hertz_area(load));
+    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
     const double softer = std::exchange(system_.firmness, 1.0);
     return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
   }
@@ -138,6 +163,7 @@ class QuasiStaticRun {
       if (!fresh || r.norm() > config_.chord_contraction * last) {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
+        touched_.turning = rested_.turning = r.norm() < settled * load ? 1.0 : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
         const FactorStatus f = linear_.factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
@@ -185,7 +211,7 @@ class QuasiStaticRun {
     const Eigen::VectorXd du = -z - response_ * ds;
     if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
     const double now = model_.solid.smallest_J(now_.x);
-    double t = std::min(1.0, config_.max_advance * system_.tool.radius_m() / std::max(std::abs(ds), 1e-300));
+    double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, du, 1.0);
     for (int k = 0; k < 20; ++k, t *= 0.5) {
@@ -218,12 +244,13 @@ class QuasiStaticRun {
     return Status::converged;
   }
 
-  QuasiStatic::Config config_;
+  QuasiStaticConfig config_;
   const Model& model_;
   System system_;
   const Equations& eq_;
   std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)> linear_;
   typename System::Place now_, factored_;   // where we are, and where the factor was made
+  FrictionHistory touched_, rested_;        // at the end of the last stride
   std::chrono::steady_clock::time_point deadline_;
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
@@ -231,11 +258,29 @@ class QuasiStaticRun {
   double load_ = 0.0;          // last one that was reached
 };
 
+template <class Model, Indenter Tool>
+FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
+  FrictionForces out;
+  if (touched_.coefficient == 0.0) return out;
+  const Sector& sector = model_.sector;
+  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3::Zero());
+  rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
+  out.push_N = touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes).dot(system_.direction) / sector.fraction();
+  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)   // nodes in a bounding plane have as much on the other side
+    for (int axis = 0; axis < 2; ++axis)
+      if ((axis == 0 ? sector.planes.x : sector.planes.y) && sector.mesh.nodes[k][axis] == 0.0) {
+        out.on_nodes[k] *= 2.0;
+        out.on_nodes[k][axis] = 0.0;
+      }
+  return out;
+}
+
 }  // namespace detail
 
-template <class Model, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  detail::QuasiStaticRun<Model, Tool> path(model, scenario, touch, config);
+template <LinearSolver Linear>
+template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+  detail::QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
   for (double load : scenario.loads_N) {
@@ -246,6 +291,9 @@ std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario
     state.depth_m = path.advance();
     const Positions& x = path.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    FrictionForces friction = path.friction();
+    state.friction_N = std::move(friction.on_nodes);
+    state.friction_push_N = friction.push_N;
     states.push_back(std::move(state));
     if (states.back().status != Status::converged) break;
   }

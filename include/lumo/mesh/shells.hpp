@@ -116,16 +116,20 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
   return shells;
 }
 
-/// How often a shell winds around a point: 1 inside, 0 outside. Source: van Oosterom and Strackee 1983.
+/// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
+inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& from_c, const Vec3& point) {
+  const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
+  const double la = a.norm(), lb = b.norm(), lc = c.norm();
+  return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+}
+
+/// How often a shell winds around a point: 1 inside, 0 outside.
 inline double winding(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
-    const Vec3 a = vertices[static_cast<std::size_t>(corners[0])] - point;
-    const Vec3 b = vertices[static_cast<std::size_t>(corners[1])] - point;
-    const Vec3 c = vertices[static_cast<std::size_t>(corners[2])] - point;
-    const double la = a.norm(), lb = b.norm(), lc = c.norm();
-    angle += 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+    angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
+                         vertices[static_cast<std::size_t>(corners[2])], point);
   }
   return angle / (4.0 * std::numbers::pi);
 }

@@ -1,0 +1,51 @@
+#pragma once
+
+#include "lumo/mechanics/indenter.hpp"
+
+namespace lumo {
+
+namespace detail {
+
+/// Signed distance from p to the box |x| ≤ half about the origin.
+inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
+  const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
+  const Vec3 q = p.cwiseAbs() - half;
+  int axis;
+  if (const double inside = q.maxCoeff(&axis); inside <= 0.0) return {inside, sign[axis] * Vec3::Unit(axis), Mat3::Zero()};
+  const Vec3 out = q.cwiseMax(0.0);
+  const double r = out.norm();
+  const Vec3 n = out / r;
+  Mat3 h = Mat3::Zero();  // only the directions that are outside bend the distance
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
+  return {r, n.cwiseProduct(sign), h};
+}
+
+}  // namespace detail
+
+/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress without limit: round them.
+struct Box {
+  Vec3 size_m = Vec3::Constant(10e-3);
+  double edge_radius_m = 0.5e-3;
+
+  bool operator==(const Box&) const = default;
+
+  double radius_m() const { return 0.5 * size_m.norm(); }
+  double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
+  double distance(const Vec3& p) const { return sample(p).distance; }
+  DistanceSample sample(const Vec3& p) const {
+    DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
+    d.distance -= edge_radius_m;
+    return d;
+  }
+};
+
+inline void validate(const Box& b) {
+  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
+}
+
+static_assert(Indenter<Box>);
+
+}  // namespace lumo

@@ -1,0 +1,48 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/mechanics/isochoric.hpp"
+
+namespace lumo {
+
+/// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
+/// Coefficients must not be negative, so that the energy is convex in Ī₁. The default is Dragon Skin of the paper at small strain.
+struct Yeoh {
+  double c1 = 53.0e3;        ///< [Pa]
+  double c2 = 0.0;           ///< [Pa]
+  double c3 = 0.0;           ///< [Pa]
+  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+
+  double shear_modulus() const { return 2.0 * c1; }
+
+  double distortion_energy(const Mat3& F) const {
+    if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
+    const double s = first_isochoric_invariant(F).value - 3.0;
+    return s * (c1 + s * (c2 + s * c3));
+  }
+  Mat3 distortion_stress(const Mat3& F) const {
+    const InvariantSample I = first_isochoric_invariant(F);
+    return slope(I.value - 3.0) * I.gradient;
+  }
+  Mat9 distortion_tangent(const Mat3& F) const {
+    const InvariantSample I = first_isochoric_invariant(F);
+    const double s = I.value - 3.0;
+    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
+    return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
+  }
+  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+
+ private:
+  double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
+};
+
+inline void validate(const Yeoh& m) {
+  require_positive("Yeoh c1", m.c1, "Pa");
+  require_in_range("Yeoh c2", m.c2, 0.0, 1e12, "Pa");
+  require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
+  require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
+}
+
+static_assert(HyperelasticMaterial<Yeoh>);
+
+}  // namespace lumo

@@ -1,0 +1,192 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/mesh/triangle_surface.hpp"
+
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace lumo {
+
+/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
+/// CAD writes them. Vertices at one place become one. Polygons of an .obj are cut into fans.
+/// Throws InputError when the file cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
+
+namespace detail {
+
+// Words of a text, line by line.
+class SurfaceText {
+ public:
+  SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
+
+  /// The words of the next line that has any, without a comment; none at the end.
+  std::vector<std::string_view> next() {
+    std::vector<std::string_view> words;
+    while (words.empty() && !rest_.empty()) {
+      const std::size_t end = std::min(rest_.find('\n'), rest_.size());
+      std::string_view line = rest_.substr(0, end);
+      rest_.remove_prefix(std::min(end + 1, rest_.size()));
+      ++line_;
+      line = line.substr(0, std::min(line.find('#'), line.size()));
+      for (;;) {
+        const std::size_t begin = line.find_first_not_of(" \t\r");
+        if (begin == std::string_view::npos) break;
+        line.remove_prefix(begin);
+        const std::size_t stop = std::min(line.find_first_of(" \t\r"), line.size());
+        words.push_back(line.substr(0, stop));
+        line.remove_prefix(stop);
+      }
+    }
+    return words;
+  }
+
+  [[noreturn]] void refuse(const std::string& what) const { throw InputError(text("surface file '", name_, "', line ", line_, ": ", what)); }
+
+  template <class Number>
+  Number number(std::string_view word) const {
+    Number value{};
+    if (!word.empty() && word.front() == '+') word.remove_prefix(1);
+    const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", word, "' is no number"));
+    return value;
+  }
+  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
+    if (words.size() < first + 3) refuse("a point needs three coordinates");
+    return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
+  }
+
+ private:
+  std::string_view rest_;
+  std::string name_;
+  int line_ = 0;
+};
+
+inline TriangleSurface read_obj(SurfaceText text) {
+  TriangleSurface s;
+  for (auto words = text.next(); !words.empty(); words = text.next()) {
+    if (words[0] == "v") {
+      if (words.size() != 4 && words.size() != 5 && words.size() != 7) text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
+      s.vertices.push_back(text.point(words, 1));
+    } else if (words[0] == "f") {
+      if (words.size() < 4) text.refuse("a face needs at least 3 corners");
+      std::vector<int> loop;
+      for (std::size_t k = 1; k < words.size(); ++k) {
+        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()), at = n < 0 ? count + n : n - 1;
+        if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
+        loop.push_back(at);
+      }
+      for (std::size_t k = 1; k + 1 < loop.size(); ++k) s.triangles.push_back({loop[0], loop[k], loop[k + 1]});
+    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
+      text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
+    }
+  }
+  return s;
+}
+
+inline TriangleSurface read_stl_text(SurfaceText text) {
+  TriangleSurface s;
+  const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
+    std::size_t k = 0;
+    for (std::string_view w : wanted)
+      if (k >= words.size() || words[k++] != w) text.refuse(detail::text("'", w, "' was expected"));
+  };
+  expect(text.next(), {"solid"});
+  for (;;) {
+    const auto words = text.next();
+    if (!words.empty() && words[0] == "endsolid") break;
+    expect(words, {"facet", "normal"});
+    expect(text.next(), {"outer", "loop"});
+    const int first = int(s.vertices.size());
+    for (int k = 0; k < 3; ++k) {
+      const auto corner = text.next();
+      expect(corner, {"vertex"});
+      if (corner.size() != 4) text.refuse("a vertex has 3 coordinates");
+      s.vertices.push_back(text.point(corner, 1));
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+    expect(text.next(), {"endloop"});
+    expect(text.next(), {"endfacet"});
+  }
+  if (!text.next().empty()) text.refuse("there is more after 'endsolid'; one solid a file");
+  return s;
+}
+
+// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+inline TriangleSurface read_stl_binary(std::string_view bytes) {
+  TriangleSurface s;
+  const auto word = [&](std::size_t at) {
+    std::uint32_t value = 0;
+    for (std::size_t k = 0; k < 4; ++k) value |= std::uint32_t(static_cast<unsigned char>(bytes[at + k])) << (8 * k);
+    return value;
+  };
+  for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
+    const int first = int(s.vertices.size());
+    for (std::size_t k = 0; k < 3; ++k) {
+      Vec3 p;
+      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(word(at + 12 + 12 * k + 4 * std::size_t(i))));
+      s.vertices.push_back(p);
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+  }
+  return s;
+}
+
+// One vertex for each place, in order of first mention.
+inline TriangleSurface welded(const TriangleSurface& loose) {
+  TriangleSurface s;
+  std::map<std::array<double, 3>, int> known;
+  std::vector<int> number;
+  for (const Vec3& v : loose.vertices) {
+    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    if (fresh) s.vertices.push_back(v);
+    number.push_back(it->second);
+  }
+  for (const auto& t : loose.triangles) s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
+  return s;
+}
+
+}  // namespace detail
+
+inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
+  require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
+  const std::string name = path.string(), kind = path.extension().string();
+  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
+  std::ifstream in(path, std::ios::binary);
+  if (!in || std::filesystem::is_directory(path)) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  constexpr std::uintmax_t most = 500'000'000;
+  if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
+    throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
+
+  TriangleSurface s;
+  if (kind == ".obj") {
+    s = detail::read_obj({bytes, name});
+  } else {
+    // A text, too, may begin with any 80 bytes; only the length tells.
+    std::uint64_t count = 0;
+    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
+    else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+  }
+  for (Vec3& v : s.vertices) v *= unit_m;
+  s = detail::welded(s);
+  for (const Vec3& v : s.vertices)
+    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));
+  validate_surface(s);
+  return s;
+}
+
+}  // namespace lumo

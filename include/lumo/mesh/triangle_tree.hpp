@@ -1,0 +1,102 @@
+#pragma once
+
+#include "lumo/mesh/triangle_surface.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <numeric>
+#include <vector>
+
+namespace lumo {
+
+/// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
+inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return a;
+  const Vec3 bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return b;
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return a + d1 / (d1 - d3) * ab;
+  const Vec3 cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return c;
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return a + d2 / (d2 - d6) * ac;
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
+  const double scale = 1.0 / (va + vb + vc);
+  return a + vb * scale * ab + vc * scale * ac;
+}
+
+/// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
+class TriangleTree {
+ public:
+  explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
+    std::iota(order_.begin(), order_.end(), 0);
+    if (!order_.empty()) build(0, int(order_.size()));
+  }
+
+  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+    double best = near * near;
+    if (!nodes_.empty()) search(0, p, best);
+    return std::sqrt(best);
+  }
+
+ private:
+  struct Node {
+    Eigen::AlignedBox3d box;
+    int first, count;   ///< triangles of a leaf; count 0: the children are at `first` and `second`
+    int second;
+  };
+
+  const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
+
+  int build(int begin, int end) {
+    const int self = int(nodes_.size());
+    nodes_.push_back({{}, begin, end - begin, -1});
+    Eigen::AlignedBox3d box;
+    for (int i = begin; i < end; ++i)
+      for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
+    nodes_[std::size_t(self)].box = box;
+    if (end - begin <= 4) return self;
+    int axis;
+    box.sizes().maxCoeff(&axis);
+    const auto middle = [&](int t) { return corner(t, 0)[axis] + corner(t, 1)[axis] + corner(t, 2)[axis]; };
+    const int half = (begin + end) / 2;
+    std::nth_element(order_.begin() + begin, order_.begin() + half, order_.begin() + end, [&](int a, int b) {
+      const double x = middle(a), y = middle(b);
+      return x < y || (x == y && a < b);
+    });
+    const int left = build(begin, half), right = build(half, end);
+    nodes_[std::size_t(self)].first = left;
+    nodes_[std::size_t(self)].count = 0;
+    nodes_[std::size_t(self)].second = right;
+    return self;
+  }
+
+  void search(int at, const Vec3& p, double& best) const {
+    const Node& n = nodes_[std::size_t(at)];
+    if (n.count > 0) {
+      for (int i = n.first; i < n.first + n.count; ++i) {
+        const int t = order_[std::size_t(i)];
+        best = std::min(best, (closest_on_triangle(p, corner(t, 0), corner(t, 1), corner(t, 2)) - p).squaredNorm());
+      }
+      return;
+    }
+    int near = n.first, far = n.second;
+    double to_near = nodes_[std::size_t(near)].box.squaredExteriorDistance(p), to_far = nodes_[std::size_t(far)].box.squaredExteriorDistance(p);
+    if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
+    if (to_near < best) search(near, p, best);
+    if (to_far < best) search(far, p, best);
+  }
+
+  const TriangleSurface* surface_;
+  std::vector<int> order_;
+  std::vector<Node> nodes_;
+};
+
+}  // namespace lumo
