@@ -45,13 +45,16 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <istream>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <numbers>
 #include <numeric>
 #include <optional>
 #include <ostream>
@@ -64,6 +67,7 @@
 #include <system_error>
 #include <thread>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -1255,6 +1259,984 @@ inline Body focused(Body body, const std::vector<Vec3>& points, const Focus& foc
 
 }  // namespace lumo
 
+// ---- lumo/mesh/predicates.hpp
+
+// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close to call is
+// computed without error as an unevaluated sum of doubles of falling size. Source: Shewchuk 1997, Adaptive precision floating-point
+// arithmetic and fast robust geometric predicates; his error bounds, his expansions, without his intermediate stages.
+// Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows or underflows (lengths 1e-60 … 1e60).
+
+namespace lumo {
+
+using Point2 = std::array<double, 2>;
+
+/// Sign of (b − a) × (c − a): +1 if a, b, c turn left, −1 right, 0 if they are exactly on a line.
+int orient2d(const Point2& a, const Point2& b, const Point2& c);
+
+/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
+int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d);
+
+namespace detail {
+
+inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
+
+/// The sign where rounding errors cannot change it, else 0.
+inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  const double left = (b[0] - a[0]) * (c[1] - a[1]);
+  const double right = (b[1] - a[1]) * (c[0] - a[0]);
+  const double bound = 4.0 * half_ulp * (std::abs(left) + std::abs(right));
+  return left - right > bound ? 1 : left - right < -bound ? -1 : 0;
+}
+
+/// The sign where rounding errors cannot change it, else 0.
+inline int sure_orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+  const Vec3 u = b - a;
+  const Vec3 v = c - a;
+  const Vec3 w = d - a;
+  double value = 0.0;
+  double size = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3;
+    const int k = (i + 2) % 3;
+    const double left = u[j] * v[k];
+    const double right = u[k] * v[j];
+    value += w[i] * (left - right);
+    size += std::abs(w[i]) * (std::abs(left) + std::abs(right));
+  }
+  const double bound = 8.0 * half_ulp * size;
+  return value > bound ? 1 : value < -bound ? -1 : 0;
+}
+
+/// A sum of doubles that do not overlap, smallest first, without zeros.
+struct Expansion {
+  std::size_t size = 0;
+  std::array<double, 192> parts;  // as many as a 3 × 3 determinant of differences can need
+
+  void push(double part) {
+    if (part != 0.0) parts[size++] = part;
+  }
+  int sign() const { return size == 0 ? 0 : parts[size - 1] > 0.0 ? 1 : -1; }
+};
+
+struct SumAndError {
+  double sum;
+  double error;
+};
+
+inline SumAndError two_sum(double a, double b) {
+  const double sum = a + b;
+  const double b_part = sum - a;
+  const double a_part = sum - b_part;
+  return {sum, (a - a_part) + (b - b_part)};
+}
+
+inline Expansion difference(double a, double b) {
+  const auto [sum, error] = two_sum(a, -b);
+  Expansion result;
+  result.push(error);
+  result.push(sum);
+  return result;
+}
+
+/// Merges by size, then carries the rounding errors along.
+inline Expansion operator+(const Expansion& e, const Expansion& f) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0, j = 0; i < e.size || j < f.size;) {
+    const bool from_e = j == f.size || (i < e.size && std::abs(e.parts[i]) < std::abs(f.parts[j]));
+    const auto [sum, error] = two_sum(carry, from_e ? e.parts[i++] : f.parts[j++]);
+    result.push(error);
+    carry = sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, double factor) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0; i < e.size; ++i) {
+    const double product = e.parts[i] * factor;
+    const double tail = std::fma(e.parts[i], factor, -product);
+    const auto low = two_sum(carry, tail);
+    const auto high = two_sum(product, low.sum);
+    result.push(low.error);
+    result.push(high.error);
+    carry = high.sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a difference: at most two parts
+  Expansion result;
+  for (std::size_t i = 0; i < f.size; ++i) result = result + e * f.parts[i];
+  return result;
+}
+
+/// a d − b c of differences.
+inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) { return a * d + (b * c) * -1.0; }
+
+}  // namespace detail
+
+inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  if (const int sure = detail::sure_orient2d(a, b, c); sure != 0) return sure;
+  using detail::difference;
+  return detail::minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
+}
+
+inline int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+  if (const int sure = detail::sure_orient3d(a, b, c, d); sure != 0) return sure;
+  std::array<std::array<detail::Expansion, 3>, 3> rows;
+  for (int k = 0; k < 3; ++k) {
+    rows[0][static_cast<std::size_t>(k)] = detail::difference(b[k], a[k]);
+    rows[1][static_cast<std::size_t>(k)] = detail::difference(c[k], a[k]);
+    rows[2][static_cast<std::size_t>(k)] = detail::difference(d[k], a[k]);
+  }
+  detail::Expansion sum;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t j = (i + 1) % 3;
+    const std::size_t k = (i + 2) % 3;
+    sum = sum + detail::minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
+  }
+  return sum.sign();
+}
+
+}  // namespace lumo
+
+// ---- lumo/mesh/facet_triangles.hpp
+
+namespace lumo::detail {
+
+/// A triangle of a surface, by vertex numbers, and the facet that it is part of.
+struct SurfaceTriangle {
+  std::array<int, 3> corners;
+  int facet;
+};
+
+/// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
+inline Vec3 polygon_normal(const std::vector<Vec3>& vertices, const std::vector<int>& loop) {
+  const Vec3& origin = vertices[static_cast<std::size_t>(loop[0])];
+  Vec3 sum = Vec3::Zero();
+  for (std::size_t i = 1; i + 1 < loop.size(); ++i)
+    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin).cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
+  return sum;
+}
+
+/// Drops one coordinate and keeps the sense of rotation of what faces along `normal`. Exact: nothing is computed.
+struct Projection {
+  std::size_t first = 0;
+  std::size_t second = 1;
+
+  explicit Projection(const Vec3& normal) {
+    int axis = 0;
+    normal.cwiseAbs().maxCoeff(&axis);
+    first = static_cast<std::size_t>((axis + 1) % 3);
+    second = static_cast<std::size_t>((axis + 2) % 3);
+    if (normal[axis] < 0.0) std::swap(first, second);
+  }
+  Point2 operator()(const Vec3& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
+};
+
+/// Whether p, known to be on the line through a and b, is between them or at an end.
+inline bool within(const Point2& a, const Point2& b, const Point2& p) {
+  const std::size_t axis = std::abs(b[0] - a[0]) >= std::abs(b[1] - a[1]) ? 0 : 1;
+  return std::min(a[axis], b[axis]) <= p[axis] && p[axis] <= std::max(a[axis], b[axis]);
+}
+
+/// Whether two closed line segments of the plane have a point in common. Exact.
+inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
+  const int ac = orient2d(a, b, c);
+  const int ad = orient2d(a, b, d);
+  const int ca = orient2d(c, d, a);
+  const int cb = orient2d(c, d, b);
+  if (ac * ad < 0 && ca * cb < 0) return true;
+  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) || (cb == 0 && within(c, d, b));
+}
+
+/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+inline bool outline_crosses(const std::vector<Point2>& points) {
+  const std::size_t n = points.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Point2& a = points[i];
+    const Point2& b = points[(i + 1) % n];
+    const Point2& c = points[(i + 2) % n];
+    const bool back = (a[0] - b[0]) * (c[0] - b[0]) + (a[1] - b[1]) * (c[1] - b[1]) > 0.0;
+    if (back && orient2d(a, b, c) == 0) return true;
+    for (std::size_t j = i + 2; j < n; ++j)
+      if ((j + 1) % n != i && segments_meet(a, b, points[j], points[(j + 1) % n])) return true;
+  }
+  return false;
+}
+
+/// Signed height of p over the line from a to b, positive on its left.
+inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
+  const double x = b[0] - a[0];
+  const double y = b[1] - a[1];
+  return (x * (p[1] - a[1]) - y * (p[0] - a[0])) / std::hypot(x, y);
+}
+
+/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
+/// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
+/// Empty result: the outline is not simple or not counter-clockwise about `normal`.
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3>& vertices, const std::vector<int>& loop, const Vec3& normal,
+                                                                   int facet, double slack) {
+  std::vector<SurfaceTriangle> triangles;
+  if (loop.size() == 3) {
+    triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
+    return triangles;
+  }
+  const Projection project(normal);
+  std::vector<Point2> points;
+  for (int vertex : loop) points.push_back(project(vertices[static_cast<std::size_t>(vertex)]));
+  if (outline_crosses(points)) return std::nullopt;
+
+  std::vector<std::size_t> left(loop.size());
+  for (std::size_t i = 0; i < left.size(); ++i) left[i] = i;
+  const auto is_ear = [&](std::size_t at, bool careful) {
+    const std::size_t before = left[(at + left.size() - 1) % left.size()];
+    const std::size_t here = left[at];
+    const std::size_t after = left[(at + 1) % left.size()];
+    const Point2& a = points[before];
+    const Point2& b = points[here];
+    const Point2& c = points[after];
+    if (orient2d(a, b, c) <= 0 || (careful && height_over(a, c, b) > -slack)) return false;
+    return std::none_of(left.begin(), left.end(), [&](std::size_t other) {
+      if (other == before || other == here || other == after) return false;
+      const Point2& p = points[other];
+      if (careful) return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
+      return orient2d(a, b, p) >= 0 && orient2d(b, c, p) >= 0 && orient2d(c, a, p) >= 0;
+    });
+  };
+  for (std::size_t at = 0; left.size() > 3;) {
+    std::size_t tried = 0;
+    while (tried < 2 * left.size() && !is_ear(at % left.size(), tried < left.size())) {
+      ++at;
+      ++tried;
+    }
+    if (tried == 2 * left.size()) return std::nullopt;
+    at %= left.size();
+    triangles.push_back({{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]}, facet});
+    left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
+    ++at;  // the next corner but one: fewer slender triangles than a fan
+  }
+  if (orient2d(points[left[0]], points[left[1]], points[left[2]]) <= 0) return std::nullopt;
+  triangles.push_back({{loop[left[0]], loop[left[1]], loop[left[2]]}, facet});
+  return triangles;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/self_intersection.hpp
+
+namespace lumo::detail {
+
+/// Two triangles that meet elsewhere than in corners that they share, or come closer than `gap` without sharing any.
+/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the candidates.
+class SelfIntersection {
+ public:
+  SelfIntersection(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
+      : vertices_(vertices), triangles_(triangles), gap_(gap) {}
+
+  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
+  std::optional<std::pair<int, int>> find() const;
+
+ private:
+  using Corners = std::array<int, 3>;
+
+  const Vec3& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
+  static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
+  Vec3 normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
+
+  bool clash(const Corners& a, const Corners& b) const;
+  bool surely_apart(const Corners& a, const Corners& b) const;
+  bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
+  bool folded(const Corners& a, const Corners& b) const;
+  bool meets(int p, int q, const Corners& t) const;
+  bool close(const Corners& a, const Corners& b) const;
+
+  const std::vector<Vec3>& vertices_;
+  const std::vector<SurfaceTriangle>& triangles_;
+  double gap_;
+};
+
+/// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
+inline double segment_distance2(const Vec3& p1, const Vec3& q1, const Vec3& p2, const Vec3& q2) {
+  const Vec3 d1 = q1 - p1;
+  const Vec3 d2 = q2 - p2;
+  const Vec3 r = p1 - p2;
+  const double a = d1.squaredNorm();
+  const double e = d2.squaredNorm();
+  const double b = d1.dot(d2);
+  const double c = d1.dot(r);
+  const double f = d2.dot(r);
+  const double det = a * e - b * b;
+  double s = det > 0.0 ? std::clamp((b * f - c * e) / det, 0.0, 1.0) : 0.0;
+  const double t = std::clamp((b * s + f) / e, 0.0, 1.0);
+  s = std::clamp((b * t - c) / a, 0.0, 1.0);
+  return (r + s * d1 - t * d2).squaredNorm();
+}
+
+/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
+inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
+  int side = 0;
+  for (int vertex : b) {
+    if (has(a, vertex)) continue;
+    const int sign = sure_orient3d(at(a[0]), at(a[1]), at(a[2]), at(vertex));
+    if (sign == 0 || sign == -side) return false;
+    side = sign;
+  }
+  return true;
+}
+
+/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
+/// projection is disjoint in space.
+inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
+  for (std::size_t i = 0; i < 3; ++i) {
+    const int p = a[i];
+    const int q = a[(i + 1) % 3];
+    const Point2 from = project(at(p));
+    const Point2 to = project(at(q));
+    const int side = sure_orient2d(from, to, project(at(a[(i + 2) % 3])));
+    if (side == 0) continue;
+    const auto beyond = [&](int vertex) { return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side; };
+    if (std::all_of(b.begin(), b.end(), beyond)) return true;
+  }
+  return false;
+}
+
+/// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
+inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
+  int apex_a = 0, apex_b = 0;
+  std::array<int, 2> edge{};
+  std::size_t shared = 0;
+  for (int vertex : a) {
+    if (has(b, vertex)) edge[shared++] = vertex;
+    else apex_a = vertex;
+  }
+  for (int vertex : b)
+    if (!has(a, vertex)) apex_b = vertex;
+  const Vec3 along = at(edge[1]) - at(edge[0]);
+  const Vec3 u = along.cross(at(apex_a) - at(edge[0]));
+  const Vec3 v = along.cross(at(apex_b) - at(edge[0]));
+  return u.dot(v) > 0.0 && u.cross(v).norm() < 1e-6 * u.norm() * v.norm();
+}
+
+/// Whether the closed segment p q meets the closed triangle t. Exact.
+inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
+  const int side_p = orient3d(at(t[0]), at(t[1]), at(t[2]), at(p));
+  const int side_q = orient3d(at(t[0]), at(t[1]), at(t[2]), at(q));
+  if (side_p * side_q > 0) return false;
+  if (side_p != 0 || side_q != 0) {
+    int low = 0, high = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const int sign = orient3d(at(p), at(q), at(t[i]), at(t[(i + 1) % 3]));
+      low = std::min(low, sign);
+      high = std::max(high, sign);
+    }
+    return low == 0 || high == 0;
+  }
+  const Projection project(normal(t));
+  const std::array<Point2, 3> corners{project(at(t[0])), project(at(t[1])), project(at(t[2]))};
+  const Point2 from = project(at(p));
+  const Point2 to = project(at(q));
+  bool inside = true;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (segments_meet(from, to, corners[i], corners[(i + 1) % 3])) return true;
+    inside = inside && orient2d(corners[i], corners[(i + 1) % 3], from) > 0;
+  }
+  return inside;
+}
+
+inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
+  for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
+    const Vec3 n = normal(*t).normalized();
+    int above = 0, below = 0;
+    for (int vertex : *other) {
+      const double height = n.dot(at(vertex) - at((*t)[0]));
+      above += height > gap_;
+      below += height < -gap_;
+      if (std::abs(height) > gap_) continue;
+      bool inside = true;  // of the prism over the triangle
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Vec3& corner = at((*t)[i]);
+        inside = inside && n.dot((at((*t)[(i + 1) % 3]) - corner).cross(at(vertex) - corner)) >= 0.0;
+      }
+      if (inside) return true;
+    }
+    if (above == 3 || below == 3) return false;
+  }
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      if (segment_distance2(at(a[i]), at(a[(i + 1) % 3]), at(b[j]), at(b[(j + 1) % 3])) < gap_ * gap_) return true;
+  return false;
+}
+
+inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
+  const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
+  if (shared == 3) return true;
+  if (shared == 2) return folded(a, b);
+  if (shared == 0 && close(a, b)) return true;
+  if (surely_apart(a, b) || surely_apart(b, a)) return false;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Projection project(Vec3::Unit(axis));
+    if (surely_beside(a, b, project) || surely_beside(b, a, project)) return false;
+  }
+  // One shared corner: whatever else they share reaches an edge opposite to it.
+  for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}})
+    for (std::size_t i = 0; i < 3; ++i) {
+      const int p = (*t)[i];
+      const int q = (*t)[(i + 1) % 3];
+      if (has(*other, p) || has(*other, q)) continue;
+      if (meets(p, q, *other)) return true;
+    }
+  return false;
+}
+
+inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
+  struct Box {
+    Vec3 low, high;
+    int triangle;
+  };
+  std::vector<Box> boxes;
+  Vec3 low = Vec3::Constant(HUGE_VAL), high = Vec3::Constant(-HUGE_VAL);
+  for (std::size_t i = 0; i < triangles_.size(); ++i) {
+    const Corners& t = triangles_[i].corners;
+    boxes.push_back({at(t[0]).cwiseMin(at(t[1])).cwiseMin(at(t[2])).array() - 0.5 * gap_, at(t[0]).cwiseMax(at(t[1])).cwiseMax(at(t[2])).array() + 0.5 * gap_,
+                     static_cast<int>(i)});
+    low = low.cwiseMin(boxes.back().low);
+    high = high.cwiseMax(boxes.back().high);
+  }
+  int axis = 0;
+  (high - low).maxCoeff(&axis);
+  std::sort(boxes.begin(), boxes.end(),
+            [axis](const Box& a, const Box& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
+  for (std::size_t i = 0; i < boxes.size(); ++i)
+    for (std::size_t j = i + 1; j < boxes.size() && boxes[j].low[axis] <= boxes[i].high[axis]; ++j) {
+      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any()) continue;
+      const SurfaceTriangle& a = triangles_[static_cast<std::size_t>(boxes[i].triangle)];
+      const SurfaceTriangle& b = triangles_[static_cast<std::size_t>(boxes[j].triangle)];
+      if (a.facet != b.facet && clash(a.corners, b.corners)) return std::pair{boxes[i].triangle, boxes[j].triangle};
+    }
+  return std::nullopt;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/shells.hpp
+
+namespace lumo::detail {
+
+/// A connected part of a surface. Faces outwards (volume > 0, a solid) or inwards (a cavity).
+struct Shell {
+  std::vector<int> triangles;
+  double area = 0.0;
+  double volume = 0.0;
+};
+
+/// Union–find with path halving.
+class Groups {
+ public:
+  explicit Groups(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0); }
+  int find(int i) {
+    while (at(i) != i) i = at(i) = at(at(i));
+    return i;
+  }
+  void join(int i, int j) { at(find(i)) = find(j); }
+
+ private:
+  int& at(int i) { return parent_[static_cast<std::size_t>(i)]; }
+  std::vector<int> parent_;
+};
+
+/// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
+/// Throws MeshError (open, not_manifold).
+inline void check_edges(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  struct Side {
+    int low, high;
+    bool up;           // runs from the lower vertex number to the higher
+    int facet;
+    int from, to;      // corners, numbered through all facets
+  };
+  std::vector<Side> sides;
+  std::vector<int> vertex_of;
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    const int base = static_cast<int>(vertex_of.size());
+    const int n = static_cast<int>(loop.size());
+    for (int i = 0; i < n; ++i) {
+      const int a = loop[static_cast<std::size_t>(i)];
+      const int b = loop[static_cast<std::size_t>((i + 1) % n)];
+      sides.push_back({std::min(a, b), std::max(a, b), a < b, static_cast<int>(f), base + i, base + (i + 1) % n});
+      vertex_of.push_back(a);
+    }
+  }
+  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
+  Groups fans(vertex_of.size());
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i + 1;
+    while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
+    const auto edge = text("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    if (end - i == 1) throw MeshError(Reason::open, text("surface: ", edge, " has 1 facet, must have 2"));
+    if (end - i > 2) throw MeshError(Reason::not_manifold, text("surface: ", edge, " has ", end - i, " facets, must have 2"));
+    const Side& a = sides[i];
+    const Side& b = sides[i + 1];
+    if (a.up == b.up) throw MeshError(Reason::not_manifold, text("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+    fans.join(a.from, b.to);
+    fans.join(a.to, b.from);
+    i = end;
+  }
+  std::vector<int> fan_of(input.vertices.size(), -1);
+  for (std::size_t corner = 0; corner < vertex_of.size(); ++corner) {
+    int& known = fan_of[static_cast<std::size_t>(vertex_of[corner])];
+    const int fan = fans.find(static_cast<int>(corner));
+    if (known >= 0 && known != fan)
+      throw MeshError(Reason::not_manifold, text("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+    known = fan;
+  }
+}
+
+/// The connected parts of a surface, with areas and enclosed volumes.
+inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
+  Groups groups(input.vertices.size());
+  for (const SurfaceTriangle& t : triangles) {
+    groups.join(t.corners[0], t.corners[1]);
+    groups.join(t.corners[0], t.corners[2]);
+  }
+  std::vector<int> number(input.vertices.size(), -1);
+  std::vector<Shell> shells;
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    int& shell = number[static_cast<std::size_t>(groups.find(triangles[i].corners[0]))];
+    if (shell < 0) {
+      shell = static_cast<int>(shells.size());
+      shells.emplace_back();
+    }
+    shells[static_cast<std::size_t>(shell)].triangles.push_back(static_cast<int>(i));
+  }
+  const auto at = [&](int vertex) -> const Vec3& { return input.vertices[static_cast<std::size_t>(vertex)]; };
+  for (Shell& shell : shells) {
+    const Vec3 origin = at(triangles[static_cast<std::size_t>(shell.triangles[0])].corners[0]);
+    for (int i : shell.triangles) {
+      const auto& [a, b, c] = triangles[static_cast<std::size_t>(i)].corners;
+      const Vec3 doubled = (at(b) - at(a)).cross(at(c) - at(a));
+      shell.area += 0.5 * doubled.norm();
+      shell.volume += doubled.dot(at(a) - origin) / 6.0;
+    }
+  }
+  return shells;
+}
+
+/// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
+inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& from_c, const Vec3& point) {
+  const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
+  const double la = a.norm(), lb = b.norm(), lc = c.norm();
+  return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+}
+
+/// How often a shell winds around a point: 1 inside, 0 outside.
+inline double winding(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3& point) {
+  double angle = 0.0;
+  for (int i : shell.triangles) {
+    const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
+    angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
+                         vertices[static_cast<std::size_t>(corners[2])], point);
+  }
+  return angle / (4.0 * std::numbers::pi);
+}
+
+/// Solids lie outside each other, cavities in a solid, interior points in the material.
+/// Throws MeshError (not_manifold for shells, bad_index for points).
+inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+  const auto total = [&](const Vec3& point, const Shell* without) {
+    double sum = 0.0;
+    for (const Shell& shell : shells)
+      if (&shell != without) sum += winding(input.vertices, triangles, shell, point);
+    return sum;
+  };
+  for (std::size_t i = 0; shells.size() > 1 && i < shells.size(); ++i) {
+    const SurfaceTriangle& first = triangles[static_cast<std::size_t>(shells[i].triangles[0])];
+    const double around = total(input.vertices[static_cast<std::size_t>(first.corners[0])], &shells[i]);
+    const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
+    if (std::abs(around - wanted) > 0.25)
+      throw MeshError(MeshError::Reason::not_manifold, text("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
+                                                            around, " times, must be ", wanted));
+  }
+  std::vector<char> used(input.vertices.size(), 0);
+  for (const SurfaceTriangle& t : triangles)
+    for (int vertex : t.corners) used[static_cast<std::size_t>(vertex)] = 1;
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
+      throw MeshError(MeshError::Reason::bad_index, text("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+}
+
+/// A point inside each cavity: half way from one of its triangles to what faces it.
+inline std::vector<Vec3> cavity_points(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+  std::vector<Vec3> points;
+  const auto at = [&](int vertex) -> const Vec3& { return vertices[static_cast<std::size_t>(vertex)]; };
+  for (const Shell& shell : shells) {
+    if (shell.volume > 0.0) continue;
+    const auto& [a, b, c] = triangles[static_cast<std::size_t>(shell.triangles[0])].corners;
+    const Vec3 from = (at(a) + at(b) + at(c)) / 3.0;
+    const Vec3 ray = (at(b) - at(a)).cross(at(c) - at(a)).normalized();  // out of the material
+    double nearest = HUGE_VAL;
+    for (std::size_t i = 0; i < triangles.size(); ++i) {
+      if (static_cast<int>(i) == shell.triangles[0]) continue;
+      const auto& [p, q, r] = triangles[i].corners;
+      const Vec3 normal = (at(q) - at(p)).cross(at(r) - at(p));
+      const double distance = normal.dot(at(p) - from) / normal.dot(ray);
+      if (!(distance > 0.0 && distance < nearest)) continue;
+      const Vec3 hit = from + distance * ray;
+      const double slack = -1e-9 * normal.squaredNorm();
+      const auto left = [&](int v, int w) { return normal.dot((at(w) - at(v)).cross(hit - at(v))) >= slack; };
+      if (left(p, q) && left(q, r) && left(r, p)) nearest = distance;
+    }
+    points.push_back(from + 0.5 * nearest * ray);
+  }
+  return points;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/surface_check.hpp
+
+namespace lumo {
+
+/// What is known of a surface once it is found good.
+struct SurfaceReport {
+  Vec3 low = Vec3::Zero();                ///< bounding box
+  Vec3 high = Vec3::Zero();
+  double area = 0.0;
+  double volume = 0.0;                    ///< enclosed, cavities not counted
+  std::vector<Vec3> cavities;             ///< a point inside each cavity (a closed inner shell that faces inwards)
+};
+
+/// Checks that a surface bounds a solid: numbers finite and below 1e6, indices valid, facets flat (1e-8 of their size), simple and not
+/// degenerate, no two vertices at one place (1e-8 of the body's size), every edge shared by two facets of one orientation, one fan of
+/// facets around each vertex, positive volume, and no facets that cross, touch (1e-8 of the body's size) or lie on each other.
+/// Vertices of no facet are interior points. Several separate solids and cavities are legal.
+/// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
+/// Time about n log n for n triangles, quadratic in the corners of a facet.
+SurfaceReport validate_surface(const MeshInput& input);
+
+namespace detail {
+
+inline constexpr double largest_coordinate = 1e6;
+inline constexpr double flatness = 1e-8;
+inline constexpr double closeness = 1e-8;
+
+[[noreturn]] inline void refuse(MeshError::Reason reason, const std::string& line) { throw MeshError(reason, "surface: " + line); }
+
+inline std::string place(const Vec3& p) { return text("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
+
+inline void check_numbers(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  if (input.vertices.empty() || input.facets.empty())
+    refuse(Reason::degenerate, text("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, must have some of both"));
+  if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
+    refuse(Reason::out_of_memory, text("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
+  for (std::size_t i = 0; i < input.vertices.size(); ++i)
+    if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
+      refuse(Reason::not_finite, text("vertex ", i, " is at ", place(input.vertices[i]), ", coordinates must be finite and at most ", largest_coordinate));
+  const auto count = static_cast<int>(input.vertices.size());
+  std::vector<int> seen(input.vertices.size(), -1);
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    for (int vertex : loop)
+      if (vertex < 0 || vertex >= count) refuse(Reason::bad_index, text("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+    if (loop.size() < 3) refuse(Reason::degenerate, text("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
+    for (int vertex : loop)
+      if (std::exchange(seen[static_cast<std::size_t>(vertex)], static_cast<int>(f)) == static_cast<int>(f))
+        refuse(Reason::degenerate, text("facet ", f, " has vertex ", vertex, " more than once"));
+  }
+}
+
+/// Vertices closer than `tolerance`, found by sorting along a direction in which hardly any two agree by accident.
+inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance) {
+  const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
+  std::vector<std::pair<double, int>> order;
+  for (std::size_t i = 0; i < vertices.size(); ++i) order.emplace_back(direction.dot(vertices[i]), static_cast<int>(i));
+  std::sort(order.begin(), order.end());
+  for (std::size_t i = 0; i < order.size(); ++i)
+    for (std::size_t j = i + 1; j < order.size() && order[j].first - order[i].first <= tolerance; ++j) {
+      const Vec3& a = vertices[static_cast<std::size_t>(order[i].second)];
+      const double distance = (vertices[static_cast<std::size_t>(order[j].second)] - a).norm();
+      if (distance <= tolerance)
+        refuse(MeshError::Reason::duplicate, text("vertices ", order[i].second, " and ", order[j].second, " at ", place(a), " are ", distance,
+                                                  " apart, must be more than ", tolerance));
+    }
+}
+
+/// Checks each facet alone and cuts it into triangles.
+inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
+  using Reason = MeshError::Reason;
+  std::vector<SurfaceTriangle> triangles;
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    const auto corner = [&](std::size_t i) -> const Vec3& { return input.vertices[static_cast<std::size_t>(loop[i % loop.size()])]; };
+    double size = 0.0;
+    for (std::size_t i = 0; i < loop.size(); ++i) size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
+    const Vec3 doubled = polygon_normal(input.vertices, loop);
+    if (!(doubled.norm() > 2.0 * flatness * size * size))
+      refuse(Reason::degenerate, text("facet ", f, " at ", place(corner(0)), " has area ", 0.5 * doubled.norm(), ", must be more than ", flatness * size * size));
+    const Vec3 normal = doubled.normalized();
+    for (std::size_t i = 1; i < loop.size(); ++i) {
+      const double height = std::abs(normal.dot(corner(i) - corner(0)));
+      if (loop.size() > 3 && height > flatness * size)
+        refuse(Reason::degenerate, text("facet ", f, " at ", place(corner(i)), " is not flat: ", height, " off its plane, at most ", flatness * size));
+    }
+    const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
+    if (!pieces) refuse(Reason::self_intersecting, text("the outline of facet ", f, " at ", place(corner(0)), " crosses or touches itself"));
+    triangles.insert(triangles.end(), pieces->begin(), pieces->end());
+  }
+  return triangles;
+}
+
+}  // namespace detail
+
+inline SurfaceReport validate_surface(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  detail::check_numbers(input);
+  SurfaceReport report;
+  report.low = report.high = input.vertices[0];
+  for (const Vec3& vertex : input.vertices) {
+    report.low = report.low.cwiseMin(vertex);
+    report.high = report.high.cwiseMax(vertex);
+  }
+  const double size = (report.high - report.low).norm();
+  if (!(size >= 1e-30)) detail::refuse(Reason::degenerate, detail::text("has a size of ", size, ", must be at least 1e-30"));
+  detail::check_duplicates(input.vertices, detail::closeness * size);
+  const std::vector<detail::SurfaceTriangle> triangles = detail::check_facets(input, detail::closeness * size);
+  detail::check_edges(input);
+
+  const std::vector<detail::Shell> shells = detail::find_shells(input, triangles);
+  for (const detail::Shell& shell : shells) {
+    report.area += shell.area;
+    report.volume += shell.volume;
+    if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
+      detail::refuse(Reason::degenerate, detail::text("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet, " encloses a volume of ",
+                                                      shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+  }
+  if (!(report.volume > 0.0)) detail::refuse(Reason::not_manifold, detail::text("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+  if (const auto pair = detail::SelfIntersection(input.vertices, triangles, detail::closeness * size).find()) {
+    const detail::SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
+    const detail::SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
+    detail::refuse(Reason::self_intersecting, detail::text("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
+                                                           detail::place(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+                                                           detail::closeness * size, " apart"));
+  }
+  detail::check_inside(input, triangles, shells);
+  report.cavities = detail::cavity_points(input.vertices, triangles, shells);
+  return report;
+}
+
+}  // namespace lumo
+
+// ---- lumo/mesh/triangle_surface.hpp
+
+namespace lumo {
+
+/// A surface of triangles, counter-clockwise seen from outside.
+struct TriangleSurface {
+  std::vector<Vec3> vertices;                  ///< [m]
+  std::vector<std::array<int, 3>> triangles;
+};
+
+/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+inline SurfaceReport validate_surface(const TriangleSurface& surface) {
+  MeshInput input;
+  input.vertices = surface.vertices;
+  for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
+  return validate_surface(input);
+}
+
+/// How often the surface winds around a point: 1 inside, 0 outside.
+inline double winding_number(const TriangleSurface& surface, const Vec3& point) {
+  double angle = 0.0;
+  const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
+  for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
+  return angle / (4.0 * std::numbers::pi);
+}
+
+}  // namespace lumo
+
+// ---- lumo/mesh/surface_file.hpp
+
+namespace lumo {
+
+/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
+/// CAD writes them. Vertices at one place become one. Polygons of an .obj are cut into fans.
+/// Throws InputError when the file cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
+
+namespace detail {
+
+// Words of a text, line by line.
+class SurfaceText {
+ public:
+  SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
+
+  /// The words of the next line that has any, without a comment; none at the end.
+  std::vector<std::string_view> next() {
+    std::vector<std::string_view> words;
+    while (words.empty() && !rest_.empty()) {
+      const std::size_t end = std::min(rest_.find('\n'), rest_.size());
+      std::string_view line = rest_.substr(0, end);
+      rest_.remove_prefix(std::min(end + 1, rest_.size()));
+      ++line_;
+      line = line.substr(0, std::min(line.find('#'), line.size()));
+      for (;;) {
+        const std::size_t begin = line.find_first_not_of(" \t\r");
+        if (begin == std::string_view::npos) break;
+        line.remove_prefix(begin);
+        const std::size_t stop = std::min(line.find_first_of(" \t\r"), line.size());
+        words.push_back(line.substr(0, stop));
+        line.remove_prefix(stop);
+      }
+    }
+    return words;
+  }
+
+  [[noreturn]] void refuse(const std::string& what) const { throw InputError(text("surface file '", name_, "', line ", line_, ": ", what)); }
+
+  template <class Number>
+  Number number(std::string_view word) const {
+    Number value{};
+    if (!word.empty() && word.front() == '+') word.remove_prefix(1);
+    const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", word, "' is no number"));
+    return value;
+  }
+  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
+    if (words.size() < first + 3) refuse("a point needs three coordinates");
+    return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
+  }
+
+ private:
+  std::string_view rest_;
+  std::string name_;
+  int line_ = 0;
+};
+
+inline TriangleSurface read_obj(SurfaceText text) {
+  TriangleSurface s;
+  for (auto words = text.next(); !words.empty(); words = text.next()) {
+    if (words[0] == "v") {
+      if (words.size() != 4 && words.size() != 5 && words.size() != 7) text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
+      s.vertices.push_back(text.point(words, 1));
+    } else if (words[0] == "f") {
+      if (words.size() < 4) text.refuse("a face needs at least 3 corners");
+      std::vector<int> loop;
+      for (std::size_t k = 1; k < words.size(); ++k) {
+        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()), at = n < 0 ? count + n : n - 1;
+        if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
+        loop.push_back(at);
+      }
+      for (std::size_t k = 1; k + 1 < loop.size(); ++k) s.triangles.push_back({loop[0], loop[k], loop[k + 1]});
+    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
+      text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
+    }
+  }
+  return s;
+}
+
+inline TriangleSurface read_stl_text(SurfaceText text) {
+  TriangleSurface s;
+  const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
+    std::size_t k = 0;
+    for (std::string_view w : wanted)
+      if (k >= words.size() || words[k++] != w) text.refuse(detail::text("'", w, "' was expected"));
+  };
+  expect(text.next(), {"solid"});
+  for (;;) {
+    const auto words = text.next();
+    if (!words.empty() && words[0] == "endsolid") break;
+    expect(words, {"facet", "normal"});
+    expect(text.next(), {"outer", "loop"});
+    const int first = int(s.vertices.size());
+    for (int k = 0; k < 3; ++k) {
+      const auto corner = text.next();
+      expect(corner, {"vertex"});
+      if (corner.size() != 4) text.refuse("a vertex has 3 coordinates");
+      s.vertices.push_back(text.point(corner, 1));
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+    expect(text.next(), {"endloop"});
+    expect(text.next(), {"endfacet"});
+  }
+  if (!text.next().empty()) text.refuse("there is more after 'endsolid'; one solid a file");
+  return s;
+}
+
+// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+inline TriangleSurface read_stl_binary(std::string_view bytes) {
+  TriangleSurface s;
+  const auto word = [&](std::size_t at) {
+    std::uint32_t value = 0;
+    for (std::size_t k = 0; k < 4; ++k) value |= std::uint32_t(static_cast<unsigned char>(bytes[at + k])) << (8 * k);
+    return value;
+  };
+  for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
+    const int first = int(s.vertices.size());
+    for (std::size_t k = 0; k < 3; ++k) {
+      Vec3 p;
+      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(word(at + 12 + 12 * k + 4 * std::size_t(i))));
+      s.vertices.push_back(p);
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+  }
+  return s;
+}
+
+// One vertex for each place, in order of first mention.
+inline TriangleSurface welded(const TriangleSurface& loose) {
+  TriangleSurface s;
+  std::map<std::array<double, 3>, int> known;
+  std::vector<int> number;
+  for (const Vec3& v : loose.vertices) {
+    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    if (fresh) s.vertices.push_back(v);
+    number.push_back(it->second);
+  }
+  for (const auto& t : loose.triangles) s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
+  return s;
+}
+
+}  // namespace detail
+
+inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
+  require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
+  const std::string name = path.string(), kind = path.extension().string();
+  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
+  std::ifstream in(path, std::ios::binary);
+  if (!in || std::filesystem::is_directory(path)) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  constexpr std::uintmax_t most = 500'000'000;
+  if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
+    throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
+
+  TriangleSurface s;
+  if (kind == ".obj") {
+    s = detail::read_obj({bytes, name});
+  } else {
+    // A text, too, may begin with any 80 bytes; only the length tells.
+    std::uint64_t count = 0;
+    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
+    else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+  }
+  for (Vec3& v : s.vertices) v *= unit_m;
+  s = detail::welded(s);
+  for (const Vec3& v : s.vertices)
+    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));
+  validate_surface(s);
+  return s;
+}
+
+}  // namespace lumo
+
 // ---- lumo/mesh/vtu.hpp
 
 namespace lumo {
@@ -1378,7 +2360,8 @@ struct DistanceSample {
   Mat3 hessian;      ///< [1/m]
 };
 
-/// A rigid tool, given by its signed distance field in its own frame (origin at its centre).
+/// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a ball about the origin
+/// that holds it.
 /// Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives match finite differences.
 template <class T>
 concept Indenter = requires(const T& tool, const Vec3& p) {
@@ -1387,6 +2370,13 @@ concept Indenter = requires(const T& tool, const Vec3& p) {
   { tool.radius_m() } -> std::convertible_to<double>;
   validate(tool);
 };
+
+/// How strongly a tool is curved where it is meant to touch [m]: its own contact_radius_m(), or the whole tool's radius. Only a scale for first guesses.
+template <Indenter Tool>
+double contact_radius(const Tool& tool) {
+  if constexpr (requires { tool.contact_radius_m(); }) return tool.contact_radius_m();
+  else return tool.radius_m();
+}
 
 /// Rigid sphere.
 struct Sphere {
@@ -1455,7 +2445,8 @@ struct Touch {
   Vec3 point;         ///< of the surface [m]
 };
 
-/// First touch with the body's contactable patches, on their exact shapes (never on facets). The mesh only says where a patch ends.
+/// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
+/// better for round ones. The mesh only says where a patch ends.
 /// Throws InvalidArgument when the indenter passes by.
 template <Indenter Tool>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
@@ -1465,10 +2456,18 @@ namespace detail {
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
 template <Indenter Tool>
 double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, const Vec3& p, double limit) {
-  double s = 0.0;
+  double s = 0.0, before = 0.0;
   for (int i = 0; i < 500; ++i) {
     const double gap = tool.distance(p - start - s * direction);
+    if (gap < -1e-12) {   // a distance that is not quite one was too long: back to its zero
+      for (int k = 0; k < 60; ++k) {
+        const double middle = 0.5 * (before + s);
+        (tool.distance(p - start - middle * direction) > 0.0 ? before : s) = middle;
+      }
+      return s;
+    }
     if (gap < 1e-15) return s;
+    before = s;
     s += gap;
     if (s > limit) break;
   }
@@ -1520,21 +2519,27 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
         s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
       }
       if (!std::isfinite(nearest)) continue;
-      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
-      for (double step = 0.1 * (high - low).norm(); step > 1e-9; step *= 0.5)
-        for (bool moved = true; moved;) {
-          moved = false;
-          const Vec3 n = outward_normal(body.patches[patch].shape, seed);
-          const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
-          for (int k = 0; k < 8; ++k) {
-            const double turn = 0.25 * pi * k;
-            Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
-            trial = closest_point(body.patches[patch].shape, trial);
-            if (!inside(trial)) continue;
-            const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
-            if (s < nearest - 1e-16) nearest = s, seed = trial, moved = true;
+      const auto search = [&](double first_step, double spin, double gain) {
+        double spun = 0.0;
+        for (double step = first_step; step > 1e-9; step *= 0.5)
+          for (bool moved = true; moved; spun += spin) {
+            moved = false;
+            const Vec3 n = outward_normal(body.patches[patch].shape, seed);
+            const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
+            for (int k = 0; k < 8; ++k) {
+              const double turn = 0.25 * pi * k + spun;
+              Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
+              trial = closest_point(body.patches[patch].shape, trial);
+              if (!inside(trial)) continue;
+              const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
+              if (s < nearest - gain) nearest = s, seed = trial, moved = true;
+            }
           }
-        }
+      };
+      // Pattern search on the exact shape: the advance is quadratic about its minimum, so 1 nm of place is far below any depth that matters.
+      search(0.1 * (high - low).norm(), 0.0, 1e-16);
+      // Edges of a tool put kinks into the advance, at which fixed directions can get stuck; directions that never repeat do not (Audet, Dennis 2006).
+      search(0.1 * (high - low).norm(), 0.25 * pi * 0.61803398875, 1e-12);
       if (nearest < best) best = nearest, point = fold(seed);
     }
   }
@@ -1561,6 +2566,54 @@ TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vec
 
 }  // namespace lumo
 
+// ---- lumo/core/lanes.hpp
+
+namespace lumo {
+
+/// Eight numbers that go through the same arithmetic at once: one AVX-512 register, or as many smaller ones as the processor needs.
+struct Lanes {
+  static constexpr std::size_t width = 8;
+  typedef double Register __attribute__((vector_size(64)));
+  Register v = {};
+
+  double operator[](std::size_t lane) const { return v[lane]; }
+  void set(std::size_t lane, double value) { v[lane] = value; }
+  /// values[index[lane]] in each lane.
+  static Lanes gathered(const double* values, const std::array<int, width>& index) {
+    const auto at = [&](std::size_t lane) { return values[index[lane]]; };
+    return {Register{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)}};
+  }
+  static Lanes of(double value) { return {Register{value, value, value, value, value, value, value, value}}; }
+
+  Lanes& operator+=(const Lanes& b) {
+    v += b.v;
+    return *this;
+  }
+  Lanes& operator-=(const Lanes& b) {
+    v -= b.v;
+    return *this;
+  }
+};
+
+inline Lanes operator+(const Lanes& a, const Lanes& b) { return {a.v + b.v}; }
+inline Lanes operator-(const Lanes& a, const Lanes& b) { return {a.v - b.v}; }
+inline Lanes operator*(const Lanes& a, const Lanes& b) { return {a.v * b.v}; }
+inline Lanes operator/(const Lanes& a, const Lanes& b) { return {a.v / b.v}; }
+inline Lanes operator-(const Lanes& a) { return {-a.v}; }
+inline Lanes operator+(double a, const Lanes& b) { return Lanes::of(a) + b; }
+inline Lanes operator-(double a, const Lanes& b) { return Lanes::of(a) - b; }
+inline Lanes operator*(double a, const Lanes& b) { return Lanes::of(a) * b; }
+inline Lanes operator+(const Lanes& a, double b) { return a + Lanes::of(b); }
+inline Lanes operator-(const Lanes& a, double b) { return a - Lanes::of(b); }
+
+inline Lanes log(const Lanes& a) {
+  Lanes l;
+  for (std::size_t lane = 0; lane < Lanes::width; ++lane) l.set(lane, std::log(a[lane]));
+  return l;
+}
+
+}  // namespace lumo
+
 // ---- lumo/mechanics/material.hpp
 
 namespace lumo {
@@ -1583,6 +2636,19 @@ concept HyperelasticMaterial = requires(const M& m, const Mat3& F, double J) {
   { m.volumetric(J) } -> std::convertible_to<VolumetricSample>;
   { m.shear_modulus() } -> std::convertible_to<double>;
   validate(m);
+};
+
+/// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or arrays of them.
+template <class T>
+struct DilatationSample {
+  T stress;
+  T stiffness;
+};
+
+/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many elements at once.
+template <class M>
+concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const Lanes& J) {
+  { m.dilatation(J) } -> std::same_as<DilatationSample<Lanes>>;
 };
 
 /// Derivative of det F by F: the cofactor matrix.
@@ -1662,6 +2728,12 @@ struct NeoHookean {
     const double l = std::log(J);
     return {0.5 * lambda * l * l, lambda * l / J, lambda * (1.0 - l) / (J * J)};
   }
+  template <class T>
+  DilatationSample<T> dilatation(const T& J) const {
+    using std::log;
+    const T l = log(J);
+    return {(lambda * l - mu) / J, (lambda * (1.0 - l) + mu) / (J * J)};
+  }
 };
 
 inline void validate(const NeoHookean& m) {
@@ -1669,7 +2741,761 @@ inline void validate(const NeoHookean& m) {
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
 
-static_assert(HyperelasticMaterial<NeoHookean>);
+static_assert(HyperelasticMaterial<NeoHookean> && DilatationalMaterial<NeoHookean>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/stable_neo_hookean.hpp
+
+namespace lumo {
+
+/// Neo-Hookean solid without a logarithm, W = μ/2 (I_C − 3) + λ'/2 (J − α)² less its value at rest, with λ' = λ + μ and α = 1 + μ/λ'.
+/// Rest is free of stress, and μ and λ are the Lamé parameters of small strain. Finite where J ≤ 0: an element that is turned inside out
+/// is pushed back. Source: Smith, de Goes, Kim 2018, without their logarithmic term, as Newton 1.8 has it.
+struct StableNeoHookean {
+  double mu = 106.0e3;       ///< shear modulus [Pa]
+  double lambda = 10.494e6;  ///< Lamé's first parameter [Pa]
+
+  double shear_modulus() const { return mu; }
+
+  // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
+  double distortion_energy(const Mat3& F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
+  Mat3 distortion_stress(const Mat3& F) const { return mu * (F - cofactor(F)); }
+  Mat9 distortion_tangent(const Mat3& F) const { return mu * (Mat9::Identity() - determinant_hessian(F)); }
+  VolumetricSample volumetric(double J) const {
+    const double k = lambda + mu;
+    return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};
+  }
+  template <class T>
+  DilatationSample<T> dilatation(const T& J) const {
+    const double k = lambda + mu;
+    return {k * (J - 1.0) - mu, k + 0.0 * J};
+  }
+};
+
+inline void validate(const StableNeoHookean& m) {
+  require_positive("shear modulus mu", m.mu, "Pa");
+  require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
+}
+
+static_assert(HyperelasticMaterial<StableNeoHookean> && DilatationalMaterial<StableNeoHookean>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/isochoric.hpp
+
+// What nearly incompressible rubber laws share: invariants of the deformation without its volume change, and one volumetric energy.
+namespace lumo {
+
+/// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
+struct InvariantSample {
+  double value;
+  Mat3 gradient;
+  Mat9 hessian;
+};
+
+/// Ī₁ = J^(−2/3) tr C; det F must be positive.
+InvariantSample first_isochoric_invariant(const Mat3& F);
+
+/// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
+InvariantSample second_isochoric_invariant(const Mat3& F);
+
+/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1982.
+inline VolumetricSample convex_volumetric(double bulk, double J) {
+  if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
+  return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};
+}
+
+namespace detail {
+
+// I J^(−m), from I with its derivatives.
+inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full, double m) {
+  const double J = F.determinant(), scale = std::pow(J, -m);
+  const Mat3 c = cofactor(F);
+  const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data()), slope(full.gradient.data());
+  const Mat9 mixed = slope * flat.transpose();
+  return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
+          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + (m * (m + 1.0) * full.value / (J * J)) * flat * flat.transpose() -
+                   (m * full.value / J) * determinant_hessian(F))};
+}
+
+}  // namespace detail
+
+inline InvariantSample first_isochoric_invariant(const Mat3& F) {
+  return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, 2.0 * Mat9::Identity()}, 2.0 / 3.0);
+}
+
+inline InvariantSample second_isochoric_invariant(const Mat3& F) {
+  const Mat3 C = F.transpose() * F, B = F * F.transpose();
+  const double I1 = C.trace();
+  Mat9 h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < 3; ++l) {
+          const double same_row = i == k ? 1.0 : 0.0, same_column = j == l ? 1.0 : 0.0;
+          h(i + 3 * j, k + 3 * l) =
+              2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) - F(i, l) * F(k, j) - same_column * B(i, k));
+        }
+  return detail::without_volume(F, {0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h}, 4.0 / 3.0);
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/mooney_rivlin.hpp
+
+namespace lumo {
+
+/// Mooney–Rivlin solid, W = c₁₀ (Ī₁ − 3) + c₀₁ (Ī₂ − 3) + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 (c₁₀ + c₀₁); +∞ where J ≤ 0.
+/// Source: Mooney 1940, Rivlin 1948. The default is Dragon Skin of the paper at small strain, a fifth of it in the second term.
+struct MooneyRivlin {
+  double c10 = 42.4e3;       ///< [Pa]
+  double c01 = 10.6e3;       ///< [Pa]
+  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+
+  double shear_modulus() const { return 2.0 * (c10 + c01); }
+
+  double distortion_energy(const Mat3& F) const {
+    if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
+    return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
+  }
+  Mat3 distortion_stress(const Mat3& F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
+  Mat9 distortion_tangent(const Mat3& F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
+  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+};
+
+inline void validate(const MooneyRivlin& m) {
+  require_in_range("Mooney-Rivlin c10", m.c10, 0.0, 1e12, "Pa");
+  require_in_range("Mooney-Rivlin c01", m.c01, 0.0, 1e12, "Pa");
+  require_positive("shear modulus 2 (c10 + c01)", m.shear_modulus(), "Pa");
+  require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
+}
+
+static_assert(HyperelasticMaterial<MooneyRivlin>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/yeoh.hpp
+
+namespace lumo {
+
+/// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
+/// Coefficients must not be negative, so that the energy is convex in Ī₁. The default is Dragon Skin of the paper at small strain.
+struct Yeoh {
+  double c1 = 53.0e3;        ///< [Pa]
+  double c2 = 0.0;           ///< [Pa]
+  double c3 = 0.0;           ///< [Pa]
+  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+
+  double shear_modulus() const { return 2.0 * c1; }
+
+  double distortion_energy(const Mat3& F) const {
+    if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
+    const double s = first_isochoric_invariant(F).value - 3.0;
+    return s * (c1 + s * (c2 + s * c3));
+  }
+  Mat3 distortion_stress(const Mat3& F) const {
+    const InvariantSample I = first_isochoric_invariant(F);
+    return slope(I.value - 3.0) * I.gradient;
+  }
+  Mat9 distortion_tangent(const Mat3& F) const {
+    const InvariantSample I = first_isochoric_invariant(F);
+    const double s = I.value - 3.0;
+    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
+    return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
+  }
+  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+
+ private:
+  double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
+};
+
+inline void validate(const Yeoh& m) {
+  require_positive("Yeoh c1", m.c1, "Pa");
+  require_in_range("Yeoh c2", m.c2, 0.0, 1e12, "Pa");
+  require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
+  require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
+}
+
+static_assert(HyperelasticMaterial<Yeoh>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/ogden.hpp
+
+namespace lumo {
+
+/// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the principal stretches without the
+/// volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p = 0 is none. The default is Dragon Skin
+/// of the paper at small strain.
+struct Ogden {
+  struct Term {
+    double mu = 0.0;       ///< [Pa], of the sign of alpha
+    double alpha = 2.0;    ///< exponent
+  };
+  std::array<Term, 3> terms = {{{106.0e3, 2.0}, {}, {}}};
+  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+
+  double shear_modulus() const {
+    double sum = 0.0;
+    for (const Term& t : terms) sum += 0.5 * t.mu * t.alpha;
+    return sum;
+  }
+
+  double distortion_energy(const Mat3& F) const;
+  Mat3 distortion_stress(const Mat3& F) const;
+  Mat9 distortion_tangent(const Mat3& F) const;
+  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+
+ private:
+  // Principal stretches l, with F = U diag(l) Vᵀ, and gᵢ = lᵢ ∂W/∂lᵢ.
+  struct Principal {
+    Mat3 U, V;
+    Vec3 l, g;
+  };
+  Principal principal(const Mat3& F) const;
+  // ∂gᵢ/∂ln lⱼ
+  Mat3 log_slopes(const Vec3& l) const;
+  // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
+  double divided_difference(const Vec3& l, int i, int j) const;
+};
+
+inline void validate(const Ogden& m) {
+  for (const Ogden::Term& t : m.terms) {
+    require_in_range("Ogden exponent alpha", t.alpha, -20.0, 20.0, "");
+    if (t.mu != 0.0) require_positive("Ogden product mu alpha", t.mu * t.alpha, "Pa");
+  }
+  require_positive("shear modulus", m.shear_modulus(), "Pa");
+  require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
+}
+
+inline Ogden::Principal Ogden::principal(const Mat3& F) const {
+  const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
+  const double J = p.l.prod();
+  for (const Term& t : terms) {
+    const Vec3 power = t.mu * std::pow(J, -t.alpha / 3.0) * p.l.array().pow(t.alpha).matrix();
+    p.g += power - Vec3::Constant(power.sum() / 3.0);
+  }
+  return p;
+}
+
+inline double Ogden::distortion_energy(const Mat3& F) const {
+  const double J = F.determinant();
+  if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
+  const Vec3 l = principal(F).l / std::cbrt(J);
+  double sum = 0.0;
+  for (const Term& t : terms)
+    if (t.mu != 0.0) sum += t.mu / t.alpha * (l.array().pow(t.alpha).sum() - 3.0);
+  return sum;
+}
+
+inline Mat3 Ogden::distortion_stress(const Mat3& F) const {
+  const Principal p = principal(F);
+  return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
+}
+
+inline Mat3 Ogden::log_slopes(const Vec3& l) const {
+  Mat3 d = Mat3::Zero();
+  for (const Term& t : terms) {
+    const Vec3 power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) d(i, j) += (i == j ? power[i] : 0.0) - (power[i] + power[j]) / 3.0 + power.sum() / 9.0;
+  }
+  return d;
+}
+
+inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
+  const double apart = l[i] - l[j];
+  double sum = 0.0;
+  for (const Term& t : terms) {
+    const double scale = t.mu * std::pow(l.prod(), -t.alpha / 3.0) * std::pow(l[j], t.alpha);
+    sum += scale * (apart == 0.0 ? t.alpha / l[j] : std::expm1(t.alpha * std::log1p(apart / l[j])) / apart);
+  }
+  return sum;
+}
+
+// In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
+inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
+  const Principal p = principal(F);
+  const Mat3 slopes = log_slopes(p.l);
+  Mat9 local = Mat9::Zero();
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      local(4 * i, 4 * j) = (slopes(i, j) - (i == j ? p.g[i] : 0.0)) / (p.l[i] * p.l[j]);
+      if (i == j) continue;
+      const double stretch = divided_difference(p.l, i, j) / p.l[i] - p.g[j] / (p.l[i] * p.l[j]);
+      const double turn = (p.g[i] / p.l[i] + p.g[j] / p.l[j]) / (p.l[i] + p.l[j]);
+      local(i + 3 * j, i + 3 * j) = 0.5 * (stretch + turn);
+      local(i + 3 * j, j + 3 * i) = 0.5 * (stretch - turn);
+    }
+  Mat9 frame;  // vec(U X Vᵀ) = frame · vec(X)
+  for (int j = 0; j < 3; ++j)
+    for (int l = 0; l < 3; ++l) frame.block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
+  return frame * local * frame.transpose();
+}
+
+static_assert(HyperelasticMaterial<Ogden>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/box.hpp
+
+namespace lumo {
+
+namespace detail {
+
+/// Signed distance from p to the box |x| ≤ half about the origin.
+inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
+  const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
+  const Vec3 q = p.cwiseAbs() - half;
+  int axis;
+  if (const double inside = q.maxCoeff(&axis); inside <= 0.0) return {inside, sign[axis] * Vec3::Unit(axis), Mat3::Zero()};
+  const Vec3 out = q.cwiseMax(0.0);
+  const double r = out.norm();
+  const Vec3 n = out / r;
+  Mat3 h = Mat3::Zero();  // only the directions that are outside bend the distance
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
+  return {r, n.cwiseProduct(sign), h};
+}
+
+}  // namespace detail
+
+/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress without limit: round them.
+struct Box {
+  Vec3 size_m = Vec3::Constant(10e-3);
+  double edge_radius_m = 0.5e-3;
+
+  bool operator==(const Box&) const = default;
+
+  double radius_m() const { return 0.5 * size_m.norm(); }
+  double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
+  double distance(const Vec3& p) const { return sample(p).distance; }
+  DistanceSample sample(const Vec3& p) const {
+    DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
+    d.distance -= edge_radius_m;
+    return d;
+  }
+};
+
+inline void validate(const Box& b) {
+  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
+}
+
+static_assert(Indenter<Box>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/capsule.hpp
+
+namespace lumo {
+
+/// Rigid capsule about its own z axis: all points within half a diameter of a segment. Lying (see Oriented) it is a bar with round ends.
+struct Capsule {
+  double diameter_m = 10e-3;
+  double length_m = 20e-3;    ///< of the segment, without the caps
+
+  bool operator==(const Capsule&) const = default;
+
+  double radius_m() const { return 0.5 * (length_m + diameter_m); }
+  double contact_radius_m() const { return 0.5 * diameter_m; }
+  double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  DistanceSample sample(const Vec3& p) const {
+    const Vec3 foot = nearest(p), out = p - foot;
+    const double r = out.norm();
+    const Vec3 n = r > 0.0 ? Vec3(out / r) : Vec3(Vec3::UnitX());
+    const bool side = std::abs(p.z()) <= 0.5 * length_m;
+    Mat3 across = Mat3::Identity() - n * n.transpose();
+    if (side) across -= Vec3::UnitZ() * Vec3::UnitZ().transpose();
+    return {r - contact_radius_m(), n, across / (r > 0.0 ? r : contact_radius_m())};
+  }
+
+ private:
+  Vec3 nearest(const Vec3& p) const { return {0.0, 0.0, std::clamp(p.z(), -0.5 * length_m, 0.5 * length_m)}; }
+};
+
+inline void validate(const Capsule& c) {
+  require_in_range("capsule diameter", c.diameter_m * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("capsule length", c.length_m * 1e3, 0.0, 1000.0, "mm");
+}
+
+static_assert(Indenter<Capsule>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/cylinder.hpp
+
+namespace lumo {
+
+/// Rigid cylinder about its own z axis, with rounded rims where `edge_radius_m` > 0: a flat punch; lying (see Oriented), a bar.
+struct Cylinder {
+  double diameter_m = 10e-3;
+  double length_m = 20e-3;
+  double edge_radius_m = 0.5e-3;
+
+  bool operator==(const Cylinder&) const = default;
+
+  double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
+  double contact_radius_m() const { return 0.5 * diameter_m; }
+  double distance(const Vec3& p) const { return sample(p).distance; }
+  DistanceSample sample(const Vec3& p) const;
+};
+
+inline void validate(const Cylinder& c) {
+  require_in_range("cylinder diameter", c.diameter_m * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("cylinder length", c.length_m * 1e3, 0.1, 1000.0, "mm");
+  require_in_range("edge radius of the cylinder", c.edge_radius_m * 1e3, 0.0, 0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
+}
+
+// A rectangle in the half-plane through the axis, turned about it.
+inline DistanceSample Cylinder::sample(const Vec3& p) const {
+  const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
+  const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();
+  const Vec3 around = Vec3::UnitZ().cross(radial);
+  const double beyond = std::abs(p.z()) - 0.5 * length_m + edge_radius_m, aside = rho - 0.5 * diameter_m + edge_radius_m;
+  if (beyond > 0.0 && aside > 0.0) {
+    const double r = std::hypot(beyond, aside);
+    const Vec3 n = (beyond * axial + aside * radial) / r, t = (aside * axial - beyond * radial) / r;
+    return {r - edge_radius_m, n, t * t.transpose() / r + aside / (r * rho) * around * around.transpose()};
+  }
+  if (beyond > aside) return {beyond - edge_radius_m, axial, Mat3::Zero()};
+  return {aside - edge_radius_m, radial, around * around.transpose() / (rho > 0.0 ? rho : 0.5 * diameter_m)};
+}
+
+static_assert(Indenter<Cylinder>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/oriented.hpp
+
+namespace lumo {
+
+/// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
+template <Indenter Tool>
+struct Oriented {
+  Tool tool;
+  Mat3 turn = Mat3::Identity();
+
+  bool operator==(const Oriented&) const = default;
+
+  double radius_m() const { return tool.radius_m(); }
+  double contact_radius_m() const { return contact_radius(tool); }
+  double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
+  DistanceSample sample(const Vec3& p) const {
+    const DistanceSample d = tool.sample(turn.transpose() * p);
+    return {d.distance, turn * d.gradient, turn * d.hessian * turn.transpose()};
+  }
+};
+
+template <Indenter Tool>
+Oriented(Tool, Mat3) -> Oriented<Tool>;
+
+/// A tool that is long along its own z, laid along y, the finger: its z becomes y.
+template <Indenter Tool>
+Oriented<Tool> lying_along_y(const Tool& tool) {
+  Mat3 turn;
+  turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+  return {tool, turn};
+}
+
+/// The same, laid along x, across the finger.
+template <Indenter Tool>
+Oriented<Tool> lying_along_x(const Tool& tool) {
+  Mat3 turn;
+  turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
+  return {tool, turn};
+}
+
+template <Indenter Tool>
+void validate(const Oriented<Tool>& o) {
+  validate(o.tool);
+  if (!((o.turn.transpose() * o.turn - Mat3::Identity()).norm() < 1e-9 && o.turn.determinant() > 0.0))
+    throw InvalidArgument(detail::text("turn of a tool: its determinant is ", o.turn.determinant(), ", must be a rotation"));
+}
+
+static_assert(Indenter<Oriented<Sphere>>);
+
+}  // namespace lumo
+
+// ---- lumo/mesh/triangle_tree.hpp
+
+namespace lumo {
+
+/// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
+inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+  const double d1 = ab.dot(ap), d2 = ac.dot(ap);
+  if (d1 <= 0.0 && d2 <= 0.0) return a;
+  const Vec3 bp = p - b;
+  const double d3 = ab.dot(bp), d4 = ac.dot(bp);
+  if (d3 >= 0.0 && d4 <= d3) return b;
+  const double vc = d1 * d4 - d3 * d2;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return a + d1 / (d1 - d3) * ab;
+  const Vec3 cp = p - c;
+  const double d5 = ab.dot(cp), d6 = ac.dot(cp);
+  if (d6 >= 0.0 && d5 <= d6) return c;
+  const double vb = d5 * d2 - d1 * d6;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return a + d2 / (d2 - d6) * ac;
+  const double va = d3 * d6 - d5 * d4;
+  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
+  const double scale = 1.0 / (va + vb + vc);
+  return a + vb * scale * ab + vc * scale * ac;
+}
+
+/// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
+class TriangleTree {
+ public:
+  explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
+    std::iota(order_.begin(), order_.end(), 0);
+    if (!order_.empty()) build(0, int(order_.size()));
+  }
+
+  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+    double best = near * near;
+    if (!nodes_.empty()) search(0, p, best);
+    return std::sqrt(best);
+  }
+
+ private:
+  struct Node {
+    Eigen::AlignedBox3d box;
+    int first, count;   ///< triangles of a leaf; count 0: the children are at `first` and `second`
+    int second;
+  };
+
+  const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
+
+  int build(int begin, int end) {
+    const int self = int(nodes_.size());
+    nodes_.push_back({{}, begin, end - begin, -1});
+    Eigen::AlignedBox3d box;
+    for (int i = begin; i < end; ++i)
+      for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
+    nodes_[std::size_t(self)].box = box;
+    if (end - begin <= 4) return self;
+    int axis;
+    box.sizes().maxCoeff(&axis);
+    const auto middle = [&](int t) { return corner(t, 0)[axis] + corner(t, 1)[axis] + corner(t, 2)[axis]; };
+    const int half = (begin + end) / 2;
+    std::nth_element(order_.begin() + begin, order_.begin() + half, order_.begin() + end, [&](int a, int b) {
+      const double x = middle(a), y = middle(b);
+      return x < y || (x == y && a < b);
+    });
+    const int left = build(begin, half), right = build(half, end);
+    nodes_[std::size_t(self)].first = left;
+    nodes_[std::size_t(self)].count = 0;
+    nodes_[std::size_t(self)].second = right;
+    return self;
+  }
+
+  void search(int at, const Vec3& p, double& best) const {
+    const Node& n = nodes_[std::size_t(at)];
+    if (n.count > 0) {
+      for (int i = n.first; i < n.first + n.count; ++i) {
+        const int t = order_[std::size_t(i)];
+        best = std::min(best, (closest_on_triangle(p, corner(t, 0), corner(t, 1), corner(t, 2)) - p).squaredNorm());
+      }
+      return;
+    }
+    int near = n.first, far = n.second;
+    double to_near = nodes_[std::size_t(near)].box.squaredExteriorDistance(p), to_far = nodes_[std::size_t(far)].box.squaredExteriorDistance(p);
+    if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
+    if (to_near < best) search(near, p, best);
+    if (to_far < best) search(far, p, best);
+  }
+
+  const TriangleSurface* surface_;
+  std::vector<int> order_;
+  std::vector<Node> nodes_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/distance_grid.hpp
+
+namespace lumo {
+
+/// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline through them: twice
+/// continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the spline rounds by a fraction of a cell.
+/// Signs by winding number. Source: Unser 1999 (spline through samples), Jacobson, Kavan, Sorkine-Hornung 2013 (signs).
+class DistanceGrid {
+ public:
+  /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
+  DistanceGrid(const TriangleSurface& surface, int cells);
+
+  double distance(const Vec3& p) const;
+
+  /// Distance with its derivatives. Outside the grid a lower bound of the distance that joins it continuously.
+  DistanceSample sample(const Vec3& p) const;
+
+  double spacing_m() const { return h_; }
+  /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the surface [m].
+  double error_m() const { return error_; }
+
+ private:
+  static constexpr int pad = 6, rim = 3;   // cells about the surface, of which the outer ones only feed the spline
+
+  double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
+  double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
+  Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
+
+  void fill(const TriangleSurface& surface, const TriangleTree& tree);
+  void filter();
+  void measure(const TriangleTree& tree);
+  DistanceSample spline(const Vec3& p) const;
+
+  Vec3 origin_, low_, high_;   // first node; box in which the spline holds
+  std::array<int, 3> n_{};     // nodes each way
+  double h_ = 0.0, error_ = 0.0;
+  std::vector<double> c_;      // spline coefficients
+};
+
+inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) {
+  if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
+  const SurfaceReport report = validate_surface(surface);
+  const Vec3 size = report.high - report.low;
+  h_ = size.maxCoeff() / cells;
+  origin_ = report.low - pad * h_ * Vec3::Ones();
+  for (int a = 0; a < 3; ++a) n_[std::size_t(a)] = int(std::ceil(size[a] / h_ - 1e-9)) + 2 * pad + 1;
+  low_ = origin_ + rim * h_ * Vec3::Ones();
+  high_ = node(n_[0] - 1 - rim, n_[1] - 1 - rim, n_[2] - 1 - rim);
+  c_.resize(std::size_t(n_[0]) * std::size_t(n_[1]) * std::size_t(n_[2]));
+  const TriangleTree tree(surface);
+  fill(surface, tree);
+  filter();
+  measure(tree);
+}
+
+inline void DistanceGrid::fill(const TriangleSurface& surface, const TriangleTree& tree) {
+  for (int k = 0; k < n_[2]; ++k)
+    for (int j = 0; j < n_[1]; ++j)
+      for (int i = 0; i < n_[0]; ++i) {
+        const Vec3 p = node(i, j, k);
+        const std::array<double, 3> before = {i > 0 ? at(i - 1, j, k) : 0.0, j > 0 ? at(i, j - 1, k) : 0.0, k > 0 ? at(i, j, k - 1) : 0.0};
+        const double near = i > 0 ? std::abs(before[0]) + 1.001 * h_ : std::numeric_limits<double>::infinity();
+        const double d = tree.distance(p, near);
+        // Two balls that hold no surface and overlap are on one side of it.
+        double sign = 0.0;
+        for (double other : before)
+          if (d + std::abs(other) > 1.001 * h_ && other != 0.0) sign = other < 0.0 ? -1.0 : 1.0;
+        if (sign == 0.0) sign = winding_number(surface, p) > 0.5 ? -1.0 : 1.0;
+        at(i, j, k) = sign * d;
+      }
+}
+
+// The spline through the samples, line by line in all three directions, mirrored at the ends.
+inline void DistanceGrid::filter() {
+  const double pole = std::sqrt(3.0) - 2.0;
+  const auto line = [&](int count, auto&& value) {
+    double first = 0.0, power = 1.0;
+    for (int i = 0; i < std::min(count, 30); ++i, power *= pole) first += power * value(i);
+    value(0) = first;
+    for (int i = 1; i < count; ++i) value(i) += pole * value(i - 1);
+    value(count - 1) = pole / (pole * pole - 1.0) * (value(count - 1) + pole * value(count - 2));
+    for (int i = count - 2; i >= 0; --i) value(i) = pole * (value(i + 1) - value(i));
+    for (int i = 0; i < count; ++i) value(i) *= 6.0;
+  };
+  for (int k = 0; k < n_[2]; ++k)
+    for (int j = 0; j < n_[1]; ++j) line(n_[0], [&](int i) -> double& { return at(i, j, k); });
+  for (int k = 0; k < n_[2]; ++k)
+    for (int i = 0; i < n_[0]; ++i) line(n_[1], [&](int j) -> double& { return at(i, j, k); });
+  for (int j = 0; j < n_[1]; ++j)
+    for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
+}
+
+inline void DistanceGrid::measure(const TriangleTree& tree) {
+  for (int k = rim; k < n_[2] - 1 - rim; ++k)
+    for (int j = rim; j < n_[1] - 1 - rim; ++j)
+      for (int i = rim; i < n_[0] - 1 - rim; ++i) {
+        const Vec3 p = node(i, j, k) + Vec3::Constant(0.5 * h_);
+        const double d = spline(p).distance;
+        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(std::abs(d) - tree.distance(p, 3.0 * h_)));
+      }
+}
+
+inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
+  std::array<int, 3> cell;
+  std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double u = (p[Eigen::Index(a)] - origin_[Eigen::Index(a)]) / h_;
+    cell[a] = std::clamp(int(std::floor(u)), 1, n_[a] - 3);
+    const double t = u - cell[a], s = 1.0 - t;
+    w[a] = {s * s * s / 6.0, 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s), t * t * t / 6.0};
+    dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
+    ddw[a] = {s / (h_ * h_), (3.0 * t - 2.0) / (h_ * h_), (3.0 * s - 2.0) / (h_ * h_), t / (h_ * h_)};
+  }
+  DistanceSample d{0.0, Vec3::Zero(), Mat3::Zero()};
+  for (std::size_t k = 0; k < 4; ++k)
+    for (std::size_t j = 0; j < 4; ++j) {
+      double f = 0.0, fx = 0.0, fxx = 0.0;
+      for (std::size_t i = 0; i < 4; ++i) {
+        const double c = at(cell[0] + int(i) - 1, cell[1] + int(j) - 1, cell[2] + int(k) - 1);
+        f += w[0][i] * c, fx += dw[0][i] * c, fxx += ddw[0][i] * c;
+      }
+      d.distance += w[1][j] * w[2][k] * f;
+      d.gradient += Vec3(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
+      d.hessian(0, 0) += w[1][j] * w[2][k] * fxx;
+      d.hessian(1, 1) += ddw[1][j] * w[2][k] * f;
+      d.hessian(2, 2) += w[1][j] * ddw[2][k] * f;
+      d.hessian(1, 0) += dw[1][j] * w[2][k] * fx;
+      d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
+      d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
+    }
+  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
+  return d;
+}
+
+inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
+  const Vec3 foot = p.cwiseMax(low_).cwiseMin(high_), out = p - foot;
+  DistanceSample d = spline(foot);
+  if (out.squaredNorm() == 0.0) return d;
+  // The box holds the surface, so distance² ≥ |out|² + d(foot)².
+  const double bound = std::hypot(out.norm(), d.distance);
+  Mat3 free = Mat3::Zero(), held = Mat3::Zero();   // directions in which the foot follows p, and those in which it cannot
+  for (int a = 0; a < 3; ++a) (out[a] == 0.0 ? free : held)(a, a) = 1.0;
+  const Vec3 slope = free * d.gradient, n = (out + d.distance * slope) / bound;
+  return {bound, n, (held + slope * slope.transpose() + d.distance * (free * d.hessian * free) - n * n.transpose()) / bound};
+}
+
+inline double DistanceGrid::distance(const Vec3& p) const { return sample(p).distance; }
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/mesh_indenter.hpp
+
+namespace lumo {
+
+/// Rigid tool of any closed triangle surface, by the signed distance on a grid; the surface's own coordinates are the tool's frame. Copies
+/// share the grid. `MeshIndenter tool(read_surface("knob.stl"))`.
+class MeshIndenter {
+ public:
+  /// Throws as DistanceGrid does.
+  explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
+    Eigen::AlignedBox3d box;
+    for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
+    contact_radius_m_ = 0.5 * box.sizes().minCoeff();
+  }
+
+  bool operator==(const MeshIndenter& other) const { return grid_ == other.grid_; }
+
+  double radius_m() const { return radius_m_; }
+  double contact_radius_m() const { return contact_radius_m_; }
+  double distance(const Vec3& p) const { return grid_->distance(p); }
+  DistanceSample sample(const Vec3& p) const { return grid_->sample(p); }
+  const DistanceGrid& grid() const { return *grid_; }
+
+ private:
+  std::shared_ptr<const DistanceGrid> grid_;
+  double radius_m_ = 0.0, contact_radius_m_ = 0.0;
+};
+
+inline void validate(const MeshIndenter& m) { require_in_range("radius about a mesh indenter's origin", m.radius_m() * 1e3, 0.05, 1000.0, "mm"); }
+
+static_assert(Indenter<MeshIndenter>);
 
 }  // namespace lumo
 
@@ -1684,7 +3510,8 @@ struct ContactResponse {
   double stiffness;
 };
 
-/// A frictionless contact law between the body's surface and a rigid surface.
+/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`, Coulomb's coefficient, and
+/// acts all over the surface unless it has `points`.
 /// Laws: no pressure at gaps ≥ 0; pressure ≥ 0; pressure and stiffness are the derivatives of the energy.
 template <class C>
 concept ContactHandler = requires(const C& contact, double gap) {
@@ -1693,10 +3520,34 @@ concept ContactHandler = requires(const C& contact, double gap) {
   validate(contact);
 };
 
+/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
+enum class ContactPoints { surface, vertices };
+
+template <ContactHandler Contact>
+constexpr ContactPoints contact_points() {
+  if constexpr (requires { { Contact::points } -> std::convertible_to<ContactPoints>; }) return Contact::points;
+  else return ContactPoints::surface;
+}
+
+/// Coulomb's coefficient of a law; 0 where it has none.
+template <ContactHandler Contact>
+double friction_coefficient(const Contact& contact) {
+  if constexpr (requires { contact.friction; }) return contact.friction;
+  else return 0.0;
+}
+
+/// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
+template <ContactHandler Contact>
+double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
+  else return 0.0;
+}
+
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
+  double friction = 0.0;             ///< Coulomb's coefficient
 
   ContactResponse respond(double gap) const {
     if (gap >= 0.0) return {0.0, 0.0, 0.0};
@@ -1704,7 +3555,10 @@ struct SDFContact {
   }
 };
 
-inline void validate(const SDFContact& c) { require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3"); }
+inline void validate(const SDFContact& c) {
+  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
+  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+}
 
 static_assert(ContactHandler<SDFContact>);
 
@@ -1714,6 +3568,8 @@ struct Firmness {
   const Contact* law;
   double factor;
   double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
+  double friction = friction_coefficient(*law);
+  static constexpr ContactPoints points = contact_points<Contact>();
 
   ContactResponse respond(double gap) const {
     const ContactResponse r = law->respond(gap);
@@ -1728,6 +3584,62 @@ void validate(const Firmness<Contact>& c) {
 }
 
 static_assert(ContactHandler<Firmness<SDFContact>>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/vertex_contact.hpp
+
+namespace lumo {
+
+/// Penalty at the mesh's nodes with Coulomb friction, as Newton 1.8 has it: faces may overlap the indenter between their nodes. A solver that
+/// goes in time steps takes each node's tangent plane of the indenter at the step's start (`plane_frozen`).
+/// Newton's stiffness k_e [N/m] belongs to a vertex, whatever its share of the surface: that is stiffness_N_per_m3 · area_per_vertex_m2.
+struct VertexContact {
+  static constexpr ContactPoints points = ContactPoints::vertices;
+  static constexpr bool plane_frozen = true;
+  double stiffness_N_per_m3 = 1e11;
+  double friction = 0.5;              ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;    ///< the same for all; 0: each vertex has its share of the surface
+
+  ContactResponse respond(double gap) const {
+    if (gap >= 0.0) return {0.0, 0.0, 0.0};
+    return {0.5 * stiffness_N_per_m3 * gap * gap, -stiffness_N_per_m3 * gap, stiffness_N_per_m3};
+  }
+};
+
+inline void validate(const VertexContact& c) {
+  require_in_range("contact stiffness", c.stiffness_N_per_m3, 1e6, 1e15, "N/m3");
+  require_in_range("friction coefficient", c.friction, 0.0, 10.0, "");
+  require_in_range("contact area per vertex", c.area_per_vertex_m2 * 1e6, 0.0, 1e6, "mm2");
+}
+
+static_assert(ContactHandler<VertexContact>);
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/carrier.hpp
+
+namespace lumo {
+
+/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
+struct Carrier {
+  std::vector<RigidBox> boxes;
+
+  double distance(const Vec3& p) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
+    return least;
+  }
+  DistanceSample sample(const Vec3& p) const {
+    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
+    for (const RigidBox& b : boxes)
+      if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
+    return nearest;
+  }
+
+ private:
+  static DistanceSample to_box(const RigidBox& b, const Vec3& p) { return detail::distance_to_box(b.half, p - b.center); }
+};
 
 }  // namespace lumo
 
@@ -2226,6 +4138,7 @@ namespace lumo {
 struct SurfacePoint {
   std::array<double, 6> shape;
   double area_m2;
+  double weight_m2;             ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
   int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
   std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
 };
@@ -2239,11 +4152,17 @@ inline const std::array<std::array<int, 3>, 4>& face_parts() {
 /// Part of a mesh's surface that may come into contact, with its quadrature.
 class ContactSurface {
  public:
-  /// Faces of the patches for which `chosen` holds.
+  /// Faces of the patches for which `chosen` holds, with points inside them.
   template <class Choose>
   ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
     for (const BoundaryFace& f : mesh.faces)
       if (chosen(body.patches[std::size_t(f.patch)])) add(f);
+  }
+
+  /// The same with the points that a contact law wants.
+  template <class Choose, ContactHandler Contact>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law) : ContactSurface(mesh, body, chosen) {
+    if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
   }
 
   std::size_t size() const { return faces_.size(); }
@@ -2272,6 +4191,7 @@ class ContactSurface {
 
  private:
   void add(const BoundaryFace& face);
+  void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
   std::vector<BoundaryFace> faces_;
@@ -2311,11 +4231,34 @@ inline void ContactSurface::add(const BoundaryFace& face) {
           by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
         }
         p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        p.weight_m2 = p.area_m2;
         points.push_back(p);
       }
   }
   faces_.push_back(face);
   points_.push_back(std::move(points));
+}
+
+// Every node once, on the first face that has it, with all of its area.
+inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
+  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  std::vector<char> done(mesh_->nodes.size(), 0);
+  const auto corners = [&](int part) { return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2}; };
+  for (std::size_t f = 0; f < faces_.size(); ++f)
+    for (const SurfacePoint& p : points_[f])
+      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    points_[f].clear();
+    for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        if (std::exchange(done[node], char(1))) continue;
+        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        p.shape[local] = 1.0;
+        p.hat[k] = 1.0;
+        points_[f].push_back(p);
+      }
+  }
 }
 
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
@@ -2330,6 +4273,15 @@ struct Moving {
 };
 
 namespace detail {
+
+// What a contact without friction would answer.
+struct NoFriction {
+  struct Answer {
+    Vec3 traction;
+    Mat3 stiffness;
+  };
+  Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+};
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
@@ -2351,17 +4303,21 @@ using SeenGaps = std::vector<std::vector<double>>;
 
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
-template <ContactHandler Contact, class Tool>
+/// Friction, where a history of it is given, enters forces but not the energy.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
-                               const SeenGaps* seen = nullptr) {
+                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
     const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
     if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
     if (gamma >= 0.0) return;
     const ContactResponse r = contact.respond(gamma);
-    sums.energy += p.area_m2 * r.energy;
-    const Vec3 traction = p.area_m2 * (r.pressure + r.stiffness * (gamma - gap)) * rigid.sample(at).gradient;
+    sums.energy += p.weight_m2 * r.energy;
+    const double pressure = r.pressure + r.stiffness * (gamma - gap);
+    const Vec3 normal = rigid.sample(at).gradient;
+    Vec3 traction = p.weight_m2 * pressure * normal;
+    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
     sums.push_N += traction.dot(rigid.direction);
     if (!force) return;
     for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
@@ -2370,9 +4326,9 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool>
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr) {
+                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
@@ -2396,7 +4352,8 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
     }
     const DistanceSample d = rigid.sample(at);
     const ContactResponse r = contact.respond(gamma);
-    const Mat3 block = p.area_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
     sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
     for (std::size_t a = 0; a < nodes; ++a) {
       for (std::size_t b = 0; b < nodes; ++b)
@@ -2423,6 +4380,501 @@ SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, 
                         then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
   return gaps;
 }
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/lumped_mass.hpp
+
+namespace lumo {
+
+/// Mass of each node [kg]: a tetrahedron's shared in equal parts among four corners, or with 1/36 for a corner and 4/27 for the middle of an
+/// edge among ten, in proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
+template <TetElement Element>
+std::vector<double> lumped_masses(const TetMesh& mesh, double density_kg_per_m3) {
+  std::vector<double> mass(mesh.nodes.size(), 0.0);
+  for (const auto& t : mesh.tets) {
+    double volume = 0.0;
+    for (int q = 0; q < Element::points; ++q) {
+      const auto by_xi = shape_gradients<Element::nodes>(Element::point(q));
+      Mat3 jacobian = Mat3::Zero();
+      for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+      volume += Element::weight(q) * jacobian.determinant();
+    }
+    for (int a = 0; a < Element::nodes; ++a)
+      mass[std::size_t(t[std::size_t(a)])] += density_kg_per_m3 * volume * (Element::nodes == 4 ? 0.25 : a < 4 ? 1.0 / 36.0 : 4.0 / 27.0);
+  }
+  return mass;
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/vertex_block.hpp
+
+namespace lumo {
+
+/// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
+struct VertexBlock {
+  Vec3 force = Vec3::Zero();   ///< [N]
+  Mat3 block = Mat3::Zero();   ///< [N/m]
+};
+
+/// Elastic and viscous force and stiffness of single nodes, for any material and element.
+/// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has it.
+template <HyperelasticMaterial Material, TetElement Element>
+class VertexElasticity {
+ public:
+  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element) {
+    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
+    at_.resize(mesh.nodes.size());
+    for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+      for (int a = 0; a < N; ++a) at_[std::size_t(mesh.tets[e][std::size_t(a)])].push_back({int(e), a});
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients by_xi = shape_gradients<N>(Element::point(q));
+        Mat3 jacobian = Mat3::Zero();
+        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(mesh.tets[e][std::size_t(a)])] * by_xi.col(a).transpose();
+        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        weights_.push_back(Element::weight(q) * jacobian.determinant());
+      }
+    }
+  }
+
+  /// Adds node v's share at positions x; `start` are the positions at the step's start, `rate` = η/Δt [Pa].
+  void add(int v, const Positions& x, const Positions& start, double rate, VertexBlock& out) const {
+    for (const Incidence& in : at_[std::size_t(v)]) {
+      std::array<Mat3, std::size_t(Element::points)> F;
+      double volume = 0.0, changed = 0.0;
+      for (int q = 0; q < Element::points; ++q) {
+        F[std::size_t(q)] = deformation(in.tet, q, x);
+        volume += weight(in.tet, q);
+        changed += weight(in.tet, q) * F[std::size_t(q)].determinant();
+      }
+      Vec3 dilation = Vec3::Zero();   // of the whole element by the node's place
+      for (int q = 0; q < Element::points; ++q) {
+        const Mat3& f = F[std::size_t(q)];
+        const Vec3 g = gradient(in.tet, q).col(in.place);
+        const double w = weight(in.tet, q);
+        const Vec3 c = cofactor(f) * g;
+        out.force -= w * (material_.distortion_stress(f) * g);
+        out.block += w * contracted(material_.distortion_tangent(f), g);
+        dilation += w * c;
+        if (!element_.mean_dilatation) {
+          const VolumetricSample u = material_.volumetric(f.determinant());
+          out.force -= w * u.stress * c;
+          out.block += w * u.stiffness * c * c.transpose();   // the second derivative of J vanishes on a node's own block
+        }
+        if (rate > 0.0) {
+          const Mat3 before = deformation(in.tet, q, start);
+          const Vec3 fg = f * g;
+          out.force -= 2.0 * w * rate * (f * ((f.transpose() * f - before.transpose() * before) * g));
+          out.block += 2.0 * w * rate * (g.squaredNorm() * f * f.transpose() + fg * fg.transpose());
+        }
+      }
+      if (element_.mean_dilatation) {
+        const VolumetricSample u = material_.volumetric(changed / volume);
+        out.force -= u.stress * dilation;
+        out.block += u.stiffness / volume * dilation * dilation.transpose();
+      }
+    }
+  }
+
+  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is linear in one node).
+  double feasible_part(int v, const Positions& x, const Vec3& step) const {
+    double t = 1.0;
+    for (const Incidence& in : at_[std::size_t(v)])
+      for (int q = 0; q < Element::points; ++q) {
+        const Mat3 f = deformation(in.tet, q, x);
+        const double slope = (cofactor(f) * gradient(in.tet, q).col(in.place)).dot(step), J = f.determinant();
+        if (J + t * slope < 0.1 * J) t = -0.9 * J / slope;
+      }
+    return t;
+  }
+
+  /// Smallest det F.
+  double smallest_J(const Positions& x) const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (int q = 0; q < Element::points; ++q) least = std::min(least, deformation(int(e), q, x).determinant());
+    return least;
+  }
+
+  const Material& material() const { return material_; }
+
+  /// Where a node takes part: its tetrahedra, and which of their nodes it is.
+  struct Incidence {
+    int tet, place;
+  };
+  const std::vector<Incidence>& incidences(int v) const { return at_[std::size_t(v)]; }
+  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
+  const Gradients& gradient(int e, int q) const { return gradients_[std::size_t(e) * Element::points + std::size_t(q)]; }
+  double weight(int e, int q) const { return weights_[std::size_t(e) * Element::points + std::size_t(q)]; }
+
+ private:
+  static constexpr int N = Element::nodes;
+
+  Mat3 deformation(int e, int q, const Positions& x) const {
+    Mat3 F = Mat3::Zero();
+    for (int a = 0; a < N; ++a) F += x.col(mesh_->tets[std::size_t(e)][std::size_t(a)]) * gradient(e, q).col(a).transpose();
+    return F;
+  }
+
+  // Σ gₖ A(i + 3k, j + 3l) gₗ
+  static Mat3 contracted(const Mat9& A, const Vec3& g) {
+    Eigen::Matrix<double, 9, 3> right = A.leftCols<3>() * g[0] + A.middleCols<3>(3) * g[1] + A.rightCols<3>() * g[2];
+    return right.topRows<3>() * g[0] + right.middleRows<3>(3) * g[1] + right.bottomRows<3>() * g[2];
+  }
+
+  const TetMesh* mesh_;
+  Material material_;
+  Element element_;
+  std::vector<std::vector<Incidence>> at_;
+  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;   // per tet and point
+  std::vector<double> weights_;                                            // volumes [m³]
+};
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/vertex_colors.hpp
+
+namespace lumo {
+
+/// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of node numbers.
+using VertexColors = std::vector<std::vector<int>>;
+
+inline VertexColors color_vertices(const TetMesh& mesh) {
+  const std::size_t per = std::size_t(mesh.nodes_per_tet());
+  std::vector<std::vector<int>> tets_of(mesh.nodes.size());
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e)
+    for (std::size_t a = 0; a < per; ++a) tets_of[std::size_t(mesh.tets[e][a])].push_back(int(e));
+  VertexColors colors;
+  std::vector<int> color(mesh.nodes.size(), -1), last_seen;
+  for (std::size_t v = 0; v < mesh.nodes.size(); ++v) {
+    for (int e : tets_of[v])
+      for (std::size_t a = 0; a < per; ++a)
+        if (const int c = color[std::size_t(mesh.tets[std::size_t(e)][a])]; c >= 0) last_seen[std::size_t(c)] = int(v);
+    std::size_t free = 0;
+    while (free < colors.size() && last_seen[free] == int(v)) ++free;
+    if (free == colors.size()) colors.emplace_back(), last_seen.push_back(-1);
+    color[v] = int(free);
+    colors[free].push_back(int(v));
+  }
+  return colors;
+}
+
+/// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
+inline void validate(const VertexColors& colors, const TetMesh& mesh) {
+  std::vector<int> color(mesh.nodes.size(), -1);
+  for (std::size_t c = 0; c < colors.size(); ++c)
+    for (int v : colors[c]) {
+      if (v < 0 || std::size_t(v) >= mesh.nodes.size()) throw InvalidArgument(detail::text("color ", c, " names node ", v, " of ", mesh.nodes.size()));
+      if (color[std::size_t(v)] >= 0) throw InvalidArgument(detail::text("node ", v, " has more than one color"));
+      color[std::size_t(v)] = int(c);
+    }
+  for (std::size_t v = 0; v < color.size(); ++v)
+    if (color[v] < 0) throw InvalidArgument(detail::text("node ", v, " has no color"));
+  for (const auto& t : mesh.tets)
+    for (int a = 0; a < mesh.nodes_per_tet(); ++a)
+      for (int b = 0; b < a; ++b)
+        if (color[std::size_t(t[std::size_t(a)])] == color[std::size_t(t[std::size_t(b)])])
+          throw InvalidArgument(detail::text("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/vertex_lanes.hpp
+
+namespace lumo {
+
+/// Elastic and viscous forces and blocks of eight vertices of one colour at once, on linear tetrahedra of a dilatational solid. What a
+/// vertex's tetrahedra need lies in the order of use; vertices with as many tetrahedra go together.
+template <DilatationalMaterial Material>
+class VertexLanes {
+ public:
+  static constexpr std::size_t width = Lanes::width;
+
+  /// Up to eight vertices of one colour; −1 where there is none.
+  struct Batch {
+    std::array<int, width> vertex;
+    std::size_t first, count;   ///< their slots
+  };
+  /// Squares C = FᵀF at a step's start, per slot: 11, 22, 33, 12, 13, 23.
+  using Start = std::vector<std::array<Lanes, 6>>;
+
+  /// `colors` name the vertices that move.
+  VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors);
+
+  /// Batches color by color.
+  const std::vector<std::vector<Batch>>& batches() const { return batches_; }
+  std::size_t slots() const { return slots_.size(); }
+
+  /// Squares of one batch at positions x, into their places in `start`.
+  void remember(const Batch& batch, const Positions& x, Start& start) const;
+
+  /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
+  void add(const Batch& batch, const Positions& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
+
+  /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
+  std::array<double, width> feasible_parts(const Batch& batch, const Positions& x, const std::array<Vec3, width>& steps) const;
+
+ private:
+  // One tetrahedron of each of the batch's vertices: its three other nodes and the gradients of their shape functions.
+  struct Slot {
+    std::array<Lanes, 9> gradient;
+    Lanes weight;
+    Lanes area_scale;   // signed 1/(6 V): the opposite face's doubled area vector times it is the slope of det F by the vertex
+    std::array<std::array<int, width>, 3> node;   // times three: where its x is
+  };
+  // Where a batch's vertices are.
+  static std::array<Lanes, 3> places(const Batch& batch, const Positions& x);
+  // From vertices at `self` to the slot's other nodes.
+  using Edges = std::array<std::array<Lanes, 3>, 3>;
+  [[gnu::always_inline]] static Edges edges(const std::array<Lanes, 3>& self, const Slot& slot, const Positions& x) {
+    Edges e;
+    for (std::size_t b = 0; b < 3; ++b)
+      for (std::size_t i = 0; i < 3; ++i) e[b][i] = Lanes::gathered(x.data() + i, slot.node[b]) - self[i];
+    return e;
+  }
+  // F, column by column.
+  [[gnu::always_inline]] static std::array<Lanes, 9> deformation(const Edges& e, const Slot& slot) {
+    std::array<Lanes, 9> F;
+    for (std::size_t j = 0; j < 3; ++j)
+      for (std::size_t i = 0; i < 3; ++i) F[i + 3 * j] = e[0][i] * slot.gradient[j] + e[1][i] * slot.gradient[3 + j] + e[2][i] * slot.gradient[6 + j];
+    return F;
+  }
+  [[gnu::always_inline]] static std::array<Lanes, 6> squares(const std::array<Lanes, 9>& F) {
+    const auto dot = [&](std::size_t i, std::size_t j) -> Lanes { return F[3 * i] * F[3 * j] + F[3 * i + 1] * F[3 * j + 1] + F[3 * i + 2] * F[3 * j + 2]; };
+    return {dot(0, 0), dot(1, 1), dot(2, 2), dot(0, 1), dot(0, 2), dot(1, 2)};
+  }
+  // Gradient of the vertex's own shape function.
+  static std::array<Lanes, 3> own_gradient(const Slot& slot) {
+    std::array<Lanes, 3> g;
+    for (std::size_t j = 0; j < 3; ++j) g[j] = -(slot.gradient[j] + slot.gradient[3 + j] + slot.gradient[6 + j]);
+    return g;
+  }
+  // det F and its slope c by the vertex's place, cof F applied to its gradient: the doubled area vector of the opposite face.
+  [[gnu::always_inline]] static Lanes dilation(const Edges& e, const Lanes& scale, std::array<Lanes, 3>& c) {
+    std::array<Lanes, 3> a, b;
+    for (std::size_t i = 0; i < 3; ++i) a[i] = e[1][i] - e[0][i], b[i] = e[2][i] - e[0][i];
+    for (std::size_t i = 0; i < 3; ++i) c[i] = scale * (a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3]);
+    return -(c[0] * e[0][0] + c[1] * e[0][1] + c[2] * e[0][2]);
+  }
+
+  Material material_;
+  std::vector<std::vector<Batch>> batches_;
+  std::vector<Slot> slots_;
+};
+
+template <DilatationalMaterial Material>
+VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors) : material_(elasticity.material()) {
+  for (const std::vector<int>& color : colors) {
+    std::vector<int> order = color;
+    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
+    batches_.emplace_back();
+    for (std::size_t begin = 0; begin < order.size(); begin += width) {
+      Batch batch{{}, slots_.size(), elasticity.incidences(order[begin]).size()};
+      for (std::size_t lane = 0; lane < width; ++lane) batch.vertex[lane] = begin + lane < order.size() ? order[begin + lane] : -1;
+      for (std::size_t k = 0; k < batch.count; ++k) {
+        Slot slot;
+        for (std::size_t lane = 0; lane < width; ++lane) {
+          // What is missing repeats something sound without weight, so that no lane makes NaN.
+          const int v = batch.vertex[lane] >= 0 ? batch.vertex[lane] : order[begin];
+          const auto& at = elasticity.incidences(v);
+          const bool real = batch.vertex[lane] >= 0 && k < at.size();
+          const auto& in = at[std::min(k, at.size() - 1)];
+          const auto& g = elasticity.gradient(in.tet, 0);
+          std::array<Vec3, 3> at_rest;
+          for (int b = 0, other = 0; b < 4; ++b) {
+            if (b == in.place) continue;
+            at_rest[std::size_t(other)] = mesh.nodes[std::size_t(mesh.tets[std::size_t(in.tet)][std::size_t(b)])];
+            slot.node[std::size_t(other)][lane] = 3 * mesh.tets[std::size_t(in.tet)][std::size_t(b)];
+            for (int c = 0; c < 3; ++c) slot.gradient[std::size_t(3 * other + c)].set(lane, g(c, b));
+            ++other;
+          }
+          const Vec3 area = (at_rest[1] - at_rest[0]).cross(at_rest[2] - at_rest[0]);
+          slot.area_scale.set(lane, area.dot(g.col(in.place)) / area.squaredNorm());   // at rest the slope is the vertex's own gradient
+          slot.weight.set(lane, real ? elasticity.weight(in.tet, 0) : 0.0);
+        }
+        slots_.push_back(slot);
+      }
+      for (std::size_t lane = 0; lane < width; ++lane)
+        if (batch.vertex[lane] < 0) batch.vertex[lane] = -1 - order[begin];   // its place is read, and no other's
+      batches_.back().push_back(batch);
+    }
+  }
+}
+
+template <DilatationalMaterial Material>
+std::array<Lanes, 3> VertexLanes<Material>::places(const Batch& batch, const Positions& x) {
+  std::array<Lanes, 3> self;
+  for (std::size_t lane = 0; lane < width; ++lane) {
+    const int v = batch.vertex[lane] < 0 ? -1 - batch.vertex[lane] : batch.vertex[lane];
+    for (std::size_t c = 0; c < 3; ++c) self[c].set(lane, x.data()[3 * std::size_t(v) + c]);
+  }
+  return self;
+}
+
+template <DilatationalMaterial Material>
+std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(const Batch& batch, const Positions& x,
+                                                                                       const std::array<Vec3, width>& steps) const {
+  std::array<double, width> part;
+  part.fill(1.0);
+  std::array<Lanes, 3> step;
+  for (std::size_t lane = 0; lane < width; ++lane)
+    for (std::size_t i = 0; i < 3; ++i) step[i].set(lane, steps[lane][Eigen::Index(i)]);
+  const std::array<Lanes, 3> self = places(batch, x);
+  for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
+    std::array<Lanes, 3> c;
+    const Lanes J = dilation(edges(self, slots_[k], x), slots_[k].area_scale, c);
+    const Lanes slope = c[0] * step[0] + c[1] * step[1] + c[2] * step[2];
+    for (std::size_t lane = 0; lane < width; ++lane)
+      if (J[lane] + part[lane] * slope[lane] < 0.1 * J[lane]) part[lane] = -0.9 * J[lane] / slope[lane];
+  }
+  return part;
+}
+
+template <DilatationalMaterial Material>
+void VertexLanes<Material>::remember(const Batch& batch, const Positions& x, Start& start) const {
+  const std::array<Lanes, 3> self = places(batch, x);
+  for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) start[k] = squares(deformation(edges(self, slots_[k], x), slots_[k]));
+}
+
+template <DilatationalMaterial Material>
+void VertexLanes<Material>::add(const Batch& batch, const Positions& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
+  const double mu = material_.shear_modulus();
+  std::array<Lanes, 3> force;
+  std::array<Lanes, 6> block;   // 11, 22, 33, 12, 13, 23
+  const std::array<Lanes, 3> self = places(batch, x);
+  static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
+  for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
+    const Slot& slot = slots_[k];
+    const Edges e = edges(self, slot, x);
+    const std::array<Lanes, 9> F = deformation(e, slot);
+    const std::array<Lanes, 3> g = own_gradient(slot);
+    std::array<Lanes, 3> Fg, c;
+    for (std::size_t i = 0; i < 3; ++i) Fg[i] = F[i] * g[0] + F[i + 3] * g[1] + F[i + 6] * g[2];
+    const DilatationSample<Lanes> h = material_.dilatation(dilation(e, slot.area_scale, c));
+    const Lanes square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+    const Lanes push = slot.weight * h.stress, stretch = mu * slot.weight, bulk = slot.weight * h.stiffness;
+    for (std::size_t i = 0; i < 3; ++i) {
+      force[i] -= stretch * Fg[i] + push * c[i];
+      block[i] += stretch * square;
+    }
+    for (std::size_t m = 0; m < 6; ++m) block[m] += bulk * c[row[m]] * c[column[m]];
+    if (rate > 0.0) {
+      std::array<Lanes, 6> change = squares(F);
+      for (std::size_t m = 0; m < 6; ++m) change[m] -= start[k][m];
+      const Lanes w = (2.0 * rate) * slot.weight;
+      const std::array<Lanes, 3> d = {change[0] * g[0] + change[3] * g[1] + change[4] * g[2], change[3] * g[0] + change[1] * g[1] + change[5] * g[2],
+                                      change[4] * g[0] + change[5] * g[1] + change[2] * g[2]};
+      for (std::size_t i = 0; i < 3; ++i) force[i] -= w * (F[i] * d[0] + F[i + 3] * d[1] + F[i + 6] * d[2]);
+      for (std::size_t m = 0; m < 6; ++m) {
+        const std::size_t i = row[m], j = column[m];
+        block[m] += w * (square * (F[i] * F[j] + F[i + 3] * F[j + 3] + F[i + 6] * F[j + 6]) + Fg[i] * Fg[j]);
+      }
+    }
+  }
+  for (std::size_t lane = 0; lane < width; ++lane) {
+    out[lane].force += Vec3(force[0][lane], force[1][lane], force[2][lane]);
+    for (std::size_t m = 0; m < 6; ++m) {
+      out[lane].block(Eigen::Index(row[m]), Eigen::Index(column[m])) += block[m][lane];
+      if (m > 2) out[lane].block(Eigen::Index(column[m]), Eigen::Index(row[m])) += block[m][lane];
+    }
+  }
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/descent_model.hpp
+
+namespace lumo {
+
+/// Where the sweeps of a time step begin.
+enum class Predictor {
+  position,       ///< where the last step ended
+  inertia,        ///< as if nothing held it: x + v Δt, as Newton 1.8 does
+  acceleration    ///< as if the last step's acceleration went on: x + v Δt + a Δt² (Chen et al. 2024, without their clamp to gravity)
+};
+
+/// Settings of vertex block descent; the defaults are the paper's.
+struct DescentConfig {
+  double time_step_s = 0.01;
+  int sweeps = 10;                        ///< per time step
+  Predictor predictor = Predictor::inertia;
+  double density_kg_per_m3 = 1070.0;      ///< Dragon Skin
+  double viscosity_Pa_s = 10.0;           ///< η on the rate of C = FᵀF
+  double speed_m_per_s = 5e-3;            ///< of the indenter's advance
+  double hold_s = 1.0;                    ///< at each load
+  double slip_speed_m_per_s = 1e-2;       ///< below it friction is smooth
+  double detection_m = 1e-3;              ///< points that come nearer in a step's start are watched in that step
+  double max_advance_m = 20e-3;           ///< a load that is not met by then is given up
+  double time_limit_s = 1e9;              ///< per scenario, wall clock
+  bool lanes = true;                      ///< eight vertices of a color at once, where material and element allow it
+  VertexColors colors = {};               ///< empty: color_vertices
+};
+
+/// Throws InvalidArgument for settings out of range.
+inline void validate(const DescentConfig& c) {
+  require_in_range("time step", c.time_step_s, 1e-6, 1.0, "s");
+  require_in_range("sweeps", c.sweeps, 1, 1e6, "");
+  require_in_range("density", c.density_kg_per_m3, 1.0, 1e5, "kg/m3");
+  require_in_range("viscosity", c.viscosity_Pa_s, 0.0, 1e6, "Pa s");
+  require_in_range("speed of the indenter", c.speed_m_per_s * 1e3, 1e-3, 1e3, "mm/s");
+  require_in_range("time of a hold", c.hold_s, 0.0, 1e3, "s");
+  require_in_range("slip speed", c.slip_speed_m_per_s, 1e-9, 1e3, "m/s");
+  require_in_range("distance at which contact is watched", c.detection_m * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("largest advance", c.max_advance_m * 1e3, 1e-3, 1e3, "mm");
+}
+
+/// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element>
+struct DescentModel {
+  static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
+
+  Sector sector;
+  Contact contact;
+  VertexElasticity<Material, Element> elasticity;
+  ContactSurface touchable;          ///< against the indenter
+  ContactSurface resting;            ///< against the carrier
+  Carrier carrier;
+  std::vector<double> mass;          ///< per node [kg]
+  std::vector<char> moves;           ///< per node: it is not bonded
+  VertexColors colors;               ///< of the nodes that move
+  bool resists_inversion;            ///< the material's energy has no bound where J ≤ 0
+
+  struct NoLanes {};
+  static auto lanes_type() {
+    if constexpr (batched) return std::optional<VertexLanes<Material>>();
+    else return std::optional<NoLanes>();
+  }
+  static auto squares_type() {
+    if constexpr (batched) return typename VertexLanes<Material>::Start();
+    else return NoLanes();
+  }
+  using Squares = decltype(squares_type());
+  decltype(lanes_type()) lanes;
+
+  /// Throws InvalidArgument when the given colors are none.
+  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law, const Element& element, const DescentConfig& config)
+      : sector(sector_of(mesh, planes)), contact(law), elasticity(sector.mesh, material, element),
+        touchable(sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
+        resting(sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law), carrier{body.carrier},
+        mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)), moves(sector.mesh.nodes.size(), 1),
+        resists_inversion(!std::isfinite(energy_density(material, Mat3(-Mat3::Identity())))) {
+    for (const BoundaryFace& f : sector.mesh.faces)
+      if (body.patches[std::size_t(f.patch)].bonded)
+        for (int k = 0; k < sector.mesh.nodes_per_face(); ++k) moves[std::size_t(f.nodes[std::size_t(k)])] = 0;
+    const VertexColors all = config.colors.empty() ? color_vertices(sector.mesh) : config.colors;
+    validate(all, sector.mesh);
+    for (const std::vector<int>& color : all) {
+      colors.emplace_back();
+      for (int v : color)
+        if (moves[std::size_t(v)]) colors.back().push_back(v);
+    }
+    if constexpr (batched)
+      if (config.lanes) lanes.emplace(sector.mesh, elasticity, colors);
+  }
+  DescentModel(const DescentModel&) = delete;  // elements and surfaces point into the sector's mesh
+  DescentModel& operator=(const DescentModel&) = delete;
+};
 
 }  // namespace lumo
 
@@ -2592,7 +5044,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
         area[node] += p.area_m2 * p.hat[k];
-        c.pressure_Pa[node] += p.area_m2 * p.hat[k] * contact.respond(g).pressure;
+        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
       }
     }
   for (std::size_t k = 0; k < n; ++k) {
@@ -2639,41 +5091,84 @@ inline double contact_area(const ContactSurface& surface, const std::vector<doub
 
 }  // namespace lumo
 
-// ---- lumo/mechanics/carrier.hpp
+// ---- lumo/mechanics/friction.hpp
 
 namespace lumo {
 
-/// Signed distance to the union of a body's rigid boxes. The origin of its frame is the finger's.
-struct Carrier {
-  std::vector<RigidBox> boxes;
+/// Friction on the body's nodes [N], and what of its reaction pushes the indenter back along its way.
+struct FrictionForces {
+  std::vector<Vec3> on_nodes;   ///< per mesh node; empty: none
+  double push_N = 0.0;
+};
 
-  double distance(const Vec3& p) const {
-    double least = std::numeric_limits<double>::infinity();
-    for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
-    return least;
-  }
-  DistanceSample sample(const Vec3& p) const {
-    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
-    for (const RigidBox& b : boxes)
-      if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
-    return nearest;
+/// Coulomb friction that remembers: a point of the surface sticks by a stiff spring along the rigid surface until the spring's force is the
+/// coefficient times the pressure, and then slides with it. The spring's stretch is carried from one equilibrium to the next.
+/// Source: Wriggers 2006, §5.2 (regularised Coulomb law, return mapping).
+struct FrictionHistory {
+  double coefficient = 0.0;
+  double stiffness_N_per_m3 = 0.0;             ///< of the spring
+  double turning = 1.0;                        ///< 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle
+  Vec3 origin = Vec3::Zero();                  ///< of the rigid thing's frame at the last equilibrium [m]
+  std::vector<std::vector<Vec3>> place;        ///< of each surface point there, face by face [m]
+  std::vector<std::vector<Vec3>> stretch;      ///< of its spring there [m]
+
+  /// Everything unstretched at positions x. The spring is a tenth as stiff as the law's penalty: it stretches by ten overlaps times the coefficient.
+  template <ContactHandler Contact>
+  FrictionHistory(const ContactSurface& surface, const Contact& law, const Positions& x, const Vec3& rigid_origin)
+      : coefficient(friction_coefficient(law)), stiffness_N_per_m3(0.1 * law.stiffness_N_per_m3), origin(rigid_origin), place(surface.size()), stretch(surface.size()) {
+    if (coefficient == 0.0) return;
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (const SurfacePoint& p : surface.points(f)) {
+        place[f].push_back(surface.position(f, p, x));
+        stretch[f].push_back(Vec3::Zero());
+      }
   }
 
- private:
-  static DistanceSample to_box(const RigidBox& b, const Vec3& p) {
-    const Vec3 local = p - b.center;
-    const Vec3 sign = local.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
-    const Vec3 q = local.cwiseAbs() - b.half;
-    int axis;
-    if (const double inside = q.maxCoeff(&axis); inside <= 0.0) return {inside, sign[axis] * Vec3::Unit(axis), Mat3::Zero()};
-    const Vec3 out = q.cwiseMax(0.0);
-    const double r = out.norm();
-    const Vec3 n = out / r;
-    Mat3 h = Mat3::Zero();  // only the directions that are outside bend the distance
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j)
-        if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
-    return {r, n.cwiseProduct(sign), h};
+  /// Traction [Pa] on the body at a point in contact, its stiffness [N/m³] at constant pressure, and the spring's stretch [m].
+  struct Answer {
+    Vec3 traction;
+    Mat3 stiffness;
+    Vec3 stretch;
+  };
+  Answer answer(std::size_t face, std::size_t point, const Vec3& at, const Vec3& rigid_origin, const Vec3& normal, double pressure) const {
+    const Mat3 along = Mat3::Identity() - normal * normal.transpose();
+    const Vec3 s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
+    const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
+    if (length <= most) return {-stiffness_N_per_m3 * s, stiffness_N_per_m3 * along, s};
+    const Vec3 way = s / length;
+    return {-stiffness_N_per_m3 * most * way, stiffness_N_per_m3 * most / length * (along - turning * way * way.transpose()), most * way};
+  }
+
+  /// Makes the equilibrium at positions x, with the rigid thing as it is now, the last one. Points out of contact let go.
+  template <ContactHandler Contact, class Tool>
+  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
+    if (coefficient == 0.0) return;
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
+        const Vec3 at = surface.position(f, surface.points(f)[k], x);
+        const DistanceSample d = rigid.sample(at);
+        stretch[f][k] = d.distance < 0.0 ? answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).stretch : Vec3(Vec3::Zero());
+      }
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k) place[f][k] = surface.position(f, surface.points(f)[k], x);
+    origin = rigid.origin;
+  }
+
+  /// Adds friction on the body's nodes [N] at positions x; returns their sum.
+  template <ContactHandler Contact, class Tool>
+  Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3>& on_nodes) const {
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
+      for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
+        const SurfacePoint& p = surface.points(f)[k];
+        const Vec3 at = surface.position(f, p, x);
+        const DistanceSample d = rigid.sample(at);
+        if (d.distance >= 0.0) continue;
+        const Vec3 force = p.weight_m2 * answer(f, k, at, rigid.origin, d.gradient, law.respond(d.distance).pressure).traction;
+        for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) on_nodes[std::size_t(surface.face(f).nodes[n])] += p.shape[n] * force;
+        sum += force;
+      }
+    return sum;
   }
 };
 
@@ -2703,8 +5198,8 @@ struct SectorModel {
 
   SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
       : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
-        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }),
-        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }), carrier{b.carrier} {
+        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
       if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
@@ -2726,6 +5221,8 @@ struct PressSystem {
   Vec3 origin;      ///< of the indenter at first touch
   Vec3 direction;
   double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
+  const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
+  const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
 
   Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
@@ -2765,8 +5262,8 @@ struct PressSystem {
   Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr);
-    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr);
+    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
+    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
     Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
@@ -2796,9 +5293,9 @@ struct PressSystem {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
-                                                seen ? &seen->touch : nullptr);
+                                                seen ? &seen->touch : nullptr, touch_friction);
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr);
+      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr, rest_friction);
     }
   }
 
@@ -2851,83 +5348,40 @@ namespace lumo {
 struct MechanicalState {
   Status status = Status::non_finite;
   double load_N = 0.0;                       ///< prescribed
+  bool certified = false;                    ///< equilibrium, found so by an independent routine; never of a state that is only held
   double force_N = 0.0;                      ///< contact wrench · (−direction)
+  double met_force_N = 0.0;                  ///< the force when a solver that goes in time stopped the advance, before the hold
   double depth_m = 0.0;                      ///< advance since first touch of the exact undeformed profile
   std::vector<Vec3> displacement;            ///< per mesh node [m]
   /// Contact field per mesh node: > 0 in contact with the indenter, < 0 outside; −infinity on nodes that it cannot touch.
   /// Linear on the sub-facets of the surface (corners and edge middles); the contact set is {φ > 0}.
   std::vector<double> contact_field;
+  std::vector<Vec3> friction_N;              ///< friction on the body per mesh node; empty without
+  double friction_push_N = 0.0;              ///< what of it is in force_N
   std::vector<double> pressure_Pa;           ///< indenter pressure per mesh node, per reference area; 0 off the surface
   double contact_area_m2 = 0.0;              ///< A(C; X), deformed
   double reference_area_m2 = 0.0;            ///< A_0(C), undeformed
   double residual_N = std::numeric_limits<double>::infinity();  ///< norm of the out-of-balance forces, from an independent routine
   double penetration_m = 0.0;                ///< largest overlap of surface and indenter
-  int iterations = 0;                        ///< Newton steps spent on this load
+  int iterations = 0;                        ///< Newton steps, or sweeps, spent on this load
 };
-
-}  // namespace lumo
-
-// ---- lumo/mechanics/certify.hpp
-
-namespace lumo {
-
-/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
-/// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
-double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement) {
-  std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
-  for (const auto& t : mesh.tets) {
-    std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
-    std::array<Mat3, std::size_t(Element::points)> F;
-    std::array<double, std::size_t(Element::points)> volume;
-    double whole = 0.0, changed = 0.0;
-    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
-      const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
-      Mat3 reference = Mat3::Zero();
-      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-      slope[q] = reference.transpose().partialPivLu().solve(by_xi);
-      F[q] = Mat3::Identity();
-      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
-      volume[q] = Element::weight(int(q)) * reference.determinant();
-      whole += volume[q];
-      changed += volume[q] * F[q].determinant();
-    }
-    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
-      const double J = F[q].determinant();
-      const double seen = element.mean_dilatation ? changed / whole : J;
-      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * F[q].inverse().transpose();
-      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * slope[q].col(a));
-    }
-  }
-  Positions x(3, Eigen::Index(mesh.nodes.size()));
-  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + displacement[k];
-  const Carrier carrier{body.carrier};
-  double push = 0.0;
-  const auto press = [&](const ContactSurface& surface, const auto& rigid, bool is_indenter) {
-    for (std::size_t f = 0; f < surface.size(); ++f)
-      for (const SurfacePoint& p : surface.points(f)) {
-        const DistanceSample d = rigid.sample(surface.position(f, p, x));
-        const Vec3 traction = contact.respond(d.distance).pressure * d.gradient;
-        if (is_indenter) push += p.area_m2 * traction.dot(direction);
-        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.area_m2 * p.shape[k] * traction;
-      }
-  };
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }), Moving<Tool>{&tool, origin, direction}, true);
-  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }), Moving<Carrier>{&carrier, Vec3::Zero(), direction}, false);
-  for (const BoundaryFace& f : mesh.faces)
-    if (body.patches[std::size_t(f.patch)].bonded)
-      for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
-  double sum = (push - load_N) * (push - load_N);
-  for (const Vec3& f : force) sum += f.squaredNorm();
-  return std::sqrt(sum);
-}
 
 }  // namespace lumo
 
 // ---- lumo/mechanics/quasi_static.hpp
 
 namespace lumo {
+
+/// Settings of the quasi-static solver.
+struct QuasiStaticConfig {
+  double residual_tolerance = 1e-7;   ///< of the load
+  int max_iterations = 200;           ///< factorisations per load
+  int stride_iterations = 40;         ///< factorisations before a stride is cut
+  double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+  double load_stride = 1.6;           ///< loads in between are at most this factor apart
+  double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
+  double time_limit_s = 1e9;          ///< per scenario, wall clock
+};
 
 /// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly (model: solver policy
 /// "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
@@ -2943,24 +5397,29 @@ namespace lumo {
 /// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
 /// equilibrium.
 ///
+/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so that it stays symmetric:
+/// convergence is linear, and states depend on the strides that lead to them.
+///
 /// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
 /// otherwise the status says so.
+template <LinearSolver Linear = EigenCholesky>
 struct QuasiStatic {
-  struct Config {
-    double residual_tolerance = 1e-7;   ///< of the load
-    int max_iterations = 200;           ///< factorisations per load
-    int stride_iterations = 40;         ///< factorisations before a stride is cut
-    double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-    double load_stride = 1.6;           ///< loads in between are at most this factor apart
-    double max_advance = 0.2;           ///< largest advance in one step, in indenter radii
-    double time_limit_s = 1e9;          ///< per scenario, wall clock
-  };
+  template <class Material, class Contact, class Element>
+  using Model = SectorModel<Material, Contact, Element, Linear>;
+  using Config = QuasiStaticConfig;
+  static constexpr bool uses_symmetry = true;
   Config config = {};
+
+  template <class Material, class Contact, class Element>
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+                                                           const Element& element) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
+  }
 
   /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no further one is tried
   /// (it carries the reason).
-  template <class Model, Indenter Tool>
-  std::vector<MechanicalState> run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const;
+  template <class SomeModel, Indenter Tool>
+  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
 
 namespace detail {
@@ -2968,9 +5427,10 @@ namespace detail {
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStatic::Config& config)
+  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations), linear_(model.blocks.front().analysed), now_{positions_of(model.sector.mesh), 0.0},
+        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()),
         deadline_(std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
                                                          std::chrono::duration<double>(std::min(config.time_limit_s, 1e6)))) {}
 
@@ -2978,6 +5438,7 @@ class QuasiStaticRun {
   Status solve(double load) {
     iterations = 0;
     const typename System::Place start = now_;
+    const FrictionHistory touched_before = touched_, rested_before = rested_;
     const double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
@@ -2985,11 +5446,13 @@ class QuasiStaticRun {
       const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
+        touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
+        rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         continue;
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, load_ = from;   // what was reached loosely on the way may be what led astray
+      now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
@@ -2999,17 +5462,20 @@ class QuasiStaticRun {
 
   const Positions& positions() const { return now_.x; }
   double advance() const { return now_.advance; }
+  /// Friction on the sector's nodes as parts of the whole body's, and the whole's push against the advance.
+  FrictionForces friction() const;
   int iterations = 0;
 
  private:
   using System = PressSystem<Model, Tool>;
   static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
+  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom change between sticking and sliding
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
-  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(system_.tool.radius_m(), 2); }
+  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
   double hertz_area(double load) const {
     const double share = model_.sector.fraction(), whole = load / share;
-    return share * pi * std::pow(3.0 * whole * system_.tool.radius_m() / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
+    return share * pi * std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -3032,6 +5498,7 @@ class QuasiStaticRun {
   Status touch_down(double load, double tolerance) {
     system_.firmness = 0.1;
     const Status s = approach(load, loose, hertz_area(load));
+    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
     const double softer = std::exchange(system_.firmness, 1.0);
     return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
   }
@@ -3054,6 +5521,7 @@ class QuasiStaticRun {
       if (!fresh || r.norm() > config_.chord_contraction * last) {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
+        touched_.turning = rested_.turning = r.norm() < settled * load ? 1.0 : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
         const FactorStatus f = linear_.factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
@@ -3101,7 +5569,7 @@ class QuasiStaticRun {
     const Eigen::VectorXd du = -z - response_ * ds;
     if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
     const double now = model_.solid.smallest_J(now_.x);
-    double t = std::min(1.0, config_.max_advance * system_.tool.radius_m() / std::max(std::abs(ds), 1e-300));
+    double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, du, 1.0);
     for (int k = 0; k < 20; ++k, t *= 0.5) {
@@ -3134,12 +5602,13 @@ class QuasiStaticRun {
     return Status::converged;
   }
 
-  QuasiStatic::Config config_;
+  QuasiStaticConfig config_;
   const Model& model_;
   System system_;
   const Equations& eq_;
   std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)> linear_;
   typename System::Place now_, factored_;   // where we are, and where the factor was made
+  FrictionHistory touched_, rested_;        // at the end of the last stride
   std::chrono::steady_clock::time_point deadline_;
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
@@ -3147,11 +5616,29 @@ class QuasiStaticRun {
   double load_ = 0.0;          // last one that was reached
 };
 
+template <class Model, Indenter Tool>
+FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
+  FrictionForces out;
+  if (touched_.coefficient == 0.0) return out;
+  const Sector& sector = model_.sector;
+  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3::Zero());
+  rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
+  out.push_N = touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes).dot(system_.direction) / sector.fraction();
+  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)   // nodes in a bounding plane have as much on the other side
+    for (int axis = 0; axis < 2; ++axis)
+      if ((axis == 0 ? sector.planes.x : sector.planes.y) && sector.mesh.nodes[k][axis] == 0.0) {
+        out.on_nodes[k] *= 2.0;
+        out.on_nodes[k][axis] = 0.0;
+      }
+  return out;
+}
+
 }  // namespace detail
 
-template <class Model, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  detail::QuasiStaticRun<Model, Tool> path(model, scenario, touch, config);
+template <LinearSolver Linear>
+template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+  detail::QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
   for (double load : scenario.loads_N) {
@@ -3162,6 +5649,9 @@ std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario
     state.depth_m = path.advance();
     const Positions& x = path.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    FrictionForces friction = path.friction();
+    state.friction_N = std::move(friction.on_nodes);
+    state.friction_push_N = friction.push_N;
     states.push_back(std::move(state));
     if (states.back().status != Status::converged) break;
   }
@@ -3170,25 +5660,457 @@ std::vector<MechanicalState> QuasiStatic::run(const Model& model, const Scenario
 
 }  // namespace lumo
 
+// ---- lumo/mechanics/press_solver.hpp
+
+namespace lumo {
+
+/// How the states under a scenario's loads are found. model() makes what scenarios on one mesh share, for a sector of it where the solver
+/// `uses_symmetry`; run() gives one state per load, displacements on the sector's nodes, up to the first that fails.
+/// Laws: same input, same bits, also side by side; a state is `converged` or `held` or says why not; run() changes nothing in the model.
+template <class S, class Material, class Contact, class Element>
+concept PressSolver = std::copyable<S> && requires(const S& solver, const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material,
+                                                   const Contact& contact, const Element& element,
+                                                   const typename S::template Model<Material, Contact, Element>& model, const Scenario<Sphere>& scenario, const Touch& touch) {
+  { S::uses_symmetry } -> std::convertible_to<bool>;
+  { solver.model(body, mesh, planes, material, contact, element) } -> std::same_as<std::unique_ptr<typename S::template Model<Material, Contact, Element>>>;
+  { solver.run(model, scenario, touch) } -> std::same_as<std::vector<MechanicalState>>;
+};
+
+namespace detail {
+
+template <class Method>
+struct SolverOf {
+  using type = Method;
+};
+template <LinearSolver Method>
+struct SolverOf<Method> {
+  using type = QuasiStatic<Method>;
+};
+
+}  // namespace detail
+
+/// The solver that a simulator's last parameter names: a linear solver stands for the quasi-static one that uses it.
+template <class Method>
+using SolverOf = typename detail::SolverOf<Method>::type;
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/step_contacts.hpp
+
+namespace lumo {
+
+/// The contact points of one time step between a surface and one rigid thing, with Coulomb friction on the slip since the step's start.
+/// Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020; Newton 1.8).
+template <ContactHandler Contact, class Tool>
+class StepContacts {
+ public:
+  StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
+
+  /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at its place.
+  void find(const Positions& start, const Moving<Tool>& rigid, const Vec3& moved, double reach_m, double stick_m);
+
+  /// Adds node v's share at positions x.
+  void add(int v, const Positions& x, VertexBlock& out) const {
+    for (int k = first_[std::size_t(v)]; k < first_[std::size_t(v) + 1]; ++k) {
+      const auto [point, shape] = corners_[std::size_t(k)];
+      const VertexBlock at = response(points_[std::size_t(point)], x);
+      out.force += shape * at.force;
+      out.block += shape * shape * at.block;
+    }
+  }
+
+  /// Force on the whole surface at positions x, and friction alone on the nodes.
+  struct Sums {
+    Vec3 force = Vec3::Zero(), friction = Vec3::Zero();
+  };
+  Sums sum(const Positions& x, std::vector<Vec3>* friction_on_nodes) const {
+    Sums s;
+    for (const Point& p : points_) {
+      const Vec3 force = response(p, x).force, friction = force - normal_force(p, x);
+      s.force += force;
+      s.friction += friction;
+      if (!friction_on_nodes || law_friction() == 0.0) continue;
+      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
+        (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] += surface_->points(p.face)[p.number].shape[a] * friction;
+    }
+    return s;
+  }
+
+ private:
+  static constexpr bool frozen = requires { requires Contact::plane_frozen; };
+  struct Point {
+    std::size_t face, number;
+    Vec3 start;     // its place at the step's start
+    Vec3 foot;      // of the plane
+    Vec3 normal;
+  };
+  struct Corner {
+    int point;
+    double shape;
+  };
+
+  double law_friction() const { return friction_coefficient(law_); }
+  std::pair<double, Vec3> gap(const Point& p, const Vec3& at) const {
+    if constexpr (frozen) {
+      return {p.normal.dot(at - p.foot), p.normal};
+    } else {
+      const DistanceSample d = rigid_.sample(at);
+      return {d.distance, d.gradient};
+    }
+  }
+  Vec3 place(const Point& p, const Positions& x) const { return surface_->position(p.face, surface_->points(p.face)[p.number], x); }
+  Vec3 normal_force(const Point& p, const Positions& x) const {
+    const auto [g, n] = gap(p, place(p, x));
+    return surface_->points(p.face)[p.number].weight_m2 * law_.respond(g).pressure * n;
+  }
+  // Force on the surface at the point, and its stiffness without the curvature of the rigid thing.
+  VertexBlock response(const Point& p, const Positions& x) const {
+    const Vec3 at = place(p, x);
+    const auto [g, n] = gap(p, at);
+    if (g >= 0.0) return {};
+    const ContactResponse r = law_.respond(g);
+    const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
+    VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
+    if (law_friction() == 0.0) return out;
+    const Vec3 slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
+    const double u = along.norm(), scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
+    out.force -= scale * along;
+    out.block += scale * (Mat3::Identity() - n * n.transpose());
+    return out;
+  }
+
+  const ContactSurface* surface_;
+  Contact law_;
+  Moving<Tool> rigid_{};
+  Vec3 moved_ = Vec3::Zero();
+  double stick_m_ = 1.0;
+  std::vector<Point> points_;
+  std::vector<int> first_;         // per node, into corners_
+  std::vector<Corner> corners_;
+};
+
+template <ContactHandler Contact, class Tool>
+void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3& moved, double reach_m, double stick_m) {
+  rigid_ = rigid;
+  moved_ = moved;
+  stick_m_ = stick_m;
+  points_.clear();
+  std::vector<std::vector<Corner>> of_node(std::size_t(start.cols()));
+  for (std::size_t f = 0; f < surface_->size(); ++f) {
+    const auto [middle, radius] = surface_->ball(f, start);
+    if (rigid.distance(middle) > radius + reach_m) continue;
+    const std::vector<SurfacePoint>& points = surface_->points(f);
+    for (std::size_t k = 0; k < points.size(); ++k) {
+      const Vec3 at = surface_->position(f, points[k], start);
+      const DistanceSample d = rigid.sample(at);
+      if (d.distance > reach_m) continue;
+      for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
+        if (points[k].shape[a] != 0.0) of_node[std::size_t(surface_->face(f).nodes[a])].push_back({int(points_.size()), points[k].shape[a]});
+      points_.push_back({f, k, at, at - d.distance * d.gradient, d.gradient});
+    }
+  }
+  first_.assign(1, 0);
+  corners_.clear();
+  for (const auto& corners : of_node) {
+    corners_.insert(corners_.end(), corners.begin(), corners.end());
+    first_.push_back(int(corners_.size()));
+  }
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/vertex_block_descent.hpp
+
+namespace lumo {
+
+/// The paper's solver: implicit Euler in time, each step a fixed number of sweeps over the vertices, color by color; each vertex is moved by
+/// Newton's method on its own three components, with inertia, elasticity, viscosity and contact in the 3×3 block. The indenter advances at a
+/// constant speed until a load is met, then stands still for `hold_s`, and the state is recorded: `held`, which says nothing of equilibrium.
+/// Vertices of one color do not meet, so that any executor gives the same bits.
+/// Source: Chen, Liu, Yang, Yuksel 2024 (vertex block descent); protocol of the paper's §III-B and its table of settings.
+template <Executor E = Serial>
+struct BlockDescent {
+  template <class Material, class Contact, class Element>
+  using Model = DescentModel<Material, Contact, Element>;
+  using Config = DescentConfig;
+  static constexpr bool uses_symmetry = false;
+  Config config = {};
+  E executor = {};
+
+  /// Throws InvalidArgument for settings out of range and for colors that are none.
+  template <class Material, class Contact, class Element>
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+                                                           const Element& element) const {
+    validate(config);
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
+  }
+
+  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations.
+  template <class SomeModel, Indenter Tool>
+  std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
+};
+
+using VertexBlockDescent = BlockDescent<>;
+
+namespace detail {
+
+/// One body under one indenter in time.
+template <class Model, Indenter Tool, Executor E>
+class Descent {
+ public:
+  Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3& direction, const DescentConfig& config, const E& executor)
+      : model_(model), config_(config), executor_(executor), tool_(tool), origin_(touch.origin), direction_(direction), x_(positions_of(model.sector.mesh)),
+        start_(x_), target_(x_), velocity_(Positions::Zero(3, x_.cols())), last_velocity_(velocity_), touching_(model.touchable, model.contact),
+        resting_(model.resting, model.contact) {
+    if constexpr (Model::batched)
+      if (model.lanes) squares_.resize(model.lanes->slots());
+  }
+
+  /// One time step, at whose start the indenter moves on by `by` [m].
+  void step(double by) {
+    advance_ += by;
+    const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
+    start_ = x_;
+    predict();
+    touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
+    resting_.find(start_, {&model_.carrier, Vec3::Zero(), Vec3::UnitZ()}, Vec3::Zero(), config_.detection_m, stick);
+    if constexpr (Model::batched)
+      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, start_, squares_); });
+    for (int k = 0; k < config_.sweeps; ++k) sweep();
+    last_velocity_ = velocity_;
+    velocity_ = (x_ - start_) / dt;
+  }
+
+  /// What the indenter feels against its advance [N].
+  double push() const { return touching_.sum(x_, nullptr).force.dot(direction_); }
+  /// Friction on the nodes, and its part of the push.
+  double friction(std::vector<Vec3>& on_nodes) const {
+    on_nodes.assign(std::size_t(x_.cols()), Vec3::Zero());
+    resting_.sum(x_, &on_nodes);
+    return touching_.sum(x_, &on_nodes).friction.dot(direction_);
+  }
+  const Positions& positions() const { return x_; }
+  double advance() const { return advance_; }
+
+ private:
+  double rate() const { return config_.viscosity_Pa_s / config_.time_step_s; }
+
+  // Where inertia alone would carry the vertices, and where the sweeps begin.
+  void predict() {
+    const double dt = config_.time_step_s;
+    target_ = start_ + dt * velocity_;
+    Positions ahead = Positions::Zero(3, x_.cols());
+    if (config_.predictor != Predictor::position) ahead = dt * velocity_;
+    if (config_.predictor == Predictor::acceleration) ahead += dt * (velocity_ - last_velocity_);
+    for (Eigen::Index v = 0; v < x_.cols(); ++v)
+      if (!model_.moves[std::size_t(v)]) ahead.col(v).setZero();
+    x_ = start_ + ahead;
+    // A law without an energy inside out must not begin there.
+    if (model_.resists_inversion && config_.predictor != Predictor::position) {
+      const double floor = 0.2 * model_.elasticity.smallest_J(start_);
+      for (int k = 0; k < 10 && !(model_.elasticity.smallest_J(x_) > floor); ++k) ahead *= 0.5, x_ = start_ + ahead;
+      if (!(model_.elasticity.smallest_J(x_) > floor)) x_ = start_;
+    }
+  }
+
+  // Pieces of work that are large enough to hand out.
+  static constexpr std::size_t piece = 16;
+
+  template <class Visit>
+  void for_batches(Visit&& visit) const {
+    if constexpr (Model::batched)
+      if (model_.lanes)
+        for (const auto& batches : model_.lanes->batches()) over(batches.size(), [&](std::size_t k) { visit(batches[k]); });
+  }
+  template <class Visit>
+  void over(std::size_t count, Visit&& visit) const {
+    executor_.for_each((count + piece - 1) / piece, [&](std::size_t p) {
+      for (std::size_t k = p * piece; k < std::min(count, (p + 1) * piece); ++k) visit(k);
+    });
+  }
+
+  void sweep() {
+    if constexpr (Model::batched)
+      if (model_.lanes) {
+        for_batches([&](const auto& batch) {
+          std::array<VertexBlock, Lanes::width> blocks;
+          model_.lanes->add(batch, x_, squares_, rate(), blocks);
+          std::array<Vec3, Lanes::width> steps;
+          steps.fill(Vec3::Zero());
+          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+            if (batch.vertex[lane] >= 0) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
+          if (model_.resists_inversion) {
+            const auto part = model_.lanes->feasible_parts(batch, x_, steps);
+            for (std::size_t lane = 0; lane < Lanes::width; ++lane) steps[lane] *= part[lane];
+          }
+          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+            if (batch.vertex[lane] >= 0) x_.col(batch.vertex[lane]) += steps[lane];
+        });
+        return;
+      }
+    for (const std::vector<int>& color : model_.colors)
+      over(color.size(), [&](std::size_t k) {
+        VertexBlock b;
+        model_.elasticity.add(color[k], x_, start_, rate(), b);
+        const Vec3 step = step_of(color[k], b);
+        x_.col(color[k]) += (model_.resists_inversion ? model_.elasticity.feasible_part(color[k], x_, step) : 1.0) * step;
+      });
+  }
+
+  // Adds inertia and contact, and solves for the vertex's step.
+  Vec3 step_of(int v, VertexBlock& b) const {
+    const double inertia = model_.mass[std::size_t(v)] / (config_.time_step_s * config_.time_step_s);
+    b.force += inertia * (target_.col(v) - x_.col(v));
+    b.block += inertia * Mat3::Identity();
+    touching_.add(v, x_, b);
+    resting_.add(v, x_, b);
+    const Mat3& H = b.block;
+    const Mat3 c = cofactor(H);   // of a symmetric matrix: its inverse times the determinant
+    const double determinant = H.col(0).dot(c.col(0));
+    if (H(0, 0) > 0.0 && c(2, 2) > 0.0 && determinant > 1e-14 * H(0, 0) * H(1, 1) * H(2, 2)) return c * b.force / determinant;
+    if (!H.allFinite() || !b.force.allFinite()) return Vec3::Constant(std::numeric_limits<double>::quiet_NaN());   // seen at the step's end
+    // Curvatures that are negative change sign: a step along them still lowers the energy.
+    const Eigen::SelfAdjointEigenSolver<Mat3> eigen(H);
+    const Vec3 l = eigen.eigenvalues().cwiseAbs();
+    return eigen.eigenvectors() * (eigen.eigenvectors().transpose() * b.force).cwiseQuotient(l.cwiseMax(1e-9 * l.maxCoeff()));
+  }
+
+  const Model& model_;
+  const DescentConfig& config_;
+  const E& executor_;
+  const Tool& tool_;
+  Vec3 origin_, direction_;
+  double advance_ = 0.0;
+  Positions x_, start_, target_, velocity_, last_velocity_;
+  StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
+  StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
+  typename Model::Squares squares_;
+};
+
+}  // namespace detail
+
+template <Executor E>
+template <class SomeModel, Indenter Tool>
+std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+  using Clock = std::chrono::steady_clock;
+  const auto begun = Clock::now();
+  const auto late = [&] { return std::chrono::duration<double>(Clock::now() - begun).count() > config.time_limit_s; };
+  detail::Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
+  const int hold = int(std::lround(config.hold_s / config.time_step_s));
+  std::vector<MechanicalState> states;
+  int steps = 0;
+  for (double load : scenario.loads_N) {
+    MechanicalState state;
+    state.load_N = load;
+    state.status = Status::held;
+    const int before = steps;
+    const auto go = [&](double by) {
+      body.step(by);
+      ++steps;
+      if (!body.positions().allFinite()) state.status = Status::non_finite;
+      else if (late()) state.status = Status::time_limit;
+    };
+    while (state.status == Status::held && body.push() < load) {
+      if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
+      else go(config.speed_m_per_s * config.time_step_s);
+    }
+    state.met_force_N = body.push();
+    for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);
+    state.iterations = config.sweeps * (steps - before);
+    state.depth_m = body.advance();
+    const Positions& x = body.positions();
+    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
+    states.push_back(std::move(state));
+    if (states.back().status != Status::held) break;
+  }
+  return states;
+}
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/certify.hpp
+
+namespace lumo {
+
+/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
+/// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
+/// Friction depends on the way that was taken and is given.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
+                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement, const FrictionForces& friction = {}) {
+  std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
+  for (const auto& t : mesh.tets) {
+    std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
+    std::array<Mat3, std::size_t(Element::points)> F;
+    std::array<double, std::size_t(Element::points)> volume;
+    double whole = 0.0, changed = 0.0;
+    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
+      const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
+      Mat3 reference = Mat3::Zero();
+      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+      slope[q] = reference.transpose().partialPivLu().solve(by_xi);
+      F[q] = Mat3::Identity();
+      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
+      volume[q] = Element::weight(int(q)) * reference.determinant();
+      whole += volume[q];
+      changed += volume[q] * F[q].determinant();
+    }
+    for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
+      const double J = F[q].determinant();
+      const double seen = element.mean_dilatation ? changed / whole : J;
+      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * F[q].inverse().transpose();
+      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * slope[q].col(a));
+    }
+  }
+  Positions x(3, Eigen::Index(mesh.nodes.size()));
+  for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k] + displacement[k];
+  const Carrier carrier{body.carrier};
+  double push = friction.push_N;
+  for (std::size_t k = 0; k < friction.on_nodes.size(); ++k) force[k] -= friction.on_nodes[k];
+  const auto press = [&](const ContactSurface& surface, const auto& rigid, bool is_indenter) {
+    for (std::size_t f = 0; f < surface.size(); ++f)
+      for (const SurfacePoint& p : surface.points(f)) {
+        const DistanceSample d = rigid.sample(surface.position(f, p, x));
+        const Vec3 traction = contact.respond(d.distance).pressure * d.gradient;
+        if (is_indenter) push += p.weight_m2 * traction.dot(direction);
+        for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) force[std::size_t(surface.face(f).nodes[k])] -= p.weight_m2 * p.shape[k] * traction;
+      }
+  };
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.contactable; }, contact), Moving<Tool>{&tool, origin, direction}, true);
+  press(ContactSurface(mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact), Moving<Carrier>{&carrier, Vec3::Zero(), direction}, false);
+  for (const BoundaryFace& f : mesh.faces)
+    if (body.patches[std::size_t(f.patch)].bonded)
+      for (int k = 0; k < mesh.nodes_per_face(); ++k) force[std::size_t(f.nodes[std::size_t(k)])].setZero();
+  double sum = (push - load_N) * (push - load_N);
+  for (const Vec3& f : force) sum += f.squaredNorm();
+  return std::sqrt(sum);
+}
+
+}  // namespace lumo
+
 // ---- lumo/mechanics/simulator.hpp
 
 namespace lumo {
 
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear, class Solver>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
+  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
 class PreparedBody;
 
 /// Presses an indenter into a body. Types choose the physics, values choose the numbers:
 /// `Simulator sim{NeoHookean{.mu = 106.0_kPa, .lambda = 10.494_MPa}, SDFContact{}}`.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet, LinearSolver Linear = EigenCholesky, class Solver = QuasiStatic>
+/// `Method` is a solver, such as VertexBlockDescent, or a linear solver for the quasi-static one, such as Cholmod.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element = QuadraticTet, class Method = EigenCholesky>
+  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
 struct Simulator {
   Material material = {};
   Contact contact = {};
   Element element = {};
-  Solver solver = {};
+  SolverOf<Method> solver = {};
 
   /// Everything that scenarios on one mesh share (elements, symbolic factorisations); thread-safe, so that scenarios can run side by side.
   /// Throws InvalidArgument for parameters out of range.
-  PreparedBody<Material, Contact, Element, Linear, Solver> prepare(const Body& body, const TetMesh& mesh) const {
+  PreparedBody<Material, Contact, Element, Method> prepare(const Body& body, const TetMesh& mesh) const {
     validate(material);
     validate(contact);
     return {*this, body, mesh};
@@ -3205,18 +6127,21 @@ template <class Material, class Contact>
 Simulator(Material, Contact) -> Simulator<Material, Contact>;
 template <class Material, class Contact, class Element>
 Simulator(Material, Contact, Element) -> Simulator<Material, Contact, Element>;
+template <class Material, class Contact, class Element, class Solver>
+Simulator(Material, Contact, Element, Solver) -> Simulator<Material, Contact, Element, Solver>;
 
 /// A body ready to be pressed at many places.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear, class Solver>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
+  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
 class PreparedBody {
  public:
-  using Model = SectorModel<Material, Contact, Element, Linear>;
-  using Maker = Simulator<Material, Contact, Element, Linear, Solver>;
+  using Model = typename SolverOf<Method>::template Model<Material, Contact, Element>;
+  using Maker = Simulator<Material, Contact, Element, Method>;
 
   PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh) : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
-  /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric only a half or a quarter is solved; fields
-  /// that break the symmetry are still tested for stability.
+  /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver takes only a half or a
+  /// quarter; fields that break the symmetry are still tested for stability.
   template <Indenter Tool>
   std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const;
 
@@ -3225,7 +6150,7 @@ class PreparedBody {
  private:
   const Model& model(Symmetry planes) const {
     Slot& slot = (*slots_)[std::size_t((planes.x ? 1 : 0) + (planes.y ? 2 : 0))];
-    std::call_once(slot.once, [&] { slot.model = std::make_unique<Model>(body_, *mesh_, planes, maker_.material, maker_.contact, maker_.element); });
+    std::call_once(slot.once, [&] { slot.model = maker_.solver.model(body_, *mesh_, planes, maker_.material, maker_.contact, maker_.element); });
     return *slot.model;
   }
 
@@ -3239,32 +6164,39 @@ class PreparedBody {
   std::shared_ptr<std::array<Slot, 4>> slots_ = std::make_shared<std::array<Slot, 4>>();
 };
 
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear, class Solver>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Method>
+  requires PressSolver<SolverOf<Method>, Material, Contact, Element>
 template <Indenter Tool>
-std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Linear, Solver>::press(const Scenario<Tool>& scenario) const {
+std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::press(const Scenario<Tool>& scenario) const {
   validate(scenario);
   const Touch touch = first_touch(body_, *mesh_, scenario);
-  const Symmetry planes{mesh_->symmetry.x && scenario.angle_rad == 0.0, mesh_->symmetry.y && scenario.y_m == 0.0};
+  // A fixed area per vertex knows no halves of vertices.
+  const bool fold = SolverOf<Method>::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
+  const Symmetry planes{fold && mesh_->symmetry.x && scenario.angle_rad == 0.0, fold && mesh_->symmetry.y && scenario.y_m == 0.0};
   const Model& sector_model = model(planes);
   std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
-  const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; });
+  const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
   for (MechanicalState& s : states) {
     s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
+    if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
     const Vec3 origin = touch.origin + s.depth_m * scenario.direction();
-    // Certified on the whole mesh by the independent routine, whatever the solver says of itself.
-    s.residual_N = out_of_balance(body_, *mesh_, maker_.material, maker_.contact, maker_.element, scenario.indenter, origin, scenario.direction(), s.load_N, s.displacement);
-    if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N)) s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
     Positions x = positions_of(*mesh_);
     for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
     const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};
     ContactField c = contact_field(*mesh_, surface, maker_.contact, rigid, x);
     const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
-    s.force_N = sums.push_N;
+    s.force_N = sums.push_N + s.friction_push_N;
     s.penetration_m = sums.penetration_m;
     s.contact_area_m2 = contact_area(surface, c.field, x);
     s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
     s.contact_field = std::move(c.field);
     s.pressure_Pa = std::move(c.pressure_Pa);
+    // Certified on the whole mesh by the independent routine, whatever the solver says of itself. A held indenter bears any force.
+    const double wanted = s.status == Status::held ? s.force_N : s.load_N;
+    s.residual_N = out_of_balance(body_, *mesh_, maker_.material, maker_.contact, maker_.element, scenario.indenter, origin, scenario.direction(), wanted, s.displacement,
+                                  {s.friction_N, s.friction_push_N});
+    if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N)) s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
+    s.certified = s.status == Status::converged;
   }
   return states;
 }
