@@ -169,8 +169,8 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
     const Vec3 middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] + surface.vertices[std::size_t(t[2])]) / 3.0;
     sag = std::max(sag, R - middle.norm());
   }
-  CHECK(sag < 4e-6);
-  CHECK(tool.grid().error_m() < 2e-6);
+  CHECK(sag < 5e-6);    // 1 − cos of half the angle across the largest facet, 5.03°: 4.8 µm
+  CHECK(tool.grid().error_m() < sag);
   CHECK(tool.radius_m() == Approx(R));
   std::mt19937 random(8);
   std::normal_distribution<double> n;
