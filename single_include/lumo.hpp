@@ -9252,9 +9252,8 @@ class ExcessTable {
 
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
 inline double expected_excess(double a) {
-  static const detail::ExcessTable& table = detail::ExcessTable::get();
   if (a >= detail::ExcessTable::edge) return a;
-  if (a >= -detail::ExcessTable::edge) return table(a);
+  if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
   return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
 }
 
@@ -10298,7 +10297,7 @@ struct LogNehvi {
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
       throw InvalidArgument(detail::text("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
-    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : detail::base_points(evidence, noisy);
+    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
     std::vector<Eigen::MatrixXd> drawn;

@@ -90,9 +90,8 @@ class ExcessTable {
 
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
 inline double expected_excess(double a) {
-  static const detail::ExcessTable& table = detail::ExcessTable::get();
   if (a >= detail::ExcessTable::edge) return a;
-  if (a >= -detail::ExcessTable::edge) return table(a);
+  if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
   return a > -39.0 ? normal_density(a) * detail::scaled_excess_tail(a) : 0.0;
 }
 
