@@ -13871,7 +13871,7 @@ class GreenProfile {
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
   explicit GreenProfile(const Config& config)
-      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step),
+      : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
 
   bool read(const Frame& frame, Profile& profile) {
@@ -13882,6 +13882,9 @@ class GreenProfile {
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
+
+  /// The pixels that a configuration reads. Throws as the constructor.
+  static detail::Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
 
  private:
   detail::Strip strip_;
@@ -13898,7 +13901,7 @@ class PositiveGreenProfile {
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
-      : strip_(config.map, config.bins, config.band_low_m, config.band_high_m, config.width, config.height, config.format, config.row_step),
+      : strip_(GreenProfile::strip_of(config)),
         centres_(config.bins.centres_m()),
         unloaded_(std::move(unloaded)) {
     if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
