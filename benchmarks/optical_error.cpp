@@ -1,6 +1,6 @@
 // Error of J_obs by rays: the default setting against an independent pattern with up to 64 times the rays for all pairs near the least, on the same
 // equilibria. One line per reference design and silicone: J, the rays' part of its printed error, J_64, what J is off by, core-seconds of light.
-//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N]
+//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N] [--tolerance T --rounds N]
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
@@ -62,11 +62,14 @@ int main(int argc, char** argv) {
   std::string only;
   Ensemble ensemble = flat_ensemble();
   int threads = 2;
+  RayRefinement rays;   // the setting that is tried
   for (int i = 1; i + 1 < argc; i += 2) {
     if (!std::strcmp(argv[i], "--first")) first = std::size_t(std::atoi(argv[i + 1]));
     if (!std::strcmp(argv[i], "--designs")) count = std::size_t(std::atoi(argv[i + 1]));
     if (!std::strcmp(argv[i], "--material")) only = argv[i + 1];
     if (!std::strcmp(argv[i], "--threads")) threads = std::atoi(argv[i + 1]);
+    if (!std::strcmp(argv[i], "--tolerance")) rays.tolerance = std::atof(argv[i + 1]);
+    if (!std::strcmp(argv[i], "--rounds")) rays.rounds = std::atoi(argv[i + 1]);
     if (!std::strcmp(argv[i], "--loads")) {
       ensemble.loads_N.clear();
       for (const char* p = argv[i + 1]; *p;) {
@@ -87,11 +90,12 @@ int main(int argc, char** argv) {
       const RememberedPresses presses{{NeoHookean{silicone.mu_Pa, silicone.lambda_Pa}}};
       Pipeline<TetgenMesher, RememberedPresses, Light> pipeline{mesher, presses, Light{}};
       pipeline.optical_error.mesh = 0.0;  // the same mesh for both
+      pipeline.rays = rays;
       const Evaluation once = evaluate(d, silicone, ensemble, pipeline, {}, TbbExecutor{threads});
       Light::Config other;
       other.seed = 1;
       pipeline.tracer = Light(other);
-      pipeline.rays.tolerance = 0.004;
+      pipeline.rays = {0.003, 9};
       const Evaluation fine = evaluate(d, silicone, ensemble, pipeline, {}, TbbExecutor{threads});
       if (!once.J_obs || !fine.J_obs) {
         std::printf("%4.1f %4.1f %4.1f no score\n", d.h_fp, d.h_ep, d.w_s);

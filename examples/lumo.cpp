@@ -9,8 +9,8 @@
 #include "program/present.hpp"
 #include "program/progress.hpp"
 #include "program/study.hpp"
+#include "program/text.hpp"
 
-#include <algorithm>
 #include <iostream>
 #include <new>
 #include <optional>
@@ -24,9 +24,8 @@ using namespace lumo::program;
 
 enum ExitCode { ok = 0, fault = 1, usage = 2, infeasible = 3, numerical = 4, bad_file = 5 };
 
-int complain(std::string text, ExitCode code) {
-  std::replace(text.begin(), text.end(), '\n', ' ');
-  std::cerr << "lumo: " << text << std::endl;
+int complain(const std::string& text, ExitCode code) {
+  std::cerr << "lumo: " << one_line(text) << std::endl;
   return code;
 }
 
@@ -63,7 +62,7 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
     throw;
   }
   print(text);
-  for (const auto& path : paths) progress.note("wrote " + path);
+  for (const auto& path : paths) progress.note("wrote " + one_line(path));
   return ok;
 }
 

@@ -5,6 +5,14 @@
 
 #include <cmath>
 
+namespace lumo {
+
+template class GaussianProcess<>;
+template class Optimizer<>;
+template class Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
+
+}  // namespace lumo
+
 namespace lumo::program {
 
 namespace {

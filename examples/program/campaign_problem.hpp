@@ -8,6 +8,15 @@
 #include <cstdint>
 #include <string>
 
+namespace lumo {
+
+// Slow to compile: once for the whole program, in campaign_problem.cpp.
+extern template class GaussianProcess<>;
+extern template class Optimizer<>;
+extern template class Optimizer<RbfKernel, LogNehvi, FreshCandidates>;
+
+}  // namespace lumo
+
 namespace lumo::program {
 
 /// What a store of a campaign was made for.

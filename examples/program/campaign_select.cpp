@@ -35,12 +35,10 @@ struct Stability {
 Stability stability_of(const Options& o, const StoredCampaign& c, Progress& progress) {
   progress.stage("searches on a model of the results", o.seeds);
   const int evaluations = c.count("evaluated");
-  const auto chosen = choices_over_seeds(
-      finger_problem(evaluations), c.asked, o.seeds, evaluations,
-      [&](const Problem& problem) {
-        return Optimizer<>(problem);
-      },
-      TbbExecutor{o.threads}, [&] { progress.step(); });
+  const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
+    return choices_over_seeds(
+        optimizer.problem(), c.asked, o.seeds, evaluations, [](const Problem& problem) { return O(problem); }, TbbExecutor{o.threads}, [&] { progress.step(); });
+  });
   Stability s;
   std::map<Design, int> count;
   const auto& theta = c.trials[*c.selected].theta_mm;

@@ -1,6 +1,6 @@
 #include "program/optimize.hpp"
-
-#include "lumo/optimize/optimizer.hpp"
+#include "program/campaign_problem.hpp"
+#include "program/text.hpp"
 
 #include <functional>
 #include <iostream>
@@ -74,12 +74,6 @@ Json parse(const std::string& line) {
   } catch (const nlohmann::json::exception&) {
     throw InvalidArgument("is not JSON (nor are NaN and Infinity)");
   }
-}
-
-std::string one_line(std::string s) {
-  for (char& c : s)
-    if (static_cast<unsigned char>(c) < 32) c = '?';
-  return s;
 }
 
 template <class Optimizer>

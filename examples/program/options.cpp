@@ -1,6 +1,7 @@
 #include "program/options.hpp"
 
 #include "lumo/mechanics/scenario.hpp"
+#include "program/text.hpp"
 #include "program/version.hpp"
 
 #include <CLI/CLI.hpp>
@@ -33,14 +34,9 @@ std::vector<std::string_view> split(std::string_view s) {
   }
 }
 
-/// Control characters would break the one line of a message.
-std::string printable(std::string_view s) {
-  std::string out;
-  for (const char c : s) out += static_cast<unsigned char>(c) < 32 || c == 127 ? '?' : c;
-  return out.size() > 80 ? out.substr(0, 77) + "..." : out;
-}
+std::string shortened(std::string s) { return s.size() > 80 ? s.substr(0, 77) + "..." : s; }
 
-std::string in_quotes(std::string_view s) { return "'" + printable(s) + "'"; }
+std::string in_quotes(std::string_view s) { return "'" + shortened(one_line(s)) + "'"; }
 
 double number(const char* option, std::string_view typed, const char* unit) {
   const auto value = parse_number(typed);
@@ -75,7 +71,7 @@ std::array<double, 5> read_theta(std::string_view typed) {
   for (std::size_t i = 0; i < 5; ++i) {
     const auto value = parse_number(fields[i]);
     if (!value) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", in_quotes(fields[i]), " is not a number)", wanted));
-    theta[i] = *value;
+    theta[i] = *value + 0.0;   // no −0
   }
   return theta;
 }
@@ -129,11 +125,6 @@ CLI::Option* text_option(CLI::App* app, const std::string& flag, T& into, const 
 const CLI::App* innermost(const CLI::App& app) {
   const auto chosen = app.get_subcommands();
   return chosen.empty() ? &app : innermost(*chosen.front());
-}
-
-std::string one_line(std::string s) {
-  std::replace(s.begin(), s.end(), '\n', ' ');
-  return s;
 }
 
 }  // namespace
@@ -274,7 +265,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text = std::string(e.what()) + "\n";
     return std::nullopt;
   } catch (const CLI::ParseError& e) {
-    throw UsageError(printable(one_line(e.what())) + " (see lumo --help)");
+    throw UsageError(shortened(one_line(e.what())) + " (see lumo --help)");
   }
   const CLI::App* chosen = innermost(app);
   const bool of_group = chosen == campaigns || chosen == studies, complete = chosen != &app && !of_group;
@@ -283,7 +274,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   if (!extras.empty()) {
     const std::string& word = extras.front();
     const bool option = word.starts_with('-') && word.size() > 1;
-    if (option && complete && chosen->get_option_no_throw(word) != nullptr) throw UsageError("option " + in_quotes(word) + " must follow the command (see " + help + ")");
+    const bool misplaced = option && complete && chosen->get_option_no_throw(word) != nullptr && std::find(words.begin(), words.end(), "--") == words.end();
+    if (misplaced) throw UsageError("option " + in_quotes(word) + " must follow the command (see " + help + ")");
     throw UsageError((option ? "unknown option " : complete ? "unexpected argument " : "unknown command ") + in_quotes(word) + " (see " + help + ")");
   }
   if (!complete) throw UsageError("no command given (see " + help + ")");

@@ -4,6 +4,7 @@
 #include "lumo/campaign/paired_differences.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "program/chart.hpp"
+#include "program/campaign_problem.hpp"
 #include "program/commands.hpp"
 #include "program/contacts.hpp"
 #include "program/json.hpp"

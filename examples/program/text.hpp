@@ -6,9 +6,17 @@
 #include <cstdio>
 #include <span>
 #include <string>
+#include <string_view>
 
-/// Numbers and columns of the tables that people read.
+/// Numbers, columns and lines that people read.
 namespace lumo::program {
+
+/// Control characters would break a message's one line, or the terminal.
+inline std::string one_line(std::string_view s) {
+  std::string out;
+  for (const char c : s) out += c == '\n' ? ' ' : static_cast<unsigned char>(c) < 32 || c == 127 ? '?' : c;
+  return out;
+}
 
 /// A number with at most `digits` decimals and no trailing zeros; the same in every locale.
 inline std::string short_number(double v, int digits = 2) {

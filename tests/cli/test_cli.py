@@ -73,6 +73,7 @@ class Refusals(unittest.TestCase):
 
     def test_flags_and_values(self):
         self.refused(USAGE, ["'--json'", "must follow the command"], "--json", "section")
+        self.refused(USAGE, ["unknown option '--theta'"], "section", "--", "--theta")
         for option in ["--out", "--theta"]:
             self.refused(USAGE, [option, "needs a value"], "section", option, "--json")
         for value in ["--json=5", "--json=false", "--quiet=1"]:
@@ -103,7 +104,7 @@ class Refusals(unittest.TestCase):
         for command in DESIGN_COMMANDS:
             self.refused(INFEASIBLE, ["h_fp", "6.25", "0.5", "mm"], command, "--theta", "6.25,6,8,5,0")
         for text, words in [
-            ("nan,6,8,5,0", ["h_fp"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
+            ("nan,6,8,5,0", ["h_fp"]), ("6.00000000000001,6,8,5,0", ["6.00000000000001 mm", "nearest is 6 mm"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
             ("1.5,6,8,5,0", ["h_fp", "1.5", "2", "mm"]), ("29.5,1,8,5,0", ["h_fp", "29.5", "29"]), ("6,6,8,5,-0.5", ["w_v", "-0.5", "0"]),
             ("12,9,8,5,0", ["h_fp + h_ep", "21", "20"]), ("10,8,8,5,6", ["w_s + 2 w_v", "20", "19.5"]), ("2,6,8,5,0", ["t_min", "5"]),
         ]:
@@ -175,7 +176,8 @@ class Answers(unittest.TestCase):
         for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "CLI11", "nlohmann-json"]:
             self.assertIn(name, names)
         off = [c for c in report["components"] if not c["on"]]
-        self.assertEqual(len(off), len(report["off"]))
+        for component, line in zip(off, report["off"], strict=True):
+            self.assertTrue(line.startswith(component["name"]) and component["package"] in line, line)
         for component in report["components"]:
             self.assertTrue(component["package"])
             self.assertEqual(component["version"] is not None, component["on"], component)

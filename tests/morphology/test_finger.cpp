@@ -70,6 +70,7 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(std::holds_alternative<Lambertian>(patch.at("base")->optics));
   CHECK(std::holds_alternative<Dielectric>(patch.at("void_wall")->optics));
   CHECK(b.rigid_faces.size() == 4);
+  for (const Patch& q : b.patches) CHECK(q.visible == !q.name.starts_with("void_"));   // only the outer surface is read out
 
   CHECK(b.emitters.size() == 5);
   double power = 0.0;

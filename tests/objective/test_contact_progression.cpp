@@ -59,6 +59,17 @@ TEST_CASE("terms are clipped to [0, 1], and a full patch has no error from its a
   CHECK(std::isfinite(q.score()->error));
 }
 
+TEST_CASE("a term that is just cut off keeps the error that reaches back over the edge") {
+  Made m;
+  m.add(1, 1.0e-3, 2e-3, 12e-6);
+  m.add(2, 1.5e-3, 3e-3, 28e-6);
+  m.add(5, 2.5e-3, 4e-3, 50e-6);
+  m.add(10, 5.004e-3, 6e-3, 110e-6);  // 2 N/mm early, 1.997 N/mm late
+  const Estimate stiff = *contact_terms(m.body, m.mesh, m.states, 5e-3).stiff;
+  CHECK(stiff.value == 0.0);
+  CHECK(stiff.error == Approx(std::sqrt(2.0) * MechanicalError{}.stiffness * (5.008 / 5.0) - 0.008 / 5.0).epsilon(1e-3));
+}
+
 TEST_CASE("what the loads do not define, and what did not converge, is empty") {
   Made m;
   m.add(1, 1.0e-3, 2e-3, 12e-6);

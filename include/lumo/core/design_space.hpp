@@ -79,13 +79,13 @@ inline void DesignSpace::check(std::span<const double> x) const {
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " is ", x[i], ", must be a finite number"));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is below its lower bound ", v.lower, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is above its upper bound ", v.upper, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);

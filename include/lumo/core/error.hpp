@@ -1,5 +1,6 @@
 #pragma once
 
+#include <charconv>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -71,6 +72,12 @@ class InputError : public Error {
 
 namespace detail {
 
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks.
+inline std::string exact(double value) {
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+}
+
 /// Joins its arguments into one line of text.
 template <class... Args>
 std::string text(const Args&... args) {
@@ -85,7 +92,7 @@ std::string text(const Args&... args) {
 /// Throws InvalidArgument unless `value` is finite and lies in [low, high].
 inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
   if (std::isfinite(value) && value >= low && value <= high) return;
-  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+  throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.

@@ -18,6 +18,7 @@ struct Patch {
   bool contactable = false;               ///< the indenter may touch it
   bool meets_carrier = false;             ///< may come to rest on the carrier
   SurfaceOptics optics = Dielectric{};
+  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
 };
 
 /// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.

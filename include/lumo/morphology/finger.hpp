@@ -40,6 +40,9 @@ struct FingerOptions {
   double carrier_albedo = 0.8;
 };
 
+/// Throws InvalidArgument for an option that is out of range.
+void validate(const FingerOptions& options);
+
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
@@ -54,9 +57,9 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3::UnitX()}, true, false, false, wall};
     case SectionTag::base: return {"base", Plane{Vec3::Zero(), -Vec3::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}, false};
     case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3::UnitX()}, false, true, false, Dielectric{}};
     default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
   }
@@ -99,11 +102,29 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
   require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+}
+
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+  validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;

@@ -5,6 +5,7 @@
 #include "lumo/mechanics/state.hpp"
 #include "lumo/morphology/body.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 
@@ -25,7 +26,7 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (benchmarks/refinement/results.md).
+/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study (benchmarks/refinement/results.md).
 struct MechanicalError {
   double area = 0.03;         ///< relative, of A
   double overlap = 0.015;     ///< absolute, of an intersection over union
@@ -43,6 +44,16 @@ ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vec
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
 inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
+
+namespace detail {
+
+/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
+inline Estimate clipped(const Estimate& e) {
+  const double value = std::clamp(e.value, 0.0, 1.0);
+  return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+}  // namespace detail
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
@@ -66,7 +77,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   ContactTerms q;
   if (two) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = form >= 1.0 ? Estimate{1.0, 0.0} : Estimate{form, 0.5 * error.area * form};
+    q.form = detail::clipped({form, 0.5 * error.area * form});
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
@@ -76,7 +87,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
-    q.stiff = Estimate{std::clamp(1.0 - ratio, 0.0, 1.0), 1.0 - ratio < 0.0 ? 0.0 : std::sqrt(2.0) * error.stiffness * std::abs(ratio)};
+    q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }

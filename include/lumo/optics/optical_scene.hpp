@@ -185,7 +185,7 @@ inline void OpticalScene::add_carrier(const Config& config) {
 }
 
 inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
-  if (!body_->region) return -1;
+  if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));

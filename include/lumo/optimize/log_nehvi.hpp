@@ -25,14 +25,14 @@ struct LogNehvi {
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const auto m = Eigen::Index(posteriors_.size()), draws = Eigen::Index(improvements_.size());
+      const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
       Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
         for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
-      for (Eigen::Index s = 0; s < draws; ++s)
+      for (Eigen::Index s = 0; s < drawn; ++s)
         for (Eigen::Index i = 0; i < x.cols(); ++i) {
           load(i, s);
           sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
@@ -40,14 +40,14 @@ struct LogNehvi {
       std::vector<double> logs(improvements_.size());
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
         if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
-          sum[i] = std::log(sum[i] / double(draws));
+          sum[i] = std::log(sum[i] / double(drawn));
           continue;
         }
-        for (Eigen::Index s = 0; s < draws; ++s) {   // hopeless, but to be ranked
+        for (Eigen::Index s = 0; s < drawn; ++s) {   // hopeless, but to be ranked
           load(i, s);
           logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
         }
-        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(draws));
+        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(drawn));
       }
       return sum;
     }

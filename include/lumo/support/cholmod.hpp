@@ -4,10 +4,14 @@
 
 #include "lumo/mechanics/linear_solver.hpp"
 
+#include <suitesparse/cholmod.h>
+#include <sys/mman.h>
+
+#include <atomic>
+#include <cstddef>
 #include <memory>
 #include <mutex>
 #include <new>
-#include <suitesparse/cholmod.h>
 #include <utility>
 
 // Present only when the program is linked with OpenBLAS or an OpenMP run time.
@@ -40,6 +44,28 @@ class WithoutOpenMp {
 
  private:
   int levels_ = -1;
+};
+
+/// A thread's stay in BLAS. OpenBLAS maps a work area for each thread that is in it at a time and, when it gets none, asks again for ever: so whether
+/// there is room is asked before. `more`: bytes that the caller will take before BLAS does. Throws std::bad_alloc.
+class BlasStay {
+ public:
+  explicit BlasStay(std::size_t more = 0) {
+    const std::size_t bytes = std::size_t(++guests_) * work_area + more;
+    void* room = openblas_set_num_threads ? mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0) : nullptr;
+    if (room == MAP_FAILED) {
+      --guests_;
+      throw std::bad_alloc();
+    }
+    if (room) munmap(room, bytes);
+  }
+  ~BlasStay() { --guests_; }
+  BlasStay(const BlasStay&) = delete;
+  BlasStay& operator=(const BlasStay&) = delete;
+
+ private:
+  static constexpr std::size_t work_area = std::size_t(129) << 20;   // OpenBLAS's largest, with room to align it
+  inline static std::atomic<int> guests_ = 0;
 };
 
 }  // namespace detail
@@ -89,6 +115,7 @@ class Cholmod {
     cholmod_sparse view = view_of(lower);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
     common_->status = CHOLMOD_OK;
+    const detail::BlasStay stay(sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
     const detail::WithoutOpenMp one_thread;
     cholmod_factorize(&view, factor_.get(), common_.get());
     if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
@@ -105,6 +132,7 @@ class Cholmod {
     b.x = const_cast<double*>(rhs.data());
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
+    const detail::BlasStay stay(8 * sizeof(double) * b.nzmax);
     const detail::WithoutOpenMp one_thread;
     cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
     if (!x) throw std::bad_alloc();

@@ -17,6 +17,7 @@
 #include <array>
 #include <limits>
 #include <memory>
+#include <new>
 #include <type_traits>
 #include <vector>
 
@@ -47,7 +48,7 @@ class FlushDenormals {
 /// told apart by masks: rays inside the body do not see the carrier.
 class EmbreeScene {
  public:
-  /// Throws InvalidArgument when a corner is not finite, Error when Embree fails.
+  /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
   explicit EmbreeScene(const std::vector<SceneTriangle>& triangles) {
     Eigen::AlignedBox3d box;
     for (const SceneTriangle& t : triangles)
@@ -58,15 +59,14 @@ class EmbreeScene {
     if (!box.isEmpty()) center_ = box.center();
     const detail::FlushDenormals flush;
     device_.reset(rtcNewDevice("threads=1"));
-    if (!device_) throw Error("Embree: no device");
+    if (!device_) fail("no device", rtcGetDeviceError(nullptr));
     scene_.reset(rtcNewScene(device_.get()));
     rtcSetSceneBuildQuality(scene_.get(), RTC_BUILD_QUALITY_MEDIUM);
     rtcSetSceneFlags(scene_.get(), RTC_SCENE_FLAG_ROBUST);
     attach(triangles, false);
     attach(triangles, true);
     rtcCommitScene(scene_.get());
-    if (const RTCError error = rtcGetDeviceError(device_.get()); error != RTC_ERROR_NONE)
-      throw Error(detail::text("Embree: error ", int(error), " while building the scene"));
+    if (const RTCError error = rtcGetDeviceError(device_.get()); error != RTC_ERROR_NONE) fail("no scene", error);
   }
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
@@ -96,6 +96,11 @@ class EmbreeScene {
  private:
   static constexpr unsigned body_mask = 1u, carrier_mask = 2u;
 
+  [[noreturn]] static void fail(const char* what, RTCError error) {
+    if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
+    throw Error(detail::text("Embree: ", what, ", error ", int(error)));
+  }
+
   // Rejects faces that the ray's medium rules out. Masks are repeated here: Embree 3 can be built without them.
   static void orient(const RTCFilterFunctionNArguments* args) {
     const float along = RTCRayN_dir_x(args->ray, args->N, 0) * RTCHitN_Ng_x(args->hit, args->N, 0) +
@@ -117,7 +122,7 @@ class EmbreeScene {
           rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), ids.size()));
       if (corners == nullptr || indices == nullptr) {
         rtcReleaseGeometry(geometry);
-        throw Error("Embree: no memory for the scene");
+        throw std::bad_alloc();
       }
       for (std::size_t i = 0; i < 3 * ids.size(); ++i) {
         const Vec3 p = 1e3 * (triangles[std::size_t(ids[i / 3])].corners[i % 3] - center_);
