@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes tests/optimize/reference/botorch.json: what BoTorch computes on small problems, for the tests to compare with.
 
-usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch, see requirements.txt beside this file)
+usage: benchmarks/optimize/make_reference.py [FILE]     (needs botorch: run it with "$(benchmarks/environment optimize)")
 """
 import json
 import math
