@@ -58,11 +58,12 @@ class ExitGather {
         for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
         Vec3 n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
-        if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
-        if constexpr (ConnectedReadout<Readout>)
+        if constexpr (ConnectedReadout<Readout>) {
           gather_connected(x, n, exits_[k].mirror, sequence, sent);
-        else
+        } else {
+          if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
           gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+        }
       }
     }
     path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/tangents.hpp"
 #include "lumo/core/types.hpp"
@@ -106,7 +107,8 @@ inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
 }
 
 inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
-  validate(emitters);
+  if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
   const Symmetry has = symmetry_of(emitters);
   if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
     throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");

@@ -175,15 +175,17 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry),
                      {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
+  constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
     std::vector<detail::Tally> totals;
     for (const Color& color : light) {
       for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0)
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout>)  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
-          for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true);
+          for (std::uint32_t i = 0; i < beam.rays; ++i)
+            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, true, nullptr, gathers_direct && beam.source.has_intensity());
       }
       totals.push_back(path.accounts().take());
     }
