@@ -20,9 +20,9 @@ struct Polar {
 /// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
 /// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
 /// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward.
-/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)², point(1−u, 1−v) lies opposite it about `center`; polar(u) is monotone;
-/// mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same source is
-/// described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
+/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
+/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3& m) {
   { e.center } -> std::convertible_to<Vec3>;
