@@ -2,6 +2,7 @@
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/box.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/oriented.hpp"
 #include "lumo/morphology/disc_emitter.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/support/cholmod.hpp"
@@ -16,11 +17,9 @@ using namespace lumo;
 Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and how far they lean to the axis; the camera looks through a thick window
   const double R = 12.0_mm, tilt = tilt_deg * pi / 180.0, q = 0.5 * pi / 8;  // eight facets along each quarter
   Body b;
-  b.symmetry = {true, true}, b.sizing.edge = [](const Vec3&) { return 2.5_mm; }, b.medium = {1.41, 14.5}, b.surroundings = {1.49};
+  b.symmetry = {true, true}, b.sizing.edge = [](const Vec3&) { return 2.5_mm; }, b.medium = {1.41, 14.5}, b.surroundings = {1.49}, b.vertices = {{0, 0, 0}, {0, 0, R}};
   b.patches = {{"coat", SphereShape{Vec3::Zero(), R}, false, true, false, Lambertian{0.7}}, {"window", Plane{Vec3::Zero(), -Vec3::UnitZ()}, true, false, false, Dielectric{}}};
-  b.vertices = {{0, 0, 0}, {0, 0, R}};
-  for (int i = 1; i <= 8; ++i)
-    for (int j = 0; j <= 8; ++j) b.vertices.push_back(R * Vec3(std::sin(q * i) * std::cos(q * j), std::sin(q * i) * std::sin(q * j), std::cos(q * i)));
+  for (int k = 9, i = 1, j = 0; k < 81; ++k, i = k / 9, j = k % 9) b.vertices.push_back(R * Vec3(std::sin(q * i) * std::cos(q * j), std::sin(q * i) * std::sin(q * j), std::cos(q * i)));
   const auto at = [](int i, int j) { return i == 0 ? 1 : 9 * i + j - 7; };
   b.facets = {{{0}, 1}, {{0}, Body::mirror_patch}, {{0}, Body::mirror_patch}};
   for (int i = 0; i < 9; ++i) b.facets[0].loop.push_back(at(8, 8 - i)), b.facets[1].loop.push_back(at(8 - i, 0)), b.facets[2].loop.push_back(at(i, 8));
@@ -41,26 +40,21 @@ std::optional<Estimate> contrast(const Observations& all) {  // how far the fain
 int main() {
   constexpr int n = 48, zoom = 6;  // pixels
   const PinholeCamera camera({.position = {0, 0, -20.0_mm}, .field_of_view_rad = 66.0_deg, .columns = n, .rows = n, .aperture_m = 0.3_mm, .focus_m = 28.0_mm});
-  const Box box{{5.0_mm, 3.0_mm, 5.0_mm}, 0.4_mm};
-  const std::vector<Scenario<Box>> presses = {{box, 0.0_deg, 0.0_mm, {1.0, 4.0}}, {box, 20.0_deg, 2.0_mm, {1.0, 4.0}}};
   const Tracer<BeerLambert, PinholeCamera, Embree> light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 17}, camera);
+  const auto press = [](double angle) { return Scenario<Oriented<Box>>{{Box{{5.0_mm, 3.0_mm, 5.0_mm}, 0.4_mm}, Mat3(Eigen::AngleAxisd(angle, Vec3::UnitY()))}, angle, 0.0, {1.0, 4.0}}; };
   Image picture = Image::black(3 * n * zoom, 2 * n * zoom);
   const std::array<std::array<double, 3>, 2> designs = {{{6.0, 0.0, 100.0}, {10.0, 40.0, 60.0}}};  // ring, tilt, and the gel's shear modulus [kPa]
-  for (std::size_t k = 0; k < 2; ++k) {
-    const auto [ring_mm, tilt_deg, mu_kPa] = designs[k];
-    const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{{.mu = 1e3 * mu_kPa, .lambda = 99e3 * mu_kPa}};
-    const Pipeline<TetgenMesher, decltype(simulator), decltype(light)> pipeline{{}, simulator, light, {0.6_mm, 0.4, 1.0}};
-    const Scores scores = evaluate(dome(ring_mm, tilt_deg), presses, pipeline, TbbExecutor{2}, std::tuple{&contrast});
+  for (int row = 0; const auto& [ring_mm, tilt_deg, mu_kPa] : designs) {
+    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, decltype(light)> pipeline{{}, {{1e3 * mu_kPa, 99e3 * mu_kPa}}, light, {0.6_mm, 0.4, 1.0}};
+    const Scores scores = evaluate(dome(ring_mm, tilt_deg), std::vector{press(0.0), press(25.0_deg)}, pipeline, TbbExecutor{2}, std::tuple{&contrast});
     if (!scores.converged) return 1;
     std::printf("ring %4.1f mm, tilt %2.0f deg, gel %3.0f kPa: contrast %.2e ± %.0e\n", ring_mm, tilt_deg, mu_kPa, scores.objectives[0]->value, scores.objectives[0]->error);
     const Observations& o = scores.observations;  // a row of the picture for each design: at rest, under 4 N, and under 4 N from aside
     const std::array views{&o.unloaded_response, &o.scenarios[0].states[1].response, &o.scenarios[1].states[1].response};
-    const double white = *std::max_element(o.unloaded_response.begin(), o.unloaded_response.end());
-    for (int y = 0; y < n * zoom; ++y)
-      for (int x = 0; x < 9 * n * zoom; ++x) {  // bytes: blue, green, red
-        const double share = (*views[std::size_t(x / (3 * n * zoom))])[std::size_t(((2 - x % 3) * n + y / zoom) * n + x / 3 / zoom % n)] / white;
-        picture.row(int(k) * n * zoom + y)[x] = std::uint8_t(255.0 * std::pow(std::clamp(share, 0.0, 1.0), 1.0 / 2.2));
-      }
+    const auto gamma = [white = *std::max_element(views[0]->begin(), views[0]->end())](double light) { return std::uint8_t(255.0 * std::pow(std::clamp(light / white, 0.0, 1.0), 1.0 / 2.2)); };
+    for (int y = 0; y < n * zoom; ++y, ++row)
+      for (int x = 0; x < 9 * n * zoom; ++x)  // bytes: blue, green, red
+        picture.row(row)[x] = gamma((*views[std::size_t(x / (3 * n * zoom))])[std::size_t(((2 - x % 3) * n + y / zoom) * n + x / 3 / zoom % n)]);
   }
   write_image("10_dome.png", picture.view());
 }

@@ -54,7 +54,8 @@ inline Photodiodes two_diodes() {
   return Photodiodes({{{-3e-3, 1e-3, 6e-3}, {2e-3, 0, 0}, {0, -2e-3, 0}, false, 60 * pi / 180}, {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
 }
 inline PinholeCamera wide_camera() {
-  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3}, .view = -Vec3::UnitZ(), .field_of_view_rad = 80 * pi / 180, .columns = 2, .rows = 2, .aperture_m = 1.5e-3, .focus_m = 6e-3});
+  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3}, .view = -Vec3::UnitZ(), .field_of_view_rad = 80 * pi / 180, .columns = 2, .rows = 2,
+                        .aperture_m = 1.5e-3, .focus_m = 6e-3});
 }
 template <class F>
 void for_each_readout(F&& f) {
