@@ -2,8 +2,8 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/beer_lambert.hpp"
-#include "lumo/optics/emitter.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
 #include <cmath>
