@@ -40,7 +40,7 @@ std::optional<Estimate> contrast(const Observations& all) {  // how far the fain
 int main() {
   constexpr int n = 48, zoom = 6;  // pixels
   const PinholeCamera camera({.position = {0, 0, -20.0_mm}, .field_of_view_rad = 66.0_deg, .columns = n, .rows = n, .aperture_m = 0.3_mm, .focus_m = 28.0_mm});
-  const Tracer<BeerLambert, PinholeCamera, Embree> light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 15, .exit_rays = 1 << 17}, camera);
+  const Tracer<BeerLambert, PinholeCamera, Embree> light({.rays_per_emitter = 1 << 16, .carrier_rays = 1 << 15, .exit_rays = 1 << 17}, camera);
   const auto press = [](double angle, double load_N) { return Scenario<Oriented<Box>>{{Box{{5.0_mm, 3.0_mm, 5.0_mm}, 0.4_mm}, Mat3(Eigen::AngleAxisd(angle, Vec3::UnitY()))}, angle, 0.0, {1.0, load_N}}; };
   Image picture = Image::black(3 * n * zoom, 2 * n * zoom);
   const std::array<std::array<double, 3>, 2> designs = {{{6.0, 0.0, 100.0}, {10.0, 40.0, 120.0}}};  // ring, tilt, and the gel's shear modulus [kPa]
