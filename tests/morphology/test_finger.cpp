@@ -75,12 +75,12 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(b.emitters.size() == 5);
   double power = 0.0;
   for (const auto& e : b.emitters) {
-    power += e.power_W;
-    CHECK(e.center.z() == 5e-3);
-    CHECK(e.half_u.cross(e.half_v).normalized().z() == 1.0);
+    power += e.power_W();
+    CHECK(e.center().z() == 5e-3);
+    CHECK(e.axis().z() == 1.0);
   }
   CHECK(power == Approx(1.0));
-  CHECK(b.emitters.front().center.y() == -22e-3);
+  CHECK(b.emitters.front().center().y() == -22e-3);
 
   CHECK(b.regions == 11);
   CHECK(b.region(Vec3(14.75e-3, 0, 2e-3), Vec3::UnitX()) == 5);

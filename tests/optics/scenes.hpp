@@ -203,7 +203,7 @@ inline Model pad(const PadShape& s = {}) {
     }
   m.body.medium = s.medium;
   m.body.symmetry = m.mesh.symmetry = {true, true};
-  for (int k = -2; k <= 2; ++k) m.body.emitters.push_back({{0, 11e-3 * k, hs}, {0.4e-3, 0, 0}, {0, 0.8e-3, 0}, 0.2, 0});
+  for (int k = -2; k <= 2; ++k) m.body.emitters.push_back(RectangleEmitter{{0, 11e-3 * k, hs}, {0.4e-3, 0, 0}, {0, 0.8e-3, 0}, 0.2, 0});
   m.body.regions = 11;
   m.body.region = [](const Vec3& p, const Vec3& n) {
     if (std::abs(n.x()) < 0.5 || std::abs(p.y()) > 27.5e-3 || std::abs(n.y()) > 0.5) return -1;

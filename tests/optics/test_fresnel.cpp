@@ -2,8 +2,8 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/beer_lambert.hpp"
-#include "lumo/optics/emitter.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
 #include <cmath>
@@ -90,9 +90,9 @@ TEST_CASE("Opaque surfaces: directions stay on the lit side, the cosine law hold
 }
 
 TEST_CASE("Emitters: broken ones are refused", "[emitter]") {
-  CHECK_THROWS_AS(validate(std::vector<RectangleEmitter>{}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<RectangleEmitter>{{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX(), 1.0, 0}}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<RectangleEmitter>{{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY(), 0.0, 0}}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<RectangleEmitter>{{Vec3(0, std::nan(""), 0), Vec3::UnitX(), Vec3::UnitY(), 1.0, 0}}),
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{}), InvalidArgument);
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX(), 1.0, 0}}), InvalidArgument);
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY(), 0.0, 0}}), InvalidArgument);
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3(0, std::nan(""), 0), Vec3::UnitX(), Vec3::UnitY(), 1.0, 0}}),
                   InvalidArgument);
 }

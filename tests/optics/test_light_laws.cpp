@@ -35,7 +35,7 @@ double hemisphere(const std::function<double(double)>& f) {
 Model slab(double h, const lumo::Medium& medium, const SurfaceOptics& bottom) {
   Model m = box({50e-3, 50e-3, 0.5 * h}, medium, 2);
   m.body.patches[4].optics = bottom;
-  m.body.emitters = {{{1e-4, 2e-4, -0.5 * h}, {1e-4, 0, 0}, {0, 1e-4, 0}, 2.0, 0}};
+  m.body.emitters = {RectangleEmitter{{1e-4, 2e-4, -0.5 * h}, {1e-4, 0, 0}, {0, 1e-4, 0}, 2.0, 0}};
   m.body.regions = 1;
   m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : -1; };
   return m;
@@ -74,7 +74,7 @@ TEST_CASE("Slab on a perfect mirror: everything in the escape cone comes out in 
 TEST_CASE("Sphere with a source in its centre: every ray is normal, passes sum up in closed form", "[light]") {
   const double radius = 5e-3, n = 1.4348, mu = 71.38;
   Model m = sphere(radius, {n, mu});
-  m.body.emitters = {{Vec3::Zero(), {1e-7, 0, 0}, {0, 1e-7, 0}, 1.0, 0}};
+  m.body.emitters = {RectangleEmitter{Vec3::Zero(), {1e-7, 0, 0}, {0, 1e-7, 0}, 1.0, 0}};
   const Response r = Tracer<BeerLambert>(config(1 << 10, 0.0)).trace(m.body, m.mesh);
   const double r0 = fresnel(1.0, n).reflectance, t = std::exp(-mu * radius);
   const double exact = (1.0 - r0) * t / (1.0 - r0 * t * t);
@@ -86,7 +86,7 @@ TEST_CASE("Long light pipe: what is totally reflected at the sides reaches the e
   const double n = 1.5;
   Model m = box({1e-3, 1e-3, 0.3}, {n, 0.0}, 2);
   m.body.patches[4].optics = m.body.patches[5].optics = Absorber{};
-  m.body.emitters = {{{0, 0, -0.3}, {1e-3, 0, 0}, {0, 1e-3, 0}, 1.0, 0}};
+  m.body.emitters = {RectangleEmitter{{0, 0, -0.3}, {1e-3, 0, 0}, {0, 1e-3, 0}, 1.0, 0}};
   // Sampling error of both shares: 1.7e-3 rms over seeds. Rays at more than 4096 bounces, 7e-4 of the power, are given up.
   const Response r = Tracer<BeerLambert>(config(1 << 14, 1e-3)).trace(m.body, m.mesh);
   // In the disc of projected directions: |x| and |y| below the critical cosine. 2c² > 1, so the square cuts four caps off.
@@ -110,7 +110,7 @@ TEST_CASE("Integrating sphere: the port takes f/(1 − a(1 − f))", "[light]") 
     if (mean.z() > 0.75 * radius) f.patch = 1, open += a;
     all += a;
   }
-  m.body.emitters = {{{0, 0, -0.9999 * radius}, {1e-6, 0, 0}, {0, 1e-6, 0}, 1.0, 0}};
+  m.body.emitters = {RectangleEmitter{{0, 0, -0.9999 * radius}, {1e-6, 0, 0}, {0, 1e-6, 0}, 1.0, 0}};
   const Response r = Tracer<BeerLambert>(config(1 << 14, 0.0)).trace(m.body, m.mesh);
   const double f = open / all, exact = f / (1.0 - albedo * (1.0 - f));
   CHECK(r.ledger.elsewhere == Approx(exact).epsilon(0.01));

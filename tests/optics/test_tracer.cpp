@@ -178,7 +178,11 @@ TEST_CASE("A scene far from the origin gives the same response", "[tracer]") {
   const Response near = tracer.trace(m.body, m.mesh);
   const Vec3 far(0.0, 0.0, 64.0);
   for (Vec3& p : m.mesh.nodes) p += far;
-  for (RectangleEmitter& e : m.body.emitters) e.center += far;
+  for (Emitter& e : m.body.emitters) {
+    RectangleEmitter moved = *e.as<RectangleEmitter>();
+    moved.center += far;
+    e = moved;
+  }
   for (RigidFace& f : m.body.rigid_faces)
     for (Vec3& p : f.corners) p += far;
   for (Patch& p : m.body.patches) {

@@ -34,15 +34,18 @@ inline Ensemble curved_ensemble() {
   return e;
 }
 
+/// A scenario as the mirror image of one that is solved.
+struct ScenarioImage {
+  std::size_t solve;           ///< which solve it comes from
+  bool mirror_x, mirror_y;     ///< by which reflections
+};
+
 /// Which scenarios have to be solved when mirror images are solved once.
+template <Indenter Tool = Sphere>
 struct ContactPlan {
   struct Solve {
-    Scenario<Sphere> scenario;   ///< with angle ≥ 0 and y ≥ 0 where the body is symmetric
+    Scenario<Tool> scenario;     ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
     std::size_t place;           ///< index into `places`
-  };
-  struct Image {
-    std::size_t solve;           ///< which solve it comes from
-    bool mirror_x, mirror_y;     ///< by which reflections
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
@@ -50,21 +53,22 @@ struct ContactPlan {
     std::vector<std::size_t> solves;
   };
   std::vector<Solve> solves;
-  std::vector<Image> images;     ///< one per scenario of the ensemble
+  std::vector<ScenarioImage> images;  ///< one per scenario
   std::vector<Place> places;
 };
 
-/// `mirror_once` false: every scenario is solved for itself.
-inline ContactPlan plan_contacts(const std::vector<Scenario<Sphere>>& scenarios, Symmetry symmetry, bool mirror_once = true) {
-  ContactPlan plan;
-  for (const Scenario<Sphere>& s : scenarios) {
+/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are symmetric.
+template <Indenter Tool>
+ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
+  ContactPlan<Tool> plan;
+  for (const Scenario<Tool>& s : scenarios) {
     validate(s);
-    const bool mx = mirror_once && symmetry.x && s.angle_rad < 0.0, my = mirror_once && symmetry.y && s.y_m < 0.0;
-    Scenario<Sphere> canonical = s;
+    const bool mx = once.x && symmetry.x && s.angle_rad < 0.0 && is_symmetric(s.indenter, 0), my = once.y && symmetry.y && s.y_m < 0.0 && is_symmetric(s.indenter, 1);
+    Scenario<Tool> canonical = s;
     canonical.angle_rad = mx ? -s.angle_rad : s.angle_rad;
     canonical.y_m = my ? -s.y_m : s.y_m;
     std::size_t k = 0;
-    while (k < plan.solves.size() && !(mirror_once && plan.solves[k].scenario == canonical)) ++k;
+    while (k < plan.solves.size() && !(plan.solves[k].scenario == canonical)) ++k;
     if (k == plan.solves.size()) {
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const double angle = symmetry.x ? std::abs(canonical.angle_rad) : canonical.angle_rad, y = symmetry.y ? std::abs(canonical.y_m) : canonical.y_m;

@@ -3,7 +3,44 @@
 #include "lumo/campaign/observe.hpp"
 #include "lumo/morphology/finger.hpp"
 
+#include <concepts>
+#include <optional>
+#include <tuple>
+#include <utility>
+#include <vector>
+
 namespace lumo {
+
+/// A number to optimise, with its error, from all that was observed of a body; nothing where that does not define it.
+/// Laws: a pure function; never NaN.
+template <class O>
+concept ObservedObjective = requires(const O& objective, const Observations& all) {
+  { objective(all) } -> std::same_as<std::optional<Estimate>>;
+};
+
+/// What an evaluation of any body gives. Where a scenario did not converge all objectives are empty.
+struct Scores {
+  bool converged = false;
+  std::vector<std::optional<Estimate>> objectives;
+  Observations observations;
+};
+
+/// Body → meshes → equilibria → responses → objectives, for any body, tool and objectives (ObservedObjective). Mirror images are solved once; scenarios
+/// run side by side. Throws MeshError when the body cannot be meshed, InvalidArgument.
+template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives>
+Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const std::tuple<Objectives...>& objectives,
+                const ProgressReport& progress = {}) {
+  Scores scores;
+  scores.observations = observe(body, scenarios, pipeline, executor, progress);
+  scores.converged = true;
+  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && s.status == Status::converged;
+  const auto score = [&](const auto&... objective) {
+    // A numerical failure is a status, never a score.
+    (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);
+  };
+  std::apply(score, objectives);
+  return scores;
+}
 
 /// What one evaluation of a design gives. An objective is empty when a scenario did not converge, or when its terms are not defined by the loads.
 struct Evaluation {
@@ -17,7 +54,7 @@ struct Evaluation {
 /// The worst scenario's contact progression (paper Eq. 3), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
-/// θ → body → meshes → equilibria → responses → objectives. Mirror images are solved once; scenarios run side by side.
+/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
 /// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
 template <class P, Executor E>
 Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
@@ -25,12 +62,11 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   const Body body = finger(design, silicone, options);
 
   Evaluation result;
-  result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
+  Scores scores = evaluate(body, ensemble.scenarios(), pipeline, executor, std::tuple<>{}, progress);
+  result.observations = std::move(scores.observations);
+  if (!scores.converged) return result;
 
   const std::vector<ScenarioRecord>& scenarios = result.observations.scenarios;
-  for (const ScenarioRecord& s : scenarios)
-    if (s.status != Status::converged) return result;  // a numerical failure is a status, never a score
-
   if (const auto worst = contact_progression(scenarios)) {
     result.J_contact = worst->first;
     result.worst_contact = worst->second;

@@ -27,7 +27,7 @@ namespace lumo {
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Symmetry unloaded = symmetry_of(body, mesh);
-  return {unloaded.x && scenario.angle_rad == 0.0, unloaded.y && scenario.y_m == 0.0};
+  return {unloaded.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0), unloaded.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
 }
 
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
@@ -47,11 +47,11 @@ struct SolvedScenario {
 };
 
 /// Light in the states of all solved scenarios.
-template <class Light, class Pad>
+template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
@@ -137,7 +137,7 @@ class Lighting {
 
  private:
   const Body& body_;
-  const ContactPlan& plan_;
+  const ContactPlan<Tool>& plan_;
   const Light& light_;
   const std::vector<Pad>& places_;
   std::vector<SolvedScenario>& solved_;

@@ -8,7 +8,9 @@
 
 #include <Eigen/Core>
 
+#include <array>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace lumo {
@@ -17,13 +19,13 @@ namespace lumo {
 struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and region: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions, both traced on the scenario's own mesh
+  std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
 };
 
 /// One scenario of an ensemble.
 struct ScenarioRecord {
-  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;
+  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
   Status status = Status::non_finite;    ///< of the last state that was tried
   ContactTerms terms;
   std::vector<StateRecord> states;
@@ -37,7 +39,7 @@ struct Timing {
 /// All states and responses of one body under an ensemble.
 struct Observations {
   std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and region, mean over the meshes
+  std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
   EnergyLedger ledger;                          ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;
@@ -54,19 +56,23 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
 
 namespace detail {
 
+/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
+using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
+
 /// The record of a scenario from that of its mirror image.
-inline ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Sphere>& scenario, const Body& body, const ContactPlan::Image& image) {
+template <Indenter Tool>
+ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
-  const auto renumber = [&](const std::vector<int>& region) {
-    if (region.empty()) return;
+  const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
+    if (!channel || channel->empty()) return;
     for (StateRecord& s : record.states) {
       const Eigen::MatrixXd change = s.change;
-      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col(region[std::size_t(k)]) = change.col(k);
+      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };
-  if (image.mirror_x) renumber(body.region_image_x);
-  if (image.mirror_y) renumber(body.region_image_y);
+  if (image.mirror_x) renumber(channels[0]);
+  if (image.mirror_y) renumber(channels[1]);
   return record;
 }
 

@@ -39,19 +39,19 @@ using ProgressReport = std::function<void(std::string_view stage, int done, int 
 
 /// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
 /// executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
-template <class P, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 
 namespace detail {
 
-template <class P, class Pad>
-SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const Pad& pad) {
+template <class P, Indenter Tool, class Pad>
+SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, const P& pipeline, const Pad& pad) {
   SolvedScenario out;
   const Stopwatch watch;
   out.states = pad.press(scenario);
   ScenarioRecord& record = out.record;
-  record = {scenario.indenter.diameter_m, scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
-  record.terms = contact_terms(body, pad.mesh(), out.states, scenario.indenter.radius_m(), pipeline.mechanical_error);
+  record = {2.0 * contact_radius(scenario.indenter), scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
+  record.terms = contact_terms(body, pad.mesh(), out.states, contact_radius(scenario.indenter), pipeline.mechanical_error);
   for (const MechanicalState& s : out.states)
     record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}});
   out.seconds = watch.seconds();
@@ -59,7 +59,8 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario
 }
 
 /// Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
-inline std::vector<std::size_t> longest_first(const ContactPlan& plan) {
+template <Indenter Tool>
+std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
   std::vector<std::size_t> order(plan.solves.size());
   std::iota(order.begin(), order.end(), std::size_t(0));
   const auto halves = [&](std::size_t k) { return (plan.solves[k].scenario.y_m == 0.0) + (plan.solves[k].scenario.angle_rad == 0.0); };
@@ -67,10 +68,12 @@ inline std::vector<std::size_t> longest_first(const ContactPlan& plan) {
   return order;
 }
 
-/// Records of all scenarios of the ensemble from those that were solved.
-inline std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Sphere>>& scenarios, const Body& body, const ContactPlan& plan, const std::vector<SolvedScenario>& solved) {
+/// Records of all scenarios from those that were solved.
+template <Indenter Tool>
+std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels, const ContactPlan<Tool>& plan,
+                                   const std::vector<SolvedScenario>& solved) {
   std::vector<ScenarioRecord> records;
-  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], body, plan.images[k]));
+  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], channels, plan.images[k]));
   return records;
 }
 
@@ -85,12 +88,15 @@ inline std::vector<double> mean_per_emitted(const std::vector<Response>& respons
 
 }  // namespace detail
 
-template <class P, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
   using Prepared = decltype(pipeline.simulator.prepare(body, std::declval<TetMesh>()));
   const detail::Stopwatch clock;
   Observations out;
-  const ContactPlan plan = plan_contacts(scenarios, body.symmetry, pipeline.mirror_once);
+  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
+  const detail::ChannelImages images = channels > 0 ? detail::ChannelImages{pipeline.tracer.image_channels(body, 0), pipeline.tracer.image_channels(body, 1)}
+                                                    : detail::ChannelImages{std::vector<int>{}, std::vector<int>{}};
+  const ContactPlan plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
   std::mutex reporting;
   int done = 0;
   const auto report = [&](std::string_view stage, std::size_t total) {
@@ -104,7 +110,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   std::vector<double> meshing(places.size());
   executor.for_each(places.size(), [&](std::size_t k) {
     const detail::Stopwatch watch;
-    std::vector<Scenario<Sphere>> here;
+    std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
     places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus)));
     meshing[k] = watch.seconds();
@@ -116,7 +122,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   std::vector<detail::SolvedScenario> solved(plan.solves.size());
   done = 0;
   executor.for_each(order.size(), [&](std::size_t i) {
-    const ContactPlan::Solve& s = plan.solves[order[i]];
+    const auto& s = plan.solves[order[i]];
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
     report("press", order.size());
   });
@@ -124,19 +130,19 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
 
   // Light, first for all states, then with more and more rays for those that decide.
   detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
-  if (body.regions > 0) {
+  if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), body.regions);
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), channels);
     for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(detail::unfold(scenarios, body, plan, solved), pipeline.rays.tolerance);
+      const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
       lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", 1 << round, " times the rays"), n); });
     }
   }
 
-  out.scenarios = detail::unfold(scenarios, body, plan, solved);
+  out.scenarios = detail::unfold(scenarios, images, plan, solved);
   for (ScenarioRecord& record : out.scenarios)
     for (StateRecord& s : record.states)
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());

@@ -33,6 +33,7 @@ struct Box {
 
   double radius_m() const { return 0.5 * size_m.norm(); }
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return sample(p).distance; }
   DistanceSample sample(const Vec3& p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);

@@ -15,6 +15,7 @@ struct Capsule {
 
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
   DistanceSample sample(const Vec3& p) const {
     const Vec3 foot = nearest(p), out = p - foot;

@@ -16,6 +16,7 @@ struct Cylinder {
 
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return sample(p).distance; }
   DistanceSample sample(const Vec3& p) const;
 };

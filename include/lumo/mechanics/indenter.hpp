@@ -32,6 +32,13 @@ double contact_radius(const Tool& tool) {
   else return tool.radius_m();
 }
 
+/// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say so by symmetric(axis) is taken not to be.
+template <Indenter Tool>
+bool is_symmetric(const Tool& tool, int axis) {
+  if constexpr (requires { { tool.symmetric(axis) } -> std::convertible_to<bool>; }) return tool.symmetric(axis);
+  else return false;
+}
+
 /// Rigid sphere.
 struct Sphere {
   double diameter_m = 10e-3;
@@ -39,6 +46,7 @@ struct Sphere {
   bool operator==(const Sphere&) const = default;
 
   double radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return p.norm() - radius_m(); }
   DistanceSample sample(const Vec3& p) const {
     const double r = p.norm();

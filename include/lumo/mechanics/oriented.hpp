@@ -4,6 +4,8 @@
 
 #include <Eigen/LU>
 
+#include <cmath>
+
 namespace lumo {
 
 /// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
@@ -16,6 +18,11 @@ struct Oriented {
 
   double radius_m() const { return tool.radius_m(); }
   double contact_radius_m() const { return contact_radius(tool); }
+  bool symmetric(int axis) const {  // where an axis of the tool lies along it
+    for (int k = 0; k < 3; ++k)
+      if (std::abs(turn(axis, k)) == 1.0) return is_symmetric(tool, k);
+    return false;
+  }
   double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
   DistanceSample sample(const Vec3& p) const {
     const DistanceSample d = tool.sample(turn.transpose() * p);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/morphology/optical_data.hpp"
 #include "lumo/morphology/shape.hpp"
 
@@ -58,7 +59,7 @@ struct Body {
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
   std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
-  std::vector<RectangleEmitter> emitters;
+  std::vector<Emitter> emitters;
   int regions = 0;                          ///< number of readout regions
   /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3& position, const Vec3& normal)> region;

@@ -88,7 +88,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   const auto& led = o.leds;
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
-    body.emitters.push_back({{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
+    body.emitters.push_back(RectangleEmitter{{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
   }
   const auto r = o.readout;
   body.regions = r.bins;

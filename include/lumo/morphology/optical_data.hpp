@@ -8,10 +8,12 @@
 
 namespace lumo {
 
-/// A homogeneous medium: refractive index [–] and extinction coefficient [1/m].
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the extinction needs.
 struct Medium {
   double refractive_index = 1.0;
-  double extinction_per_m = 0.0;
+  double extinction_per_m = 0.0;    ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering
 };
 
 /// How light meets a surface.
@@ -20,15 +22,6 @@ struct Lambertian { double albedo = 0.8; };          ///< diffuse, opaque
 struct Mirror { double reflectance = 1.0; };         ///< specular, opaque
 struct Absorber {};                                  ///< black
 using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
-
-/// A flat rectangular emitter with a cosine law into the medium that it touches. It radiates to `half_u` × `half_v`.
-struct RectangleEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 half_u = Vec3::UnitX();     ///< half edge [m]
-  Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
-  double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
-};
 
 /// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
 struct RigidFace {

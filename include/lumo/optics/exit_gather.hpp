@@ -2,8 +2,7 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/morphology/body.hpp"
-#include "lumo/optics/emitter.hpp"
+#include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/face_set.hpp"
 #include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/light_nodes.hpp"
@@ -21,11 +20,12 @@ namespace lumo::detail {
 /// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
 /// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
 /// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
-/// Veach, thesis, 1997, ch. 5). Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
+/// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
+/// Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
-  ExitGather(const Body& body, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
+  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
              PathTracer<Scene, Medium, Readout>& path)
       : surface_(surface),
@@ -39,8 +39,9 @@ class ExitGather {
         path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-      const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-      for (const RectangleEmitter& e : body.emitters) emitters_[image].push_back({standard(mirrored(e, m)), mirror(normal(e), m)});
+      const Vec3 m = sign(image);
+      for (const Emitter& e : emitters)
+        if (e.has_intensity()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
     }
   }
 
@@ -58,8 +59,12 @@ class ExitGather {
         for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
         Vec3 n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
-        if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
-        gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+        if constexpr (ConnectedReadout<Readout>) {
+          gather_connected(x, n, exits_[k].mirror, sequence, sent);
+        } else {
+          if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
+          gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+        }
       }
     }
     path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power
@@ -73,22 +78,15 @@ class ExitGather {
 
  private:
   struct Source {
-    RectangleEmitter emitter;  ///< mirrored to the side of the fundamental face
-    Vec3 normal;
+    Emitter emitter;  ///< mirrored to the side of the fundamental face
+    Vec3 axis;
   };
 
   /// Direct light is smooth in place: one point of this many will do.
   static constexpr std::uint32_t direct_every = 2;
 
   static Vec3 mirror(const Vec3& p, const Vec3& m) { return m.cwiseProduct(p); }
-  static RectangleEmitter standard(RectangleEmitter e) {
-    for (Vec3* h : {&e.half_u, &e.half_v}) {
-      Eigen::Index k = 0;
-      h->cwiseAbs().maxCoeff(&k);
-      if ((*h)[k] < 0.0) *h = -*h;
-    }
-    return e;
-  }
+  static Vec3 sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
 
   // Books `power` for every image, if the way out is free and the readout sees it.
   void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3& out, double power) const {
@@ -98,7 +96,7 @@ class ExitGather {
     }
   }
   int channel_of(const FaceSet::Sample& x, const Vec3& out, unsigned image) const {
-    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3 m = sign(image);
     return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
   }
   bool seen(const FaceSet::Sample& x, const Vec3& out) const {
@@ -110,11 +108,11 @@ class ExitGather {
   void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, double area) {
     const double u = sequence(x.index, 4), v = sequence(x.index, 5);
     for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
-      const Vec3 from = mirror(point(s.emitter, u, v), m), way = x.ray.origin - from;
+      const Vec3 from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
       const double length = way.norm();
       const Vec3 d = way / length;
-      const double leaves = d.dot(mirror(s.normal, m)), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
-      if (!(leaves > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
+      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
+      if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
       const FresnelSplit split = fresnel(cosine, ratio_);
       if (split.reflectance >= 1.0) continue;
       const Vec3 out = refract(d, -n, ratio_, split.cosine_behind);
@@ -122,22 +120,47 @@ class ExitGather {
       ++path_.segments;
       const RayHit hit = scene_.first_hit(from, d, true);
       if (!hit || hit.t < length - 1e-6 * length) continue;
-      const double power = s.emitter.power_W / pi * leaves * meets / (length * length) * area * (1.0 - split.reflectance);
+      const double power = intensity * meets / (length * length) * area * (1.0 - split.reflectance);
       book(direct_, x, out, power * medium_.transmittance(length));
     }
   }
 
   void gather_diffuse(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     const Vec3 out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
-    if (out.dot(x.normal) <= 0.0) return;
+    double weight = 0.0;
+    if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
+    book(diffuse_, x, out, radiosity(x, m, weight, sent));
+  }
+
+  // Openings are not mirror images of each other: each image of the point has its own way out.
+  void gather_connected(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+    for (unsigned image : images_)
+      for (int k = 0; k < readout_.openings(); ++k) {
+        const Connection way = readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
+        const Vec3 out = mirror(way.direction, sign(image));
+        double weight = 0.0;
+        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight)) continue;
+        const int channel = channel_of(x, out, image);
+        if (channel < 0 || channel >= channels_ || scene_.first_hit(x.ray.origin, out, false)) continue;
+        diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
+      }
+  }
+
+  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is weight·radiosity of where it comes from,
+  // if its directions have a cosine law. False: there is no such light.
+  bool enter(FaceSet::Sample& x, const Vec3& n, const Vec3& out, double& weight) const {
     const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
-    if (split.reflectance >= 1.0) return;
+    if (split.reflectance >= 1.0) return false;
     x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
     const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
-    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0) || !seen(x, out)) return;
-    const double weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0)) return false;
+    weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    return true;
+  }
+
+  double radiosity(const FaceSet::Sample& x, const Vec3& m, double weight, const std::vector<double>& sent) {
     path_.run(x.ray, m, weight / double(images_.size()), false);
-    book(diffuse_, x, out, path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); }));
+    return path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); });
   }
 
   const OpticalScene& surface_;

@@ -4,6 +4,7 @@
 #include "lumo/morphology/body.hpp"
 
 #include <concepts>
+#include <vector>
 
 namespace lumo {
 
@@ -16,6 +17,8 @@ struct Escape {
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
+/// Optional: `std::vector<int> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1 (empty: itself),
+/// lets one of two mirrored states stand for both.
 /// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
 template <class R>
 concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
@@ -23,13 +26,30 @@ concept ExitReadout = requires(const R& readout, const Body& body, const Escape&
   { readout.channel(escape) } -> std::convertible_to<int>;
 };
 
+/// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
+struct Connection {
+  Vec3 direction = Vec3::UnitZ();
+  double solid_angle_sr = 0.0;
+};
+
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian faces send is gathered from ways
+/// that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light that never met such a face is traced forward, as for others.
+/// Laws: connect(k, p, u, v) leads from the point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is
+/// the integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one channel.
+template <class R>
+concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3& p, int k, double u) {
+  { readout.openings() } -> std::convertible_to<int>;
+  { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
 /// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
+  std::vector<int> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
 };
 
 static_assert(ExitReadout<ExitPower>);
-static_assert(!ExitReadout<int>);
+static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
 
 }  // namespace lumo

@@ -1,7 +1,9 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
+#include "lumo/core/tangents.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/core/units.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 #include "lumo/optics/exit_power.hpp"
 #include "lumo/optics/face_set.hpp"
@@ -13,7 +15,9 @@
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/ray_pattern.hpp"
 #include "lumo/optics/surface_optics.hpp"
+#include "lumo/optics/scattering_medium.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -24,7 +28,7 @@
 namespace lumo::detail {
 
 struct PathLimits {
-  double roulette_below;
+  double roulette_below, scattered_below;
   int max_events;
 };
 
@@ -47,11 +51,14 @@ class PathTracer {
 
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
   /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
-  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr) {
+  /// `gathers_direct`: ExitGather finds the emitter's direct light.
+  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
+           bool gathers_direct = true) {
     ++rays;
     mirror_ = mirror;
     start_ = power_W;
     from_emitter_ = from_emitter;
+    gathers_direct_ = gathers_direct;
     accounts_.book(accounts_.ledger.emitted, power_W);
     Branch first;
     first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
@@ -84,13 +91,14 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
+    bool scattered = false;     ///< in the medium, once at least
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
   bool survives(Branch& b) {
     b.direct = false;
     if (!(b.power > 0.0)) return false;
-    const double full = limits_.roulette_below * start_;
+    const double full = (b.scattered ? limits_.scattered_below : limits_.roulette_below) * start_;
     if (b.power >= full) return true;
     if (uniform(combine(b.key, 0)) * full < b.power) {
       accounts_.book(accounts_.ledger.roulette, b.power - full);
@@ -104,16 +112,18 @@ class PathTracer {
   void escape(const Branch& b) {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct || !from_emitter_);
+    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
+    const bool lone = b.scattered || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
     const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
-    if (log_ != nullptr && from_emitter_ && !gathered)
+    if (log_ != nullptr && from_emitter_ && !gathered && !lone)
       log_->push_back(e);
     else
       accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b);
+  void scatter(const Branch& b, double path_m, double power);
   bool meet(Branch& b, int triangle);
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
 
@@ -129,7 +139,7 @@ class PathTracer {
   std::vector<Branch> stack_;
   Vec3 mirror_ = Vec3::Ones();
   double start_ = 0.0;
-  bool from_emitter_ = true;
+  bool from_emitter_ = true, gathers_direct_ = true;
 };
 
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
@@ -150,13 +160,40 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
     const Vec3 n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
     const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
     const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
-    b.origin += path_m * b.direction;
     if (b.inside) {
       const double left = b.power * medium_.transmittance(path_m);
-      accounts_.book(accounts_.ledger.absorbed_in_medium, b.power - left);
+      double absorbed = b.power - left;
+      if constexpr (TurbidMedium<Medium>) {
+        const double scattered = medium_.albedo() * absorbed;
+        absorbed -= scattered;
+        scatter(b, path_m, scattered);
+      }
+      accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
       b.power = left;
     }
+    b.origin += path_m * b.direction;
     if (!meet(b, hit.triangle)) return;
+  }
+}
+
+// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a clear medium, so that direct light
+// and what is gathered backwards stay free of scattering's noise: there too, each piece sends on both.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
+  if constexpr (TurbidMedium<Medium>) {
+    Branch c = b;
+    c.power = power;
+    c.key = combine(b.key, 6);
+    c.scattered = true;
+    if (!survives(c)) return;
+    const Vec3 axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
+    const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))), azimuth = 2.0 * pi * uniform(combine(c.key, 3));
+    const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
+    Vec3 t1, t2;
+    tangents(axis, t1, t2);
+    c.origin += medium_.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
+    c.direction = mirror_.cwiseProduct((sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+    stack_.push_back(c);
   }
 }
 

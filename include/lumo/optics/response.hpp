@@ -9,7 +9,7 @@
 
 namespace lumo {
 
-/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body).
+/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for each colour of the emitters.
 struct Response {
   std::vector<double> power_W;  ///< mean over replicates
   std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates

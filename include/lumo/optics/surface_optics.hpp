@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/tangents.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/optical_data.hpp"
@@ -21,14 +22,6 @@ constexpr double reflectance(const Mirror& s) { return s.reflectance; }
 constexpr double reflectance(const Absorber&) { return 0.0; }
 
 namespace detail {
-
-/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
-inline void tangents(const Vec3& n, Vec3& t1, Vec3& t2) {
-  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
-  const double a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
-  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
-  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
-}
 
 /// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
 inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, double u, double azimuth) {

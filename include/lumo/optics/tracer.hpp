@@ -21,7 +21,11 @@
 
 #include <algorithm>
 #include <bit>
+#include <concepts>
 #include <cstdint>
+#include <iterator>
+#include <optional>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -35,7 +39,9 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 
 /// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
 ///
-/// Lambertian emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III).
+/// Emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
+/// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
+/// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
 /// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
 ///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread between neighbouring
 ///    paths (exit_beams.hpp).
@@ -53,6 +59,7 @@ class Tracer {
     int carrier_rays = 1 << 16;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
     double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
+    double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
     int max_events = 4096;            ///< a branch that meets more surfaces is booked as lost
     std::uint64_t seed = 0;           ///< another number, another independent pattern
     OpticalScene::Config scene{};
@@ -63,6 +70,11 @@ class Tracer {
       : config_(config), readout_(readout), backend_(backend) {}
 
   const Config& config() const { return config_; }
+
+  /// Channels of the response: those of the readout for each colour; 0 without emitters.
+  int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
+  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric or the readout does not say.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const;
 
   /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for each number of `pattern`.
   /// Compare its responses with its own only. Throws InvalidArgument for a factor that is no power of two, or out of range.
@@ -99,6 +111,21 @@ Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int f
 }
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
+std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
+  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::same_as<std::vector<int>>; }) {
+    const Symmetry light = RayPattern::symmetry_of(body.emitters);
+    if (axis == 0 ? !light.x : !light.y) return std::nullopt;
+    const std::vector<int> one = readout_.image_channels(body, axis);
+    std::vector<int> all;
+    for (int color = 0; color < color_count(body.emitters); ++color)
+      for (int c : one) all.push_back(color * int(one.size()) + c);
+    return all;
+  } else {
+    return std::nullopt;
+  }
+}
+
+template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
                                                  const std::vector<double>& contact_field, Symmetry symmetry) const {
   const auto power_of_two = [](const char* what, int value, int low) {
@@ -110,43 +137,58 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
   require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
   require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
+  require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
   require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
   if (body.surroundings.extinction_per_m != 0.0)
     throw InvalidArgument(detail::text("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
+  validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
-  const RayPattern pattern(body.emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry);
   const detail::LightNodes nodes(surface, symmetry);
   const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1,
                                 [&](int t) { return nodes.of(t)[0] >= 0; });
   const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, [&](int t) {
-    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face());
+    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
-  const int channels = readout_.channels(body);
+  const int channels = readout_.channels(body), colors = color_count(body.emitters);
   require_in_range("readout channels", channels, 0, 1 << 24, "");
   const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
   const double outer_index = BeerLambert(body.surroundings).refractive_index();
 
   Response response;
-  response.replicates.resize(config_.replicates, channels);
-  response.direct.resize(config_.replicates, channels);
+  response.replicates.resize(config_.replicates, colors * channels);
+  response.direct.resize(config_.replicates, colors * channels);
   EnergyLedger& sum = response.ledger;
-  sum.channels.assign(std::size_t(channels), 0.0);
   detail::PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
-                          {config_.roulette_below, config_.max_events});
+                          {config_.roulette_below, config_.scattered_below, config_.max_events});
   detail::ExitBeams beams(path);
-  detail::ExitGather gather(body, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path);
+  struct Color {
+    RayPattern pattern;
+    detail::ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
+  };
+  std::vector<Color> light;
+  for (int c = 0; c < colors; ++c) {
+    std::vector<Emitter> emitters;
+    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
+    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry),
+                     {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
+  }
+  constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
-    for (const RayPattern::Beam& beam : pattern.beams()) {
-      if (config_.exit_rays > 0)
-        beams.run(beam, sequence(0));
-      else
-        for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true);
+    std::vector<detail::Tally> totals;
+    for (const Color& color : light) {
+      for (const RayPattern::Beam& beam : color.pattern.beams()) {
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout>)  // an opening is too small to be found between rays
+          beams.run(beam, sequence(0));
+        else
+          for (std::uint32_t i = 0; i < beam.rays; ++i)
+            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, true, nullptr, gathers_direct && beam.source.has_intensity());
+      }
+      totals.push_back(path.accounts().take());
     }
-    detail::Tally total = path.accounts().take();
     detail::CarrierTransport transport(nodes.size(), channels);
     for (std::size_t k = 0; k < carrier.size(); ++k)
       for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
@@ -157,17 +199,21 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
         transport.add(path.accounts().take(), nodes.of(x.ray.triangle), detail::LightNodes::shares(x.at), x.area);
       }
-    const std::vector<double> sent = detail::exchange(nodes, transport, total);
-    gather.run(sequence(2), sent, total);
-    for (int c = 0; c < channels; ++c) {
-      response.replicates(r, c) = total.ledger.channels[std::size_t(c)];
-      response.direct(r, c) = total.direct[std::size_t(c)];
+    for (int k = 0; k < colors; ++k) {
+      detail::Tally& total = totals[std::size_t(k)];
+      const std::vector<double> sent = detail::exchange(nodes, transport, total);
+      light[std::size_t(k)].gather.run(sequence(2), sent, total);
+      for (int c = 0; c < channels; ++c) {
+        response.replicates(r, k * channels + c) = total.ledger.channels[std::size_t(c)];
+        response.direct(r, k * channels + c) = total.direct[std::size_t(c)];
+      }
+      total.ledger.channels.clear();
+      detail::add(sum, total.ledger, 1.0 / config_.replicates);
     }
-    detail::add(sum, total.ledger, 1.0 / config_.replicates);
   }
   response.rays = path.rays;
   response.segments = path.segments;
-  for (int c = 0; c < channels; ++c) sum.channels[std::size_t(c)] = response.replicates.col(c).mean();
+  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c) sum.channels.push_back(response.replicates.col(c).mean());
   response.power_W = sum.channels;
   response.error_W = standard_error(response.replicates);
   return response;

@@ -1,0 +1,48 @@
+#pragma once
+
+#include "lumo/core/tangents.hpp"
+#include "lumo/morphology/emitter.hpp"
+
+namespace lumo {
+
+namespace detail {
+
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
+/// Map Between Disk and Square", J. Graphics Tools 2 (1997).
+inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
+  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
+  if (a == 0.0 && b == 0.0) return Vec3::Zero();
+  const bool steep = std::abs(b) > std::abs(a);
+  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
+  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
+}
+
+/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
+  Vec3 t1, t2;
+  tangents(n, t1, t2);
+  return center + radius_m * on_unit_disc(u, v, t1, t2);
+}
+
+}  // namespace detail
+
+/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
+struct DiscEmitter {
+  Vec3 center = Vec3::Zero();      ///< [m]
+  Vec3 normal = Vec3::UnitZ();     ///< unit
+  double radius_m = 0.5e-3;
+  double power_W = 1.0;
+  int channel = 0;                 ///< colour channel
+
+  Vec3 axis() const { return normal; }
+  Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
+};
+
+inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
+
+static_assert(EmitterModel<DiscEmitter>);
+
+}  // namespace lumo

@@ -1,0 +1,82 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/tangents.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/optics/exit_power.hpp"
+
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace lumo {
+
+/// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
+struct Photodiode {
+  Vec3 center = Vec3::Zero();       ///< [m]
+  Vec3 half_u = 1e-3 * Vec3::UnitX();  ///< half edge, or half axis [m]
+  Vec3 half_v = 1e-3 * Vec3::UnitY();  ///< likewise
+  bool round = false;               ///< an ellipse with these half axes
+  double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
+
+  double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
+  Vec3 normal() const { return half_u.cross(half_v).normalized(); }
+};
+
+/// Photodiodes, a channel each: the power that falls on them [W], as if none stood in another's light.
+class Photodiodes {
+ public:
+  /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
+  explicit Photodiodes(std::vector<Photodiode> diodes);
+
+  int channels(const Body&) const { return int(diodes_.size()); }
+  /// Of several photodiodes behind each other the first one.
+  int channel(const Escape& escape) const;
+  int openings() const { return int(diodes_.size()); }
+  Connection connect(int k, const Vec3& from, double u, double v) const;
+
+ private:
+  static bool accepts(const Photodiode& d, const Vec3& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+
+  std::vector<Photodiode> diodes_;
+};
+
+static_assert(ConnectedReadout<Photodiodes>);
+
+inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
+  if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
+  for (const Photodiode& d : diodes_) {
+    if (!d.center.allFinite()) throw InvalidArgument("photodiode: its centre is not finite");
+    require_positive("area of a photodiode", d.area_m2(), "m2");
+    require_in_range("acceptance angle of a photodiode", d.acceptance_rad * 180.0 / pi, 0.1, 90.0, "deg");
+  }
+}
+
+inline int Photodiodes::channel(const Escape& escape) const {
+  int best = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < diodes_.size(); ++k) {
+    const Photodiode& d = diodes_[k];
+    if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
+    const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
+    if (!(way > 0.0 && way < nearest)) continue;
+    const Vec3 p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
+    const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
+    if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) best = int(k), nearest = way;
+  }
+  return best;
+}
+
+inline Connection Photodiodes::connect(int k, const Vec3& from, double u, double v) const {
+  const Photodiode& d = diodes_[std::size_t(k)];
+  const Vec3 at = d.center + (d.round ? detail::on_unit_disc(u, v, d.half_u, d.half_v) : Vec3((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+  const Vec3 way = at - from;
+  const double length = way.norm();
+  if (!(length > 0.0)) return {};
+  const Vec3 direction = way / length;
+  if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
+  return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
+}
+
+}  // namespace lumo
