@@ -147,7 +147,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
     if (!(t > 0.0)) continue;
     if (t >= 1.0) return exact(p);
     // 1 − Π (1 − w) with w = t³ (10 − 15 t + 6 t²), whose first two derivatives vanish at both ends
-    const double w = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t), dw = side / h_ * 30.0 * t * t * (1.0 - t) * (1.0 - t), ddw = 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / (h_ * h_);
+    const double w = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t), dw = side / h_ * 30.0 * t * t * (1.0 - t) * (1.0 - t);
+    const double ddw = 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / (h_ * h_);
     bend *= 1.0 - w;
     bend.col(a) -= dw * slope;
     bend.row(a) -= dw * slope.transpose();

@@ -9,7 +9,8 @@
 namespace lumo {
 
 /// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
-/// The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits to rubber that softens and then stiffens have it. The default is Dragon Skin of the paper at small strain.
+/// The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits to rubber that softens and then
+/// stiffens have it. The default is Dragon Skin of the paper at small strain.
 struct Yeoh {
   double c1 = 53.0e3;        ///< [Pa]
   double c2 = 0.0;           ///< [Pa]
