@@ -213,6 +213,8 @@ const std::vector<FaultKind>& fault_kinds() {
        }},
       {"frames late", Fault::frame_late, frames_do([](auto& i, auto&) { i.arrival += 200 * ms; })},
       {"frames from the past", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp -= 1000 * ms; })},
+      {"frames from the beginning of time", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp = std::numeric_limits<std::int64_t>::min(); })},
+      {"joint samples from the end of time", Fault::joint_time, joints_do([](auto& i, auto&) { i.sample.stamp_ns = std::numeric_limits<std::int64_t>::max(); })},
       {"frames from the future", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp += 5'000 * ms; })},
       {"another size", Fault::frame_corrupt, frames_do([](auto& i, auto&) { i.image = &odd_picture(4); })},
       {"garbage", Fault::exposure_changed, frames_do([](auto& i, auto& n) { if (n.uniform() < 0.7) i.image = &odd_picture(5); })},

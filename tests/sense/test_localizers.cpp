@@ -203,6 +203,10 @@ TEST_CASE("what profiles add one by one is what all of them tell together", "[lo
     information = 1.0 / ((information > 0.0 ? 1.0 / information + 4e-8 * 1e-9 * double(frame_ns) : 1e9)) + 1.0 / e.contact[0].noise_variance_m2;
   }
   CHECK(1.0 / information == Approx(e.contact[0].variance_m2).epsilon(0.15));
+  // Another contact, far away: what it tells is its own.
+  for (int k = 12; k < 24 && std::abs(e.contact[0].y_m - 2e-3) < 1e-3; ++k) e = l.update(bump(-8e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
+  CHECK(e.contact[0].y_m == Approx(-8e-3).margin(1.5e-3));
+  CHECK(e.contact[0].noise_variance_m2 == Approx(e.contact[0].variance_m2));
   c.bias_sigma_m = 0.7e-3;
   BayesLocalizer biased(c);
   CHECK(biased.update(bump(2e-3, 15.0, 4e-3, 1.0, normal)).contact[0].bias_variance_m2 == Approx(0.49e-6));

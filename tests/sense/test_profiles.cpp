@@ -132,10 +132,10 @@ TEST_CASE("every n-th line along the finger is read, level or upright", "[profil
 }
 
 TEST_CASE("where the perspective is beyond what a camera sees, the rest of the map is the best for what is left", "[profiles]") {
-  // Places as y = b s/(1 + c s) with c = 0.9 has them, which the fit does not take. Independent: scan a and b for c = ½.
+  // Places as y = b s/(1 + c s) with c = 0.6 has them, which the fit does not take. Independent: scan a and b for c = ½.
   Eigen::Matrix2Xd pixel = Eigen::Matrix2Xd::Zero(2, 5);
   Eigen::VectorXd y(5);
-  for (int k = 0; k < 5; ++k) pixel(0, k) = 100.0 * (k - 2), y[k] = 20e-3 * (0.5 * (k - 2)) / (1.0 + 0.45 * (k - 2));
+  for (int k = 0; k < 5; ++k) pixel(0, k) = 100.0 * (k - 2), y[k] = 20e-3 * (0.5 * (k - 2)) / (1.0 + 0.3 * (k - 2));
   const AxisMap map = AxisMap::fit(pixel, y);
   REQUIRE(map.coefficients[2] == 0.5);
   const auto misfit = [&](double a, double b) {
@@ -146,7 +146,7 @@ TEST_CASE("where the perspective is beyond what a camera sees, the rest of the m
     return sum;
   };
   const double best = misfit(map.coefficients[0], map.coefficients[1]);
-  CHECK(map.residual_px > 1.0);
+  CHECK(map.residual_px > 0.1);
   // u(y) − u and its linearisation (y(u) − y)/y'(u) have nearby minima: no place within a tenth of the coefficients is much better.
   double least = best;
   for (int i = -20; i <= 20; ++i)

@@ -56,7 +56,7 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
   CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
   CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
-  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number");
+  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number within 1e9");
   CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") == "s.json.segments[1].from_ns: must be a whole number of 64 bits");
   CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") == "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
   CHECK(message(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");

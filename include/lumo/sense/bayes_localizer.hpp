@@ -273,11 +273,12 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
 }
 
 inline ContactLocation BayesLocalizer::one() const {
-  const detail::GridMoments now = detail::moments_about_mode(grid_, place_);
+  const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
-  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells nothing has a noise without bound.
-  const double posterior = now.variance + cell2, prior = detail::moments_about_mode(grid_, expected_).variance + cell2;
-  const double noise = posterior * prior / std::max(prior - posterior, 1e-3 * prior);
+  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
+  // nothing to what was known.
+  const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
+  const double noise = moved * moved > 9.0 * (prior + posterior) ? posterior : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
   const Eigen::Index k = grid_.size() + now.mode;  // of the second width, a middling one
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/sense/alignment.hpp"
 #include "lumo/sense/faults.hpp"
 #include "lumo/sense/joint_sample.hpp"
 
@@ -53,6 +54,7 @@ class JointMonitor {
   Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
+    if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
     if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_)) return reject(Fault::joint_time), v;
     const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
     if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
