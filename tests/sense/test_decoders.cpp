@@ -160,7 +160,7 @@ TEST_CASE("one observation of each place, or places out of order", "[decoder]") 
       CHECK(decoded.place == p);
       CHECK(decoded.probability.allFinite());
     }
-    d.place_m = {0.0, -0.01, 0.01};
+    d.place_m = Eigen::Vector3d(0.0, -0.01, 0.01);
     CHECK_THROWS_AS(LinearDecoder{}.fit(d), InvalidArgument);
     CHECK_THROWS_AS(NearestTemplate{}.fit(d), InvalidArgument);
   }

@@ -80,7 +80,7 @@ class StampColumn {
 
 /// A path below a log's frames/ that a table can hold.
 inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || (c >= 0 && c < ' '); });
+  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
          file.find('\\') == std::string_view::npos;
 }
