@@ -362,6 +362,44 @@ TEST_CASE("quadratic elements and other materials descend too") {
   CHECK(states.front().depth_m == Approx(held.front().depth_m).epsilon(0.02));
 }
 
+TEST_CASE("an element is refused on a mesh of another order") {
+  const auto wrong = [](auto element, const TetMesh& mesh) {
+    using Element = decltype(element);
+    CHECK_THROWS_WITH((VertexElasticity<NeoHookean, Element>(mesh, {}, element)), Catch::Contains("must be the same"));
+    CHECK_THROWS_WITH((Solid<NeoHookean, Element>(mesh, {}, element)), Catch::Contains("must be the same"));
+    CHECK_THROWS_AS(lumped_masses<Element>(mesh, 1000.0), InvalidArgument);
+  };
+  wrong(LinearTet{}, small_mesh<QuadraticTet>());
+  wrong(QuadraticTet{}, small_mesh<LinearTet>());
+  const Bench quadratic = block(2, 2);
+  CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(quadratic.body, quadratic.mesh, kPress)), InvalidArgument);
+}
+
+namespace {
+/// A law that gives out under a compression of a hundredth.
+struct Brittle : StableNeoHookean {
+  Mat3 distortion_stress(const Mat3& F) const {
+    return F(2, 2) < 0.99 ? Mat3(Mat3::Constant(std::numeric_limits<double>::quiet_NaN())) : StableNeoHookean::distortion_stress(F);
+  }
+};
+}  // namespace
+
+TEST_CASE("a step that ends in NaN is a status, and what is given is the state before it") {
+  const Bench b = block(1, 2);
+  auto sim = quick(Simulator<Brittle, SDFContact, LinearTet, VertexBlockDescent>{});
+  sim.solver.config.lanes = false;
+  for (const MechanicalState& s : sim.press(b.body, b.mesh, kPress)) {
+    CHECK(s.status == (s.load_N > 0.2 ? Status::non_finite : s.status));
+    for (const double v : {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m}) CHECK(std::isfinite(v));
+    CHECK_FALSE(std::isnan(s.residual_N));
+    for (const Vec3& u : s.displacement) CHECK(u.allFinite());
+    for (const double p : s.pressure_Pa) CHECK(std::isfinite(p));
+  }
+  Scenario<Sphere> hard = kPress;
+  hard.loads_N = {5.0};
+  CHECK(sim.press(b.body, b.mesh, hard).front().status == Status::non_finite);
+}
+
 TEST_CASE("what descent cannot do is a status or one line") {
   const Bench b = block(1, 2);
   auto sim = quick(Simulator<StableNeoHookean, SDFContact, LinearTet, VertexBlockDescent>{});

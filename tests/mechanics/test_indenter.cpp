@@ -14,6 +14,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include <sys/stat.h>
+
 using namespace lumo;
 
 namespace {
@@ -181,12 +183,63 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
     CHECK(d.gradient.norm() == Approx(1.0).margin(0.03));   // the facets meet at edges of three degrees
     CHECK((d.gradient - exact.gradient).norm() < 0.04);   // half the angle between facets
   }
-  test::check_distance_laws(tool, 4 * R, 1e-3, 1.0);   // off the grid a bound, whose slope is less
-  // Far outside it is a bound from below.
-  for (int k = 0; k < 100; ++k) {
-    const Vec3 p = 10.0 * R * Vec3(n(random), n(random), n(random));
-    CHECK(tool.distance(p) <= std::max(p.norm() - R, 0.0) + 4e-6);
+}
+
+TEST_CASE("off its grid a mesh tool tells the distance itself, with a normal of unit length, and passes into it without a step") {
+  const double R = 5e-3, sag = 4.8e-6;
+  const MeshIndenter tool(ball(R, 5), 64);
+  const double h = tool.grid().spacing_m();
+  std::mt19937 random(8);
+  std::normal_distribution<double> n;
+  for (int k = 0; k < 60; ++k) {
+    const Vec3 u = Vec3(n(random), n(random), n(random)).normalized();
+    for (const double gap : {-0.1e-3, 0.0, 0.3e-3, 0.5e-3, 1e-3, 2e-3, 50e-3}) {
+      const DistanceSample d = tool.sample((R + gap) * u);
+      CHECK(d.distance >= gap - 1e-6);   // facets lie inside the sphere
+      CHECK(d.distance <= gap + sag + 1e-6);
+      const bool off = ((R + gap) * u).cwiseAbs().maxCoeff() > R + 3.0 * h;
+      CHECK(d.gradient.norm() == Approx(1.0).margin(off ? 1e-12 : 0.03));   // the spline rounds edges of three degrees
+      CHECK((d.gradient - u).norm() < 0.04);
+    }
   }
+  // Across the cell in which spline and exact distance meet, along each axis: no more than 1-Lipschitz, and derivatives are those of what is given.
+  for (int a = 0; a < 3; ++a)
+    for (int k = 0; k < 40; ++k) {
+      const Vec3 p = Vec3(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3::Unit(a), step = 1e-7 * Vec3(0.3, -0.5, 0.8).normalized();
+      const DistanceSample low = tool.sample(p - step), here = tool.sample(p), high = tool.sample(p + step);
+      CHECK((high.distance - low.distance) / 2.0 == Approx(here.gradient.dot(step)).margin(1e-13));
+      CHECK(std::abs(high.distance - low.distance) <= 2e-7 * 1.03);
+    }
+  test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3}), 24), 40e-3, 0.1, 0.1);   // most points are off the grid; near its edges the spline is round
+}
+
+TEST_CASE("signs hold where many thin triangles meet, as the winding number has them") {
+  TriangleSurface s;   // a needle's point and a dent: corners at which single face normals mislead
+  s.vertices = {{0, 0, 9e-3}, {0, 0, -1e-3}};
+  constexpr int sides = 7;
+  for (int k = 0; k < sides; ++k) s.vertices.emplace_back((k % 2 ? 1e-3 : 4e-3) * std::cos(2 * pi * k / sides), (k % 2 ? 1e-3 : 4e-3) * std::sin(2 * pi * k / sides), -3e-3);
+  for (int k = 0; k < sides; ++k) {
+    s.triangles.push_back({0, 2 + k, 2 + (k + 1) % sides});
+    s.triangles.push_back({1, 2 + (k + 1) % sides, 2 + k});
+  }
+  validate_surface(s);
+  const SignedDistance exact(s);
+  std::mt19937 random(2);
+  std::uniform_real_distribution<double> u(-1.0, 1.0);
+  int inside = 0;
+  for (int k = 0; k < 2000; ++k) {
+    const Vec3 p(5e-3 * u(random), 5e-3 * u(random), 3e-3 + 7e-3 * u(random));
+    const bool solid = winding_number(s, p) > 0.5;
+    inside += solid;
+    CHECK((exact.sample(p).distance < 0.0) == solid);
+  }
+  CHECK(inside > 40);
+}
+
+TEST_CASE("one surface read twice is one tool") {
+  CHECK(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3::Constant(1e-3)), 16));
+  CHECK_FALSE(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3::Constant(1e-3)), 17));
+  CHECK_FALSE(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3(1e-3, 1e-3, 0.9e-3)), 16));
 }
 
 TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
@@ -227,6 +280,23 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
   const auto quads = folder.write("q.obj", "# a cube\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
                                            "f -8 -5 -6 -7\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\r\nf 4 1 5 8");
   CHECK(validate_surface(read_surface(quads)).volume == Approx(1e-9));
+  CHECK(read_surface(folder.write("CAD.STL", binary_stl_of(s, 1e-3))).triangles.size() == 12);
+  // A prism over an L and one over a star, whose polygons are not convex from any corner that a fan could start at: corner 1 comes first.
+  const auto prism = [](const std::vector<std::pair<double, double>>& outline) {
+    std::ostringstream out;
+    const int n = int(outline.size());
+    for (const double z : {0.0, 1.0})
+      for (const auto& [x, y] : outline) out << "v " << x << ' ' << y << ' ' << z << '\n';
+    out << 'f';
+    for (int k = n; k >= 1; --k) out << ' ' << k;
+    out << "\nf";
+    for (int k = 1; k <= n; ++k) out << ' ' << n + k;
+    for (int k = 1; k <= n; ++k) out << "\nf " << k << ' ' << k % n + 1 << ' ' << n + k % n + 1 << ' ' << n + k;
+    return out.str() + "\n";
+  };
+  CHECK(validate_surface(read_surface(folder.write("ell.obj", prism({{3, 0}, {3, 1}, {1, 1}, {1, 3}, {0, 3}, {0, 0}})))).volume == Approx(5e-9));
+  const auto star = read_surface(folder.write("star.obj", prism({{2, 0}, {0.5, 0.5}, {0, 2}, {-0.5, 0.5}, {-2, 0}, {-0.5, -0.5}, {0, -2}, {0.5, -0.5}})));
+  CHECK(validate_surface(star).volume == Approx(4e-9));   // four triangles of base 1 and height 1.5 on a square of side 1
 }
 
 TEST_CASE("bad surface files are refused with one line that says where") {
@@ -260,6 +330,9 @@ TEST_CASE("bad surface files are refused with one line that says where") {
   TriangleSurface turned = brick(Vec3::Constant(1e-3));
   for (auto& t : turned.triangles) std::swap(t[1], t[2]);
   refuses("q.obj", obj_of(turned, 1e-3), "inside out");
+  refuses("r.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 nan\nv 1 nan 0\nf 1 2 3\n", "not finite");
+  REQUIRE(::mkfifo((folder.path / "pipe.stl").c_str(), 0600) == 0);
+  CHECK_THROWS_AS(read_surface(folder.path / "pipe.stl"), InputError);   // and does not wait for a writer
   CHECK_THROWS_AS(read_surface(folder.path / "absent.obj"), InputError);
   std::filesystem::create_directory(folder.path / "d.stl");
   CHECK_THROWS_AS(read_surface(folder.path / "d.stl"), InputError);

@@ -107,5 +107,11 @@ TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes d
     CHECK(s.status == Status::converged);
     CHECK(s.residual_N <= 1e-6 * s.load_N);
   }
-  CHECK(box.back().reference_area_m2 == Approx(36e-6).epsilon(0.4));   // flat face first: all of it is in contact
+  // The flat face, 4 mm square, is in contact from the first load on; more comes round the edges, but never more than the box has below it.
+  for (std::size_t k = 0; k < loads.size(); ++k) {
+    INFO("contact " << box[k].reference_area_m2 * 1e6 << " mm2");
+    CHECK(box[k].reference_area_m2 > 16e-6);
+    CHECK(box[k].reference_area_m2 < 36e-6);
+    if (k > 0) CHECK(box[k].reference_area_m2 >= box[k - 1].reference_area_m2);
+  }
 }

@@ -25,6 +25,7 @@ TEST_CASE("every other solid obeys the same laws") {
   test::check_material_laws(MooneyRivlin{.c10 = 0.0, .c01 = 5.0e4, .bulk = 1.0e6});
   test::check_material_laws(Yeoh{});
   test::check_material_laws(Yeoh{.c1 = 5.0e4, .c2 = 8.0e3, .c3 = 1.0e3, .bulk = 1.0e6});
+  test::check_material_laws(Yeoh{.c1 = 5.0e4, .c2 = -3.0e3, .c3 = 1.0e3, .bulk = 1.0e6});
   test::check_material_laws(Ogden{});
   test::check_material_laws(Ogden{.terms = {{{6.3e5, 1.3}, {1.2e3, 5.0}, {-1.0e4, -2.0}}}, .bulk = 1.0e7});  // rubber: Ogden 1972
 }
@@ -143,7 +144,10 @@ TEST_CASE("material parameters out of range are refused in one line") {
   CHECK_THROWS_AS(validate(NeoHookean{.lambda = -1.0}), InvalidArgument);
   CHECK_THROWS_WITH(validate(StableNeoHookean{.lambda = -1.0}), Catch::Contains("Lame parameter lambda") && Catch::Contains("-1 Pa"));
   CHECK_THROWS_WITH(validate(MooneyRivlin{.c10 = 0.0, .c01 = 0.0}), Catch::Contains("shear modulus"));
-  CHECK_THROWS_WITH(validate(Yeoh{.c2 = -1.0}), Catch::Contains("Yeoh c2"));
+  CHECK_THROWS_WITH(validate(Yeoh{.c2 = -1.0}), Catch::Contains("Yeoh c2"));   // without a third term it softens until nothing is left
+  CHECK_NOTHROW(validate(Yeoh{.c1 = 3e4, .c2 = -2.9e3, .c3 = 100.0}));         // least slope at s = 2.9e3/300: c1 − c2²/(3 c3) = 2 kPa
+  CHECK_THROWS_AS(validate(Yeoh{.c1 = 3e4, .c2 = -3.0e3, .c3 = 100.0}), InvalidArgument);
+  CHECK_THROWS_AS(validate(Yeoh{.c2 = std::nan("")}), InvalidArgument);
   CHECK_THROWS_WITH(validate(Ogden{.terms = {{{1e5, -2.0}, {}, {}}}}), Catch::Contains("mu alpha"));
   CHECK_THROWS_AS(validate(Ogden{.bulk = std::nan("")}), InvalidArgument);
 }

@@ -150,3 +150,14 @@ TEST_CASE("another contact far away is taken up at once", "[filter]") {
   f.add_location(10 * 33'000'000LL, -0.02, 1e-7);
   CHECK(f.at(10 * 33'000'000LL, zero).y_m == Approx(-0.02).margin(1e-3));
 }
+
+TEST_CASE("numbers that belong to no finger do not enter the filter", "[filter]") {
+  ContactFilter<MomentArm> f(MomentArm{arm}, config());
+  for (const double bad : {std::nan(""), HUGE_VAL, 1e120}) {
+    CHECK_THROWS_AS(f.add_torque(1, one(bad), one(1e-4)), InvalidArgument);
+    CHECK_THROWS_AS(f.add_torque(1, one(0.1), one(bad)), InvalidArgument);
+    CHECK_THROWS_AS(f.add_location(1, bad, 1e-6), InvalidArgument);
+    CHECK_THROWS_AS(f.add_location(1, 0.0, bad), InvalidArgument);
+  }
+  CHECK_THROWS_AS(f.add_torque(1, one(0.1), one(0.0)), InvalidArgument);
+}

@@ -149,3 +149,19 @@ TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a mod
   d.place = {0, 0, 0, 0, 0, 1};  // place 1 is only in one fold
   CHECK_THROWS_AS(cross_validate(NearestTemplate{}, d, fold), InvalidArgument);
 }
+
+TEST_CASE("one observation of each place, or places out of order", "[decoder]") {
+  // Nothing tells the scatter: the nearest mean decides, and numbers of any size stay finite.
+  for (const double size : {1e-3, 1.0, 1e8}) {
+    LabelledResponses d{size * Eigen::MatrixXd::Identity(3, 3), {0, 1, 2}, Eigen::Vector3d(-0.01, 0.0, 0.01)};
+    const auto model = LinearDecoder{}.fit(d);
+    for (int p = 0; p < 3; ++p) {
+      const Decoding decoded = model.decode(0.9 * d.response.col(p));
+      CHECK(decoded.place == p);
+      CHECK(decoded.probability.allFinite());
+    }
+    d.place_m = Eigen::Vector3d(0.0, -0.01, 0.01);
+    CHECK_THROWS_AS(LinearDecoder{}.fit(d), InvalidArgument);
+    CHECK_THROWS_AS(NearestTemplate{}.fit(d), InvalidArgument);
+  }
+}

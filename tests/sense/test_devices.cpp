@@ -1,5 +1,6 @@
 #include "../catch.hpp"
 
+#include "lumo/sense/joint_monitor.hpp"
 #include "lumo/support/serial.hpp"
 #include "lumo/support/socketcan.hpp"
 
@@ -75,7 +76,21 @@ TEST_CASE("motors over a socket pair: commands go out, samples come back in the 
   CHECK(s->velocity_rad_per_s[1] == Approx(2.0).margin(0.02));
   CHECK(s->effort[0] == Approx(0.2).margin(0.005));
   CHECK(s->effort[1] == Approx(-0.7).margin(0.005));
+  CHECK_FALSE(s->saturated);
   CHECK_FALSE(motors.next());
+  for (const int motor : {1, 2}) {  // torques at the end of the range may be any that are larger
+    can_frame full{};
+    full.can_dlc = 6, full.data[0] = std::uint8_t(c.motors[std::size_t(motor - 1)]), full.data[1] = 0x80, full.data[3] = 0x80, full.data[4] = motor == 1 ? 0x0f : 0x08, full.data[5] = 0xff;
+    fake.send(full);
+  }
+  const auto clipped = motors.next();
+  REQUIRE(clipped);
+  CHECK(clipped->saturated);
+  JointMonitor::Config watch;
+  watch.joints = 2;
+  const auto verdict = JointMonitor(watch).check(*clipped, clipped->stamp_ns);
+  CHECK(verdict.faults.has(Fault::torque_saturated));
+  CHECK_FALSE(verdict.usable);
   CHECK(motors.state() == StreamState::open);
   CHECK_THROWS_AS(motors.command(std::span(command).first(1)), InvalidArgument);
 
@@ -144,13 +159,13 @@ TEST_CASE("photodiodes over a pipe: whole lines only, bad ones are counted", "[d
 TEST_CASE("photodiodes over a pseudo-terminal; what is no serial line is refused", "[device]") {
   detail::Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY));
   if (master.get() < 0 || ::grantpt(master.get()) != 0 || ::unlockpt(master.get()) != 0) {
-    WARN("no pseudo-terminals here");
-    return;
+    FAIL("no pseudo-terminals here: this test says nothing of serial lines");
   }
   char name[128];
   REQUIRE(::ptsname_r(master.get(), name, sizeof name) == 0);
+  REQUIRE(::write(master.get(), "7.5,8.", 6) == 6);  // sent before: thrown away
   SerialPhotodiodes diodes = SerialPhotodiodes::open(name, {2, 115200, fixed_time});
-  REQUIRE(::write(master.get(), "0.5,0.75\n", 9) == 9);
+  REQUIRE(::write(master.get(), "31,1.5\n0.5,0.75\n", 16) == 16);  // the rest of a line reads like one
   std::optional<PhotodiodeSample> s;
   for (int k = 0; k < 1000 && !s; ++k) {
     s = diodes.next();
@@ -158,6 +173,12 @@ TEST_CASE("photodiodes over a pseudo-terminal; what is no serial line is refused
   }
   REQUIRE(s);
   CHECK(s->signal_V == Eigen::VectorXd{{0.5, 0.75}});
+  CHECK(diodes.bad_lines() == 0);
+  detail::Descriptor line(::open(name, O_RDWR | O_NOCTTY));
+  termios settings{};
+  REQUIRE(::tcgetattr(line.get(), &settings) == 0);
+  CHECK((settings.c_cflag & (CSTOPB | CRTSCTS)) == 0);
+  CHECK((settings.c_cflag & (CLOCAL | CREAD)) == (CLOCAL | CREAD));
   CHECK_THROWS_AS(SerialPhotodiodes::open("/dev/null", {}), InputError);
   CHECK_THROWS_AS(SerialPhotodiodes::open("/nonexistent", {}), InputError);
   CHECK_THROWS_AS(SerialPhotodiodes::open(name, {2, 1234, fixed_time}), InvalidArgument);

@@ -168,3 +168,72 @@ TEST_CASE("a contact that moves on is followed", "[localizer]") {
     }
   }
 }
+
+TEST_CASE("a contact's random walk widens the place as much at any frame rate", "[localizer]") {
+  auto c = bayes(1.0);
+  c.change_rate_per_s = 1e-9, c.shape_error = 0.0, c.ambient_sigma = 0.0;
+  c.width_m.fill(2e-3), c.from_m = -12e-3, c.to_m = 12e-3;  // no bump reaches the profile's ends, where darkness would tell something
+  const auto variance = [](const BayesLocalizer& l) {
+    const double mean = l.place().dot(l.grid_m());
+    return l.place().dot((l.grid_m().array() - mean).square().matrix());
+  };
+  synthetic::Normal none(1);
+  for (const int rate : {4, 10, 30, 60, 100, 1000}) {
+    BayesLocalizer l(c);
+    l.update(bump(0.0, 400.0, 2e-3, 0.0, none, 0));
+    const double before = variance(l);
+    // Darkness says nothing of where: all places explain it alike.
+    for (int k = 1; k <= rate; ++k) l.update(Profile{k * (1'000'000'000LL / rate), Eigen::VectorXd::Zero(places.size()), 0.0});
+    INFO(rate << " frames per second");
+    CHECK(variance(l) - before == Approx(1e-6).epsilon(0.03));  // 1 mm/√s for a second
+  }
+}
+
+TEST_CASE("what profiles add one by one is what all of them tell together", "[localizer]") {
+  // White noise alone: estimates taken as independent, with the noises that they state, must end with the variance that the posterior has.
+  auto c = bayes(1.0);
+  c.shape_error = 0.0, c.ambient_sigma = 0.0, c.bias_sigma_m = 0.0, c.change_rate_per_s = 1e-6, c.spacing_m = 0.1e-3, c.creep_m_per_sqrt_s = 0.2e-3;
+  c.from_m = -15e-3, c.to_m = 15e-3;
+  synthetic::Normal normal(8);
+  BayesLocalizer l(c);
+  double information = 0.0;
+  LocationEstimate e;
+  for (int k = 0; k < 12; ++k) {
+    e = l.update(bump(2e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
+    REQUIRE(e.contacts == 1);
+    information = 1.0 / ((information > 0.0 ? 1.0 / information + 4e-8 * 1e-9 * double(frame_ns) : 1e9)) + 1.0 / e.contact[0].noise_variance_m2;
+  }
+  CHECK(1.0 / information == Approx(e.contact[0].variance_m2).epsilon(0.15));
+  // Another contact, far away: what it tells is its own.
+  for (int k = 12; k < 24 && std::abs(e.contact[0].y_m - 2e-3) < 1e-3; ++k) e = l.update(bump(-8e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
+  CHECK(e.contact[0].y_m == Approx(-8e-3).margin(1.5e-3));
+  CHECK(e.contact[0].noise_variance_m2 == Approx(e.contact[0].variance_m2));
+  c.bias_sigma_m = 0.7e-3;
+  BayesLocalizer biased(c);
+  CHECK(biased.update(bump(2e-3, 15.0, 4e-3, 1.0, normal)).contact[0].bias_variance_m2 == Approx(0.49e-6));
+}
+
+TEST_CASE("after a gap a contact must begin anew", "[localizer]") {
+  synthetic::Normal none(1);
+  PeakLocalizer l = peak(1.0);  // begins above 6 noises, ends below 4
+  CHECK(l.update(bump(0.0, 20.0, 4e-3, 0.0, none, 0)).contacts == 1);
+  CHECK(l.update(bump(0.0, 5.0, 4e-3, 0.0, none, 2'000'000'000)).contacts == 0);
+}
+
+TEST_CASE("configurations that make no sense are refused", "[localizer]") {
+  const auto refuses = [](auto change) {
+    auto c = bayes(0.3);
+    change(c);
+    CHECK_THROWS_AS(BayesLocalizer(c), InvalidArgument);
+  };
+  refuses([](auto& c) { c.creep_m_per_sqrt_s = -1e-3; });
+  refuses([](auto& c) { c.ambient_sigma = std::nan(""); });
+  refuses([](auto& c) { c.lamp_sigma = -1.0; });
+  refuses([](auto& c) { c.bias_sigma_m = std::nan(""); });
+  refuses([](auto& c) { c.gap_s = 0.0; });
+  refuses([](auto& c) { c.position_m[3] = c.position_m[2]; });
+  refuses([](auto& c) { c.spacing_m = 60e-3 / 4000.0; });
+  Eigen::VectorXd wrong = places;
+  wrong[4] = std::nan("");
+  CHECK_THROWS_AS(PeakLocalizer({wrong, Eigen::VectorXd::Constant(places.size(), 0.3)}), InvalidArgument);
+}

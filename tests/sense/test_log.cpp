@@ -6,6 +6,7 @@
 #include "synthetic.hpp"
 
 #include <functional>
+#include <limits>
 #include <sstream>
 
 using namespace lumo;
@@ -176,4 +177,20 @@ TEST_CASE("damaged tables are read or refused in one line, never worse", "[log]"
   }
   CHECK(read > 200);
   CHECK(refused > 5000);
+}
+
+TEST_CASE("stamps at the ends of 64 bits overflow nothing", "[log]") {
+  const std::int64_t limit = stamp_limit_ns;
+  for (const std::int64_t from : {-limit, std::int64_t(0), limit})
+    for (const double offset : {-1e300, -4e9, 0.0, 4e9, 1e300}) {
+      const ClockMap map{-from, offset, 0.1, 0.0};
+      CHECK(map(from) >= -limit);
+      CHECK(map(from) <= limit);
+    }
+  CHECK(ClockMap{limit - 5, 0.25, 0.0, 0.0}(limit - 1'000'000'000) == limit - 750'000'000);
+  std::istringstream far("stamp_ns,displacement_m\n9223372036854775807,0\n");
+  CHECK_THROWS_WITH(read_marker_log(far, "m.csv"), Catch::Contains("m.csv:2: column stamp_ns") && Catch::Contains("beyond the range"));
+  CHECK_THROWS_AS(marker_log_text({{std::numeric_limits<std::int64_t>::min(), 0.0}}), InvalidArgument);
+  CHECK_THROWS_AS(marker_log_text({{5, 0.0}, {5, 0.1}}), InvalidArgument);
+  CHECK_THROWS_AS(TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
 }

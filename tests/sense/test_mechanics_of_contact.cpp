@@ -55,6 +55,10 @@ TEST_CASE("contact Jacobians: torque is the virtual work of the normal force, sl
       }
   CHECK_THROWS_AS(chain.column(angles(0, 0), {2, 0.0}), InvalidArgument);
   CHECK_THROWS_AS(SerialChain({}), InvalidArgument);
+  Eigen::Isometry3d mirrored = Eigen::Isometry3d::Identity(), stretched = mirrored;
+  mirrored.linear()(0, 0) = -1.0, stretched.linear()(1, 1) = 1.01;
+  CHECK_THROWS_AS(SerialChain({{mirrored, Vec3::UnitX(), pose({0, 0, 0})}}), InvalidArgument);
+  CHECK_THROWS_AS(SerialChain({{pose({0, 0, 0}), Vec3::UnitX(), stretched}}), InvalidArgument);
 }
 
 TEST_CASE("the moment arm is the chain's one-joint model", "[jacobian]") {
@@ -250,6 +254,14 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
   CHECK(e.fused.mae_N == Approx(0.5));
   CHECK(e.torque_only.samples == 0);
   CHECK(*e.recovery() == Approx((e.fixed_arm.mae_N - e.optical.mae_N) / (e.fixed_arm.mae_N - e.known_location.mae_N)));
+  // A localiser that is silent on a hard sample gains nothing by it: the others are asked about the same samples.
+  ForceSample hard = samples.front();
+  hard.estimated_y_m.reset(), hard.contact_torque_Nm[0] += 0.1;
+  samples.push_back(hard);
+  const ForceErrors silent = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  CHECK(silent.known_location.samples == 3);
+  CHECK(silent.common.optical.samples == 2);
+  CHECK(*silent.recovery() == Approx(*e.recovery()));
 
   const SerialChain chain = two_links();
   ForceSample s;

@@ -2,6 +2,7 @@
 
 #include "lumo/support/opencv.hpp"
 #include "synthetic.hpp"
+#include "temporary_folder.hpp"
 
 #include <filesystem>
 #include <fstream>
@@ -12,20 +13,7 @@ using namespace lumo;
 
 namespace {
 
-/// A folder that goes when the test does.
-struct Folder {
-  std::filesystem::path path;
-  Folder() {
-    char name[] = "/tmp/lumo-opencv-XXXXXX";
-    REQUIRE(::mkdtemp(name));
-    path = name;
-  }
-  ~Folder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path, ignored);
-  }
-  std::string operator/(const std::string& name) const { return (path / name).string(); }
-};
+/
 
 Image picture(int which, PixelFormat format = PixelFormat::bgr) {
   synthetic::View v;
@@ -43,7 +31,7 @@ bool same(const ImageView& a, const Image& b) {
 }  // namespace
 
 TEST_CASE("images survive a PNG to the bit, in colour and grey", "[opencv]") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (const PixelFormat format : {PixelFormat::bgr, PixelFormat::grey}) {
     const Image image = picture(1, format);
     write_image(folder / "a.png", image.view());
@@ -57,7 +45,7 @@ TEST_CASE("images survive a PNG to the bit, in colour and grey", "[opencv]") {
 }
 
 TEST_CASE("a folder of images is a camera; a damaged file is a frame without pixels", "[opencv]") {
-  const Folder folder;
+  const TemporaryFolder folder;
   for (int k = 0; k < 3; ++k) write_image(folder / ("f" + std::to_string(k) + ".png"), picture(k).view());
   std::ofstream(folder / "bad.png") << "\x89PNG broken";
   FolderCamera camera(folder.path.string(), {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
@@ -81,7 +69,7 @@ TEST_CASE("a folder of images is a camera; a damaged file is a frame without pix
 }
 
 TEST_CASE("a video file is a camera, with the table's stamps or its own rate", "[opencv]") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string path = folder / "video.avi";
   {
     cv::VideoWriter writer(path, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 20.0, {64, 48});
@@ -106,7 +94,11 @@ TEST_CASE("a video file is a camera, with the table's stamps or its own rate", "
   CHECK(timed.next()->stamp_ns == 7);
   CHECK(timed.next()->gain == 3.0);
   CHECK_FALSE(timed.next());
-  CHECK(timed.state() == StreamState::ended);
+  CHECK(timed.state() == StreamState::failed);  // two frames more than rows: nobody knows when
+  VideoCamera whole(path, {{7, ""}, {9, ""}, {11, ""}, {13, ""}});
+  for (int k = 0; k < 4; ++k) CHECK(whole.next());
+  CHECK_FALSE(whole.next());
+  CHECK(whole.state() == StreamState::ended);
   VideoCamera cut(path, std::vector<FrameRecord>(6));
   for (int k = 0; k < 4; ++k) CHECK(cut.next());
   CHECK_FALSE(cut.next());
@@ -117,9 +109,11 @@ TEST_CASE("a video file is a camera, with the table's stamps or its own rate", "
 }
 
 TEST_CASE("what is no camera is not opened", "[opencv]") {
-  const Folder folder;
+  const TemporaryFolder folder;
   std::ofstream(folder / "file") << "x";
   CHECK_THROWS_AS(V4l2Camera({"/dev/video97"}), InputError);
+  CHECK_THROWS_AS(V4l2Camera({.device = "/dev/video97", .exposure_s = 4e-5}), InvalidArgument);  // would become none
+  CHECK_THROWS_AS(V4l2Camera({.device = "/dev/video97", .width = 0}), InvalidArgument);
   CHECK_THROWS_AS(V4l2Camera({folder / "file"}), InputError);
   CHECK_THROWS_AS(V4l2Camera({"/dev/null"}), InputError);
 }

@@ -9,6 +9,7 @@
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 #include "synthetic.hpp"
+#include "temporary_folder.hpp"
 
 #include <stdlib.h>
 
@@ -66,8 +67,8 @@ void record(const std::string& folder) {
 }  // namespace
 
 TEST_CASE("from a folder of pictures and currents to location and force, with the baselines", "[log]") {
-  char name[] = "/tmp/lumo-recorded-XXXXXX";
-  REQUIRE(::mkdtemp(name));
+  const TemporaryFolder folder;
+  const std::string name = folder.path.string();
   record(name);
   const LogFolder log = read_log_folder(name);
   const Session& session = log.session;
@@ -161,5 +162,4 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   CHECK(e.fixed_arm.mae_N > 1.0);
   CHECK(*e.recovery() > 0.95);
   CHECK(e.torque_only.samples == 0);
-  std::filesystem::remove_all(name);
 }

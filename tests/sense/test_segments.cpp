@@ -79,3 +79,40 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   // Two cycles about their median: half a channel's weight each.
   CHECK(cycle_variation(runs) == Approx(0.5 * std::sqrt(14.0 / 3.0)));
 }
+
+TEST_CASE("indenters and angles are kept apart, and no load of a re-contact counts twice", "[segments]") {
+  Made made;
+  std::vector<HoldResponse> first = hold_responses(made.profiles, made.segments), second = first;
+  for (HoldResponse& h : first) h.segment.diameter_mm = 10.0;
+  for (HoldResponse& h : second) h.segment.diameter_mm = 30.0, h.response *= 3.0;
+  std::vector<HoldResponse> both = first;
+  both.insert(both.end(), second.begin(), second.end());
+  CHECK_THROWS_AS(slope_profiles(both), InvalidArgument);
+  CHECK_THROWS_AS(decoding_task(both, {2.0, 5.0}), InvalidArgument);
+  for (std::size_t i = 0; i < 3; ++i) CHECK((slope_profiles(responses_of(both, 30.0, 0.0))[i] - 3.0 * slope_profiles(first)[i]).norm() < 1e-9);
+  CHECK(decoding_task(responses_of(both, 10.0, 0.0), {2.0, 5.0}).data.response.cols() == 6);
+  CHECK(cycle_runs(both).size() == 12);
+  for (HoldResponse& h : second) h.segment.diameter_mm = 10.0, h.segment.angle_deg = 15.0;
+  std::vector<HoldResponse> tilted = first;
+  tilted.insert(tilted.end(), second.begin(), second.end());
+  CHECK_THROWS_AS(slope_profiles(tilted), InvalidArgument);
+  CHECK(cycle_runs(tilted).size() == 12);
+  std::vector<HoldResponse> twice = first;
+  twice.insert(twice.end(), first.begin(), first.end());
+  CHECK_THROWS_AS(slope_profiles(twice), InvalidArgument);
+  CHECK_THROWS_AS(decoding_task(twice, {2.0, 5.0}), InvalidArgument);
+}
+
+TEST_CASE("places that are not neighbours are not compared as such", "[segments]") {
+  const Made made;
+  auto holds = hold_responses(made.profiles, made.segments);
+  auto gap = holds;
+  std::erase_if(gap, [](const HoldResponse& h) { return h.segment.place == 1; });
+  CHECK_THROWS_AS(slope_profiles(gap), InvalidArgument);
+  CHECK(decoding_task(gap, {2.0, 5.0}).data.places() == 2);  // a decoder may well be asked about two places far apart
+  auto end = holds;
+  std::erase_if(end, [](const HoldResponse& h) { return h.segment.place == 0; });
+  CHECK(slope_profiles(end).size() == 2);
+  for (HoldResponse& h : holds) h.segment.y_mm = -h.segment.y_mm;  // numbered against the finger
+  CHECK_THROWS_AS(slope_profiles(holds), InvalidArgument);
+}

@@ -2,10 +2,9 @@
 
 #include "lumo/support/json.hpp"
 #include "synthetic.hpp"
+#include "temporary_folder.hpp"
 
-#include <stdlib.h>
-
-#include <filesystem>
+#include <sstream>
 
 using namespace lumo;
 
@@ -57,7 +56,7 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
   CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
   CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
-  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number");
+  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number within 1e9");
   CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") == "s.json.segments[1].from_ns: must be a whole number of 64 bits");
   CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") == "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
   CHECK(message(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");
@@ -68,9 +67,40 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK_THROWS_AS(read_session("/nonexistent/session.json"), InputError);
 }
 
+TEST_CASE("numbers do not wrap, and brackets in a text are text", "[session]") {
+  CHECK(message(head + R"(, "segments": [{"place": 18446744073709551612}]})") == "s.json.segments[0].place: must be a whole number within 1e9");
+  CHECK(session_from_json(head + R"(, "title": ")" + std::string(65, '[') + "\"}", "s.json").title.size() == 65);
+  CHECK(message(head + R"(, "title": "]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\\" , "theta_mm": )" + std::string(70, '[')) ==
+        "s.json: is nested deeper than 64 levels");
+  CHECK(message(head + R"(, "joint_clock": {"offset_s": 1e300}})").starts_with("s.json: offset of a clock is 1e+300 s"));
+  CHECK(message(head + R"(, "joint_clock": {"drift": -2}})").starts_with("s.json: drift of a clock"));
+  CHECK(message(head + R"(, "torque_constant_Nm_per_A": [0]})").starts_with("s.json: torque constant is 0"));
+  CHECK(message(head + R"(, "joint_delay_s": 1e9})").starts_with("s.json: delay is"));
+  CHECK(message(head + R"(, "segments": [{"from_ns": -9000000000000000000}]})").starts_with("s.json: stamp -9000000000000000000 ns"));
+}
+
+TEST_CASE("what is written can be read: lengths keep their bits, and what could not be read is refused", "[session]") {
+  synthetic::Normal draw(3);
+  for (int k = 0; k < 2000; ++k) {
+    std::ostringstream json;
+    json.precision(2 + k % 15);
+    json << head << ", \"joint_to_origin_mm\": " << 200.0 * draw.uniform() << ", \"leds\": {\"pitch_mm\": " << 1.0 + 30.0 * draw.uniform() << "}}";
+    const Session s = session_from_json(json.str(), "s.json"), r = session_from_json(to_json(s), "s.json");
+    REQUIRE(r.joint_to_origin_m == s.joint_to_origin_m);
+    REQUIRE(r.led_pitch_m == s.led_pitch_m);
+  }
+  Session s;
+  s.title = "\xff";
+  CHECK_THROWS_AS(to_json(s), InputError);
+  s = {};
+  s.segments = {{1, 2}};
+  s.segments[0].load_N = std::nan("");
+  CHECK_THROWS_AS(to_json(s), InputError);
+}
+
 TEST_CASE("a log folder reads back as it was written", "[session]") {
-  char name[] = "/tmp/lumo-log-XXXXXX";
-  REQUIRE(::mkdtemp(name));
+  const TemporaryFolder folder;
+  const std::string name = folder.path.string();
   LogFolder log;
   log.path = name;
   log.session.title = "two frames";
@@ -85,13 +115,28 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   CHECK(r.joints.at(0).effort[0] == 0.5);
   CHECK(r.wrenches.at(0).force_N.z() == -2.0);
   CHECK(r.markers.empty());
+  log.photodiodes = {{3, Eigen::Vector3d(0.5, 0.25, 1.0)}};
+  log.wrenches.clear();
+  write_log_folder(log);
+  const LogFolder again = read_log_folder(name);
+  CHECK(again.photodiodes.at(0).signal_V == Eigen::Vector3d(0.5, 0.25, 1.0));
+  CHECK(again.wrenches.empty());  // the earlier table is gone
+  LogFolder bad = log;
+  bad.frames[1].file = "b,c.png";
+  CHECK_THROWS_AS(write_log_folder(bad), InvalidArgument);
+  bad = log;
+  bad.frames[1].stamp_ns = bad.frames[0].stamp_ns;
+  CHECK_THROWS_AS(write_log_folder(bad), InvalidArgument);
+  CHECK(read_log_folder(name).frames.size() == 2);  // and what was there still is
   log.session.torque_constant_Nm_per_A = {1.0, 1.0};
   write_log_folder(log);
   CHECK_THROWS_AS(read_log_folder(name), InputError);  // one joint, two constants
-  log.path = std::string(name) + "/none";
+  log.joints[0].unit = Effort::torque_Nm;
+  write_log_folder(log);
+  CHECK(read_log_folder(name).joints.size() == 1);  // torques need none
+  log.path = name + "/none";
   CHECK_THROWS_AS(write_log_folder(log), InputError);
   CHECK_THROWS_AS(read_log_folder(log.path), InputError);
-  std::filesystem::remove_all(name);
 }
 
 TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {

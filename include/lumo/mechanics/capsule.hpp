@@ -3,6 +3,7 @@
 #include "lumo/mechanics/indenter.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace lumo {
 

@@ -46,16 +46,19 @@ double area_per_vertex(const Contact& contact) {
   else return 0.0;
 }
 
+/// Answer of a spring of `stiffness` [N/m³] to a gap: nothing while it is open.
+inline ContactResponse penalty(double stiffness, double gap) {
+  if (gap >= 0.0) return {0.0, 0.0, 0.0};
+  return {0.5 * stiffness * gap * gap, -stiffness * gap, stiffness};
+}
+
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
   double friction = 0.0;             ///< Coulomb's coefficient
 
-  ContactResponse respond(double gap) const {
-    if (gap >= 0.0) return {0.0, 0.0, 0.0};
-    return {0.5 * stiffness_N_per_m3 * gap * gap, -stiffness_N_per_m3 * gap, stiffness_N_per_m3};
-  }
+  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
 
 inline void validate(const SDFContact& c) {

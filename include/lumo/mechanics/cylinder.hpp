@@ -2,6 +2,7 @@
 
 #include "lumo/mechanics/indenter.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace lumo {

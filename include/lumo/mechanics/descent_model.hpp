@@ -30,7 +30,7 @@ struct DescentConfig {
   double speed_m_per_s = 5e-3;            ///< of the indenter's advance
   double hold_s = 1.0;                    ///< at each load
   double slip_speed_m_per_s = 1e-2;       ///< below it friction is smooth
-  double detection_m = 1e-3;              ///< points that come nearer in a step's start are watched in that step
+  double detection_m = 1e-3;              ///< points nearer than this at a step's start are watched during the step
   double max_advance_m = 20e-3;           ///< a load that is not met by then is given up
   double time_limit_s = 1e9;              ///< per scenario, wall clock
   bool lanes = true;                      ///< eight vertices of a color at once, where material and element allow it

@@ -1,29 +1,33 @@
 #pragma once
 
 #include "lumo/mechanics/indenter.hpp"
-#include "lumo/mesh/triangle_tree.hpp"
+#include "lumo/mesh/signed_distance.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 namespace lumo {
 
 /// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline through them: twice
 /// continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the spline rounds by a fraction of a cell.
-/// Signs by winding number. Source: Unser 1999 (spline through samples), Jacobson, Kavan, Sorkine-Hornung 2013 (signs).
+/// From two cells outside the surface's box on it passes, within one cell, into the exact distance. Source: Unser 1999 (spline through samples).
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
   DistanceGrid(const TriangleSurface& surface, int cells);
+  DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
+  DistanceGrid& operator=(const DistanceGrid&) = delete;
 
-  double distance(const Vec3& p) const;
+  double distance(const Vec3& p) const { return sample(p).distance; }
 
-  /// Distance with its derivatives. Outside the grid a lower bound of the distance that joins it continuously.
+  /// Distance with its derivatives.
   DistanceSample sample(const Vec3& p) const;
 
   double spacing_m() const { return h_; }
+  const TriangleSurface& surface() const { return surface_; }
   /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the surface [m].
   double error_m() const { return error_; }
 
@@ -34,48 +38,41 @@ class DistanceGrid {
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
-  void fill(const TriangleSurface& surface, const TriangleTree& tree);
+  void fill();
   void filter();
-  void measure(const TriangleTree& tree);
+  void measure();
   DistanceSample spline(const Vec3& p) const;
+  DistanceSample exact(const Vec3& p) const;
 
+  TriangleSurface surface_;
+  SignedDistance exact_;
   Vec3 origin_, low_, high_;   // first node; box in which the spline holds
   std::array<int, 3> n_{};     // nodes each way
   double h_ = 0.0, error_ = 0.0;
   std::vector<double> c_;      // spline coefficients
 };
 
-inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) {
+inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  const SurfaceReport report = validate_surface(surface);
-  const Vec3 size = report.high - report.low;
+  Eigen::AlignedBox3d box;
+  for (const Vec3& v : surface_.vertices) box.extend(v);
+  const Vec3 size = box.sizes();
   h_ = size.maxCoeff() / cells;
-  origin_ = report.low - pad * h_ * Vec3::Ones();
+  origin_ = box.min() - pad * h_ * Vec3::Ones();
   for (int a = 0; a < 3; ++a) n_[std::size_t(a)] = int(std::ceil(size[a] / h_ - 1e-9)) + 2 * pad + 1;
   low_ = origin_ + rim * h_ * Vec3::Ones();
   high_ = node(n_[0] - 1 - rim, n_[1] - 1 - rim, n_[2] - 1 - rim);
   c_.resize(std::size_t(n_[0]) * std::size_t(n_[1]) * std::size_t(n_[2]));
-  const TriangleTree tree(surface);
-  fill(surface, tree);
+  fill();
   filter();
-  measure(tree);
+  measure();
 }
 
-inline void DistanceGrid::fill(const TriangleSurface& surface, const TriangleTree& tree) {
+inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
-      for (int i = 0; i < n_[0]; ++i) {
-        const Vec3 p = node(i, j, k);
-        const std::array<double, 3> before = {i > 0 ? at(i - 1, j, k) : 0.0, j > 0 ? at(i, j - 1, k) : 0.0, k > 0 ? at(i, j, k - 1) : 0.0};
-        const double near = i > 0 ? std::abs(before[0]) + 1.001 * h_ : std::numeric_limits<double>::infinity();
-        const double d = tree.distance(p, near);
-        // Two balls that hold no surface and overlap are on one side of it.
-        double sign = 0.0;
-        for (double other : before)
-          if (d + std::abs(other) > 1.001 * h_ && other != 0.0) sign = other < 0.0 ? -1.0 : 1.0;
-        if (sign == 0.0) sign = winding_number(surface, p) > 0.5 ? -1.0 : 1.0;
-        at(i, j, k) = sign * d;
-      }
+      for (int i = 0; i < n_[0]; ++i)   // from node to node the distance changes by no more than the way
+        at(i, j, k) = exact_.distance(node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + 1.001 * h_ : std::numeric_limits<double>::infinity());
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
@@ -98,13 +95,13 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
-inline void DistanceGrid::measure(const TriangleTree& tree) {
+inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
       for (int i = rim; i < n_[0] - 1 - rim; ++i) {
         const Vec3 p = node(i, j, k) + Vec3::Constant(0.5 * h_);
         const double d = spline(p).distance;
-        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(std::abs(d) - tree.distance(p, 3.0 * h_)));
+        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(d - exact_.distance(p, 3.0 * h_)));
       }
 }
 
@@ -113,7 +110,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
     const double u = (p[Eigen::Index(a)] - origin_[Eigen::Index(a)]) / h_;
-    cell[a] = std::clamp(int(std::floor(u)), 1, n_[a] - 3);
+    cell[a] = std::min(int(std::fmin(std::fmax(u, 1.0), n_[a])), n_[a] - 3);   // of NaN, any cell
     const double t = u - cell[a], s = 1.0 - t;
     w[a] = {s * s * s / 6.0, 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s), t * t * t / 6.0};
     dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
@@ -141,17 +138,37 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
 }
 
 inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
-  const Vec3 foot = p.cwiseMax(low_).cwiseMin(high_), out = p - foot;
-  DistanceSample d = spline(foot);
-  if (out.squaredNorm() == 0.0) return d;
-  // The box holds the surface, so distance² ≥ |out|² + d(foot)².
-  const double bound = std::hypot(out.norm(), d.distance);
-  Mat3 free = Mat3::Zero(), held = Mat3::Zero();   // directions in which the foot follows p, and those in which it cannot
-  for (int a = 0; a < 3; ++a) (out[a] == 0.0 ? free : held)(a, a) = 1.0;
-  const Vec3 slope = free * d.gradient, n = (out + d.distance * slope) / bound;
-  return {bound, n, (held + slope * slope.transpose() + d.distance * (free * d.hessian * free) - n * n.transpose()) / bound};
+  // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
+  double gone = 0.0;
+  Vec3 slope = Vec3::Zero();
+  Mat3 bend = Mat3::Zero();
+  for (int a = 0; a < 3; ++a) {
+    const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0, t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
+    if (!(t > 0.0)) continue;
+    if (t >= 1.0) return exact(p);
+    // 1 − Π (1 − w) with w = t³ (10 − 15 t + 6 t²), whose first two derivatives vanish at both ends
+    const double w = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t), dw = side / h_ * 30.0 * t * t * (1.0 - t) * (1.0 - t);
+    const double ddw = 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / (h_ * h_);
+    bend *= 1.0 - w;
+    bend.col(a) -= dw * slope;
+    bend.row(a) -= dw * slope.transpose();
+    bend(a, a) += ddw * (1.0 - gone);
+    slope *= 1.0 - w;
+    slope[a] += dw * (1.0 - gone);
+    gone += w * (1.0 - gone);
+  }
+  const DistanceSample near = spline(p);
+  if (gone == 0.0) return near;
+  const DistanceSample far = exact(p);
+  const double apart = far.distance - near.distance;
+  const Vec3 turn = far.gradient - near.gradient;
+  return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
+          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
-inline double DistanceGrid::distance(const Vec3& p) const { return sample(p).distance; }
+inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
+  const SignedDistance::Sample s = exact_.sample(p);
+  return {s.distance, s.gradient, s.hessian};
+}
 
 }  // namespace lumo

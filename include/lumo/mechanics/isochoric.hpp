@@ -21,7 +21,7 @@ InvariantSample first_isochoric_invariant(const Mat3& F);
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
 InvariantSample second_isochoric_invariant(const Mat3& F);
 
-/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1982.
+/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
   if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
   return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};

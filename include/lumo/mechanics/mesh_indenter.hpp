@@ -18,7 +18,11 @@ class MeshIndenter {
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
 
-  bool operator==(const MeshIndenter& other) const { return grid_ == other.grid_; }
+  /// The same surface on as fine a grid.
+  bool operator==(const MeshIndenter& other) const {
+    const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
+    return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
+  }
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }

@@ -6,6 +6,8 @@
 #include "lumo/mechanics/press_solver.hpp"
 
 #include <array>
+#include <cmath>
+#include <limits>
 #include <memory>
 #include <mutex>
 
@@ -115,6 +117,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
     s.residual_N = out_of_balance(body_, *mesh_, maker_.material, maker_.contact, maker_.element, scenario.indenter, origin, scenario.direction(), wanted, s.displacement,
                                   {s.friction_N, s.friction_push_N});
     if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N)) s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
+    if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
     s.certified = s.status == Status::converged;
   }
   return states;

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/element.hpp"
+#include "lumo/mechanics/element_points.hpp"
 #include "lumo/mechanics/equations.hpp"
 #include "lumo/mechanics/material.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
@@ -27,18 +27,8 @@ class Solid {
   static constexpr int N = Element::nodes;
   using Gradients = Eigen::Matrix<double, 3, N>;
 
-  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element) {
-    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
-    gradients_.reserve(mesh.tets.size() * Element::points);
-    for (const auto& t : mesh.tets)
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = shape_gradients<N>(Element::point(q));
-        Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
-        weights_.push_back(Element::weight(q) * jacobian.determinant());
-      }
-  }
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
 
   /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
   double energy(const Positions& x) const {
@@ -135,8 +125,8 @@ class Solid {
   };
 
   int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
-  double weight(std::size_t e, int q) const { return weights_[e * Element::points + std::size_t(q)]; }
-  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * Element::points + std::size_t(q)]; }
+  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
+  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
 
   ElementState state(std::size_t e, const Positions& x) const {
     Eigen::Matrix<double, 3, N> local;
@@ -193,8 +183,7 @@ class Solid {
   const TetMesh* mesh_;
   Material material_;
   Element element_;
-  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;  // per tet and point
-  std::vector<double> weights_;                                           // volumes [m³]
+  ElementPoints<Element> points_;
 };
 
 }  // namespace lumo

@@ -17,19 +17,11 @@ struct VertexBlock {
 template <HyperelasticMaterial Material, TetElement Element>
 class VertexElasticity {
  public:
-  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element) {
-    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
     at_.resize(mesh.nodes.size());
-    for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    for (std::size_t e = 0; e < mesh.tets.size(); ++e)
       for (int a = 0; a < N; ++a) at_[std::size_t(mesh.tets[e][std::size_t(a)])].push_back({int(e), a});
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = shape_gradients<N>(Element::point(q));
-        Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(mesh.tets[e][std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
-        weights_.push_back(Element::weight(q) * jacobian.determinant());
-      }
-    }
   }
 
   /// Adds node v's share at positions x; `start` are the positions at the step's start, `rate` = η/Δt [Pa].
@@ -98,9 +90,8 @@ class VertexElasticity {
     int tet, place;
   };
   const std::vector<Incidence>& incidences(int v) const { return at_[std::size_t(v)]; }
-  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
-  const Gradients& gradient(int e, int q) const { return gradients_[std::size_t(e) * Element::points + std::size_t(q)]; }
-  double weight(int e, int q) const { return weights_[std::size_t(e) * Element::points + std::size_t(q)]; }
+  const typename ElementPoints<Element>::Gradients& gradient(int e, int q) const { return points_.gradient(std::size_t(e), q); }
+  double weight(int e, int q) const { return points_.weight(std::size_t(e), q); }
 
  private:
   static constexpr int N = Element::nodes;
@@ -121,8 +112,7 @@ class VertexElasticity {
   Material material_;
   Element element_;
   std::vector<std::vector<Incidence>> at_;
-  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;   // per tet and point
-  std::vector<double> weights_;                                            // volumes [m³]
+  ElementPoints<Element> points_;
 };
 
 }  // namespace lumo

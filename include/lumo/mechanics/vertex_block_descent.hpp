@@ -37,7 +37,8 @@ struct BlockDescent {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
   }
 
-  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations.
+  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step without finite positions as non_finite, with
+  /// the state before it.
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
@@ -58,8 +59,8 @@ class Descent {
       if (model.lanes) squares_.resize(model.lanes->slots());
   }
 
-  /// One time step, at whose start the indenter moves on by `by` [m].
-  void step(double by) {
+  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth: then all is as it was before.
+  bool step(double by) {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
     start_ = x_;
@@ -69,8 +70,11 @@ class Descent {
     if constexpr (Model::batched)
       if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, start_, squares_); });
     for (int k = 0; k < config_.sweeps; ++k) sweep();
+    // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
+    if (!(x_.array().abs() < 1e3).all()) return x_ = start_, advance_ -= by, false;
     last_velocity_ = velocity_;
     velocity_ = (x_ - start_) / dt;
+    return true;
   }
 
   /// What the indenter feels against its advance [N].
@@ -197,9 +201,8 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     state.status = Status::held;
     const int before = steps;
     const auto go = [&](double by) {
-      body.step(by);
       ++steps;
-      if (!body.positions().allFinite()) state.status = Status::non_finite;
+      if (!body.step(by)) state.status = Status::non_finite;
       else if (late()) state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {

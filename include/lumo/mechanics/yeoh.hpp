@@ -3,10 +3,14 @@
 #include "lumo/core/error.hpp"
 #include "lumo/mechanics/isochoric.hpp"
 
+#include <cmath>
+#include <limits>
+
 namespace lumo {
 
 /// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
-/// Coefficients must not be negative, so that the energy is convex in Ī₁. The default is Dragon Skin of the paper at small strain.
+/// The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits to rubber that softens and then
+/// stiffens have it. The default is Dragon Skin of the paper at small strain.
 struct Yeoh {
   double c1 = 53.0e3;        ///< [Pa]
   double c2 = 0.0;           ///< [Pa]
@@ -38,8 +42,11 @@ struct Yeoh {
 
 inline void validate(const Yeoh& m) {
   require_positive("Yeoh c1", m.c1, "Pa");
-  require_in_range("Yeoh c2", m.c2, 0.0, 1e12, "Pa");
   require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
+  // c₁ + 2 c₂ s + 3 c₃ s² > 0 for all s ≥ 0; where the parabola only touches 0 there is no stiffness left.
+  const double least = -std::sqrt(3.0 * m.c1 * m.c3);
+  if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
+    throw InvalidArgument(detail::text("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least, " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 

@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/mesh/triangle_surface.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
@@ -19,8 +20,8 @@
 namespace lumo {
 
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
-/// CAD writes them. Vertices at one place become one. Polygons of an .obj are cut into fans.
-/// Throws InputError when the file cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+/// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
+/// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
 TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
 
 namespace detail {
@@ -72,6 +73,31 @@ class SurfaceText {
   int line_ = 0;
 };
 
+// Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
+// refused with its surface.
+inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
+  const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
+  Vec3 normal = Vec3::Zero();   // Newell's
+  for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
+  while (loop.size() > 3) {
+    const std::size_t n = loop.size();
+    std::size_t ear = n;
+    double best = 0.0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Vec3 &a = at(k + n - 1), &b = at(k), &c = at(k + 1);
+      const auto left = [&](const Vec3& from, const Vec3& to, const Vec3& p) { return (to - from).cross(p - from).dot(normal) >= 0.0; };
+      const double turn = (b - a).cross(c - b).dot(normal), longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+      bool free = turn > 0.0;
+      for (std::size_t m = k + 2; free && m < k + n - 1; ++m) free = !(left(a, b, at(m)) && left(b, c, at(m)) && left(c, a, at(m)));
+      if (free && turn > best * longest) best = turn / longest, ear = k;
+    }
+    if (ear == n) ear = 1;
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+  }
+  triangles.push_back({loop[0], loop[1], loop[2]});
+}
+
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
@@ -86,7 +112,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
         if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
         loop.push_back(at);
       }
-      for (std::size_t k = 1; k + 1 < loop.size(); ++k) s.triangles.push_back({loop[0], loop[k], loop[k + 1]});
+      cut_polygon(s.vertices, std::move(loop), s.triangles);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
       text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
     }
@@ -160,10 +186,14 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 
 inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
-  const std::string name = path.string(), kind = path.extension().string();
+  const std::string name = path.string();
+  std::string kind = path.extension().string();
+  for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
   if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
+  std::error_code none;
+  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));   // a pipe would wait
   std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  if (!in) throw InputError(detail::text("cannot read surface file '", name, "'"));
   constexpr std::uintmax_t most = 500'000'000;
   if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
     throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
@@ -181,10 +211,11 @@ inline TriangleSurface read_surface(const std::filesystem::path& path, double un
     else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
     else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
   }
-  for (Vec3& v : s.vertices) v *= unit_m;
+  for (Vec3& v : s.vertices) {
+    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    v *= unit_m;
+  }
   s = detail::welded(s);
-  for (const Vec3& v : s.vertices)
-    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));
   validate_surface(s);
   return s;
 }

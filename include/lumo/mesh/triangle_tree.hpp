@@ -4,32 +4,42 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <vector>
 
 namespace lumo {
 
+/// Where on a triangle abc a point is nearest to another, and on what of it.
+struct TrianglePoint {
+  Vec3 point = Vec3::Zero();
+  int feature = inside;   ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
+  static constexpr int inside = 6;
+};
+
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0.0 && d2 <= 0.0) return a;
+  if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
   const Vec3 bp = p - b;
   const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0.0 && d4 <= d3) return b;
+  if (d3 >= 0.0 && d4 <= d3) return {b, 1};
   const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return a + d1 / (d1 - d3) * ab;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return {a + d1 / (d1 - d3) * ab, 3};
   const Vec3 cp = p - c;
   const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0.0 && d5 <= d6) return c;
+  if (d6 >= 0.0 && d5 <= d6) return {c, 2};
   const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return a + d2 / (d2 - d6) * ac;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return {a + d2 / (d2 - d6) * ac, 5};
   const double va = d3 * d6 - d5 * d4;
-  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
+  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
   const double scale = 1.0 / (va + vb + vc);
-  return a + vb * scale * ab + vc * scale * ac;
+  return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
+
+inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
@@ -39,12 +49,24 @@ class TriangleTree {
     if (!order_.empty()) build(0, int(order_.size()));
   }
 
-  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
-    double best = near * near;
-    if (!nodes_.empty()) search(0, p, best);
-    return std::sqrt(best);
+  /// The place on the surface that is nearest to a point.
+  struct Nearest {
+    int triangle = -1;   ///< −1: there is none so near
+    TrianglePoint at;
+    double distance = std::numeric_limits<double>::infinity();   ///< unsigned [m]
+  };
+
+  /// Looks no farther than `near` [m] from p.
+  Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+    Nearest best;
+    double least = near * near;
+    if (!nodes_.empty()) search(0, p, least, best);
+    best.distance = std::sqrt(least);
+    return best;
   }
+
+  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
   struct Node {
@@ -78,20 +100,21 @@ class TriangleTree {
     return self;
   }
 
-  void search(int at, const Vec3& p, double& best) const {
+  void search(int at, const Vec3& p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {
         const int t = order_[std::size_t(i)];
-        best = std::min(best, (closest_on_triangle(p, corner(t, 0), corner(t, 1), corner(t, 2)) - p).squaredNorm());
+        const TrianglePoint on = closest_point(p, corner(t, 0), corner(t, 1), corner(t, 2));
+        if (const double squared = (on.point - p).squaredNorm(); squared < least) least = squared, best.triangle = t, best.at = on;
       }
       return;
     }
     int near = n.first, far = n.second;
     double to_near = nodes_[std::size_t(near)].box.squaredExteriorDistance(p), to_far = nodes_[std::size_t(far)].box.squaredExteriorDistance(p);
     if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
-    if (to_near < best) search(near, p, best);
-    if (to_far < best) search(far, p, best);
+    if (to_near < least) search(near, p, least, best);
+    if (to_far < least) search(far, p, least, best);
   }
 
   const TriangleSurface* surface_;

@@ -14,6 +14,9 @@
 
 namespace lumo {
 
+/// Stamps lie within ±this [ns], 146 years, so that the difference of any two is one of 64 bits.
+inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
+
 /// From one clock to another: to = from + offset + drift · (from − origin).
 struct ClockMap {
   std::int64_t origin_ns = 0;
@@ -22,14 +25,20 @@ struct ClockMap {
   double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
   bool operator==(const ClockMap&) const = default;
 
+  /// Ends at the limit of stamps.
   std::int64_t operator()(std::int64_t from_ns) const {
-    return from_ns + std::llround(1e9 * offset_s + drift * double(from_ns - origin_ns));
+    constexpr double limit = double(stamp_limit_ns);
+    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
+    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
   }
 
   /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
       throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    for (std::size_t i = 0; i < from_ns.size(); ++i)
+      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(detail::text("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
@@ -55,8 +64,10 @@ class TimeSeries {
   TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
     if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1])
+      if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
         throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
+      throw InvalidArgument(detail::text("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.

@@ -46,7 +46,7 @@ struct AxisMap {
   }
 
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
-  /// residual. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
+  /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
@@ -84,9 +84,17 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    const Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
-    map.coefficients -= step;
-    map.coefficients[2] = std::clamp(map.coefficients[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
+      step[2] = map.coefficients[2] - c;
+      map.coefficients[2] = c;
+      linearise();
+      step.head<2>() = (J.leftCols<2>().transpose() * J.leftCols<2>()).ldlt().solve(J.leftCols<2>().transpose() * r);
+      map.coefficients.head<2>() -= step.head<2>();
+    } else {
+      map.coefficients -= step;
+    }
     if (step.norm() < 1e-14) break;
   }
   linearise();

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/sense/grid_moments.hpp"
 #include "lumo/sense/location_estimator.hpp"
 
 #include <Eigen/Cholesky>
@@ -50,6 +51,7 @@ class BayesLocalizer {
 
  private:
   static constexpr Eigen::Index widths = 4;
+  static constexpr double most_cells = 1024.0;  ///< pairs of places are looked up in tables of cells²
 
   /// Two bumps of one width, the higher one first.
   struct Pair {
@@ -73,7 +75,7 @@ class BayesLocalizer {
   Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
   std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
   Eigen::VectorXd energy_;     ///< diagonal of it, all widths
-  Eigen::VectorXd score_, place_, likelihood_, spread_;
+  Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
   Eigen::Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
   std::int64_t stamp_ns_ = 0;
@@ -86,13 +88,22 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
     throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
         " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+  require_ascending_positions(config_.position_m);
+  if (config_.unloaded.size() && !config_.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
+  require_in_range("relative change of the lamps", config_.lamp_sigma, 0.0, 1e3, "");
+  require_in_range("change of ambient light", config_.ambient_sigma, 0.0, 1e6, "");
   require_positive("grid spacing", config_.spacing_m, "m");
-  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + 4096.0 * config_.spacing_m, "m");
+  require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
   require_positive("height of a bump", config_.amplitude_sigma, "");
   require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
+  require_in_range("bias of a bump", config_.bias_sigma_m, 0.0, 1.0, "m");
+  require_in_range("separation of two contacts", config_.min_separation_m, 0.0, 10.0, "m");
+  require_in_range("creep of a contact", config_.creep_m_per_sqrt_s, 0.0, 10.0, "m/sqrt(s)");
+  require_positive("gap of the localiser", config_.gap_s, "s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
   grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
@@ -108,7 +119,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
   place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
-  likelihood_ = spread_ = place_;
+  likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
 
@@ -177,9 +188,10 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   const auto h = heights(p, tempering, det);
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
   const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
-  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace): √(2π) times a bump's error of place, width/√L of the log
+  // likelihood L = fit/2 that it explains, for L falls off as L (1 − d²/(2 width²)) does when the bump is moved by d.
   const double width = config_.width_m[std::size_t(p.width)];
-  const double sharp = std::max(1.0, 2.5 * width / std::sqrt(std::max(2.0 * fit, 1.0)) / config_.spacing_m);
+  const double sharp = std::max(1.0, 2.5066282746310002 * width / std::sqrt(std::max(0.5 * fit, 1.0)) / config_.spacing_m);
   const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
@@ -189,11 +201,13 @@ inline void BayesLocalizer::predict(double step_s) {
   number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
   const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
-  const auto reach = std::min<Eigen::Index>(place_.size() - 1, Eigen::Index(std::ceil(3.0 * walk)));
+  // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
+  const bool narrow = walk <= 1.0;
+  const auto reach = std::min<Eigen::Index>(place_.size() - 1, narrow ? 1 : Eigen::Index(std::ceil(4.0 * walk)));
   spread_.setZero();
   double whole = 0.0;
   for (Eigen::Index k = -reach; k <= reach; ++k) {
-    const double w = std::exp(-0.5 * double(k * k) / std::max(walk * walk, 1e-12));
+    const double w = !narrow ? std::exp(-0.5 * double(k * k) / (walk * walk)) : k == 0 ? 1.0 - walk * walk : 0.5 * walk * walk;
     whole += w;
     const Eigen::Index n = place_.size() - std::abs(k);
     spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
@@ -216,6 +230,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
     predict(step_s);
   }
   stamp_ns_ = response.stamp_ns;
+  expected_ = place_;
 
   score_.noalias() = matched_.transpose() * response.value;
   // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
@@ -257,19 +272,15 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
-/// Mean and variance of the posterior about its mode; the flat part that new contacts leave does not count.
 inline ContactLocation BayesLocalizer::one() const {
-  Eigen::Index top = 0;
-  const double most = place_.maxCoeff(&top);
-  double sum = 0.0, first = 0.0, second = 0.0;
-  for (Eigen::Index j = 0; j < place_.size(); ++j) {
-    const double p = place_[j] > 1e-4 * most ? place_[j] : 0.0, d = grid_[j] - grid_[top];
-    sum += p, first += p * d, second += p * d * d;
-  }
-  const double mean = first / sum, cell2 = config_.spacing_m * config_.spacing_m / 12.0;
-  const double variance = std::max(second / sum - mean * mean, 0.0) + cell2 + config_.bias_sigma_m * config_.bias_sigma_m;
-  const Eigen::Index k = grid_.size() + top;  // of the second width, a middling one
-  return {grid_[top] + mean, variance, std::max(0.0, score_[k] / energy_[k])};
+  const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
+  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
+  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
+  // nothing to what was known.
+  const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
+  const double noise = moved * moved > 9.0 * (prior + posterior) ? posterior : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
+  const Eigen::Index k = grid_.size() + now.mode;  // of the second width, a middling one
+  return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
 inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
@@ -282,9 +293,10 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   if (n == 2) {
     double det = 1.0;
     const auto h = heights(pair_, 1.0, det);
-    const double variance = config_.spacing_m * config_.spacing_m / 12.0 + 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;  // each bends the other
-    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, h[0])};
-    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, h[1])};
+    // Each bends the other. Places of pairs are not followed in time.
+    const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;
+    e.contact[0] = {grid_[pair_.first], cell2 + bias2, std::max(0.0, h[0]), bias2, cell2};
+    e.contact[1] = {grid_[pair_.second], cell2 + bias2, std::max(0.0, h[1]), bias2, cell2};
   }
   return e;
 }

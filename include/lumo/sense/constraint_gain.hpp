@@ -29,6 +29,9 @@ struct OnsetDetector {
 inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
   require_in_range("samples without contact", baseline, 2, 1e9, "");
   require_in_range("samples above the threshold", hold, 1, 1e6, "");
+  require_in_range("threshold of the onset", threshold, 0.0, 1e6, "standard deviations");
+  require_in_range("least force of the onset", min_force_N, 0.0, 1e6, "N");
+  require_in_range("samples of the onset's line", fit, 0, 1e6, "");
   const auto n = std::ptrdiff_t(force_N.size());
   if (n <= baseline) throw InvalidArgument(detail::text("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
   for (const double f : force_N)
@@ -83,6 +86,7 @@ inline std::optional<double> displacement_from_onset(std::span<const double> for
 /// Progressive-Constraint Gain [%]: by how much less the indenter sinks in from onset to the load than into the baseline (paper, contact cycling).
 inline double progressive_constraint_gain_percent(double displacement_m, double baseline_m) {
   require_positive("baseline's displacement", baseline_m, "m");
+  require_in_range("displacement", displacement_m, 0.0, 1e3, "m");
   return 100.0 * (1.0 - displacement_m / baseline_m);
 }
 

@@ -48,14 +48,23 @@ class ContactFilter {
   /// Throws InvalidArgument for numbers that make no sense.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});
 
-  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored.
+  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored. Throws InvalidArgument,
+  /// as add_location does, for numbers that are not finite or belong to no finger.
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
       throw InvalidArgument(detail::text("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
+    for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
+      require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
+      require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
+    }
     return add({stamp_ns, Kind::torque, torque_Nm, variance, 0.0, 0.0, {}});
   }
   /// Location with the variance of its noise, without the localiser's offset.
-  bool add_location(std::int64_t stamp_ns, double y_m, double variance_m2) { return add({stamp_ns, Kind::location, {}, {}, y_m, variance_m2, {}}); }
+  bool add_location(std::int64_t stamp_ns, double y_m, double variance_m2) {
+    require_in_range("place of a contact", y_m, -10.0, 10.0, "m");
+    require_in_range("variance of a place", variance_m2, 1e-18, 100.0, "m²");
+    return add({stamp_ns, Kind::location, {}, {}, y_m, variance_m2, {}});
+  }
   /// Nothing touches the finger.
   bool add_no_contact(std::int64_t stamp_ns) { return add({stamp_ns, Kind::no_contact, {}, {}, 0.0, 0.0, {}}); }
 

@@ -33,12 +33,14 @@ inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eig
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
         " responses, must be the same, at least one re-contact"));
+  if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }
 
 /// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
 inline double reduction_percent(double value, double baseline) {
   require_positive("baseline's value", baseline, "");
+  require_in_range("value", value, -1e300, 1e300, "");
   return 100.0 * (1.0 - value / baseline);
 }
 /// 100 (D/D_base − 1) [%].

@@ -18,12 +18,15 @@ struct LabelledResponses {
   int places() const { return int(place_m.size()); }
 };
 
-/// Throws InvalidArgument unless shapes fit, numbers are finite and every place has an observation.
+/// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
         d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
+  for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
+    if (!(d.place_m[i] > d.place_m[i - 1]))
+      throw InvalidArgument(detail::text("labelled responses: place ", i, " lies at ", d.place_m[i], " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
     if (p < 0 || p >= d.places()) throw InvalidArgument(detail::text("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));

@@ -25,8 +25,8 @@ enum class Fault : std::uint32_t {
   joint_not_finite,   ///< a value is not a number, or the number of joints is another
   torque_stuck,       ///< the very same effort for too long
   torque_spike,
-  torque_saturated,   ///< beyond the motor's range
-  position_jump,      ///< faster than the joint can turn
+  torque_saturated,   ///< beyond the motor's range, or at the end of what its driver can say
+  position_jump,      ///< faster, or farther, than the joint can turn
   actuator_lost,
   count
 };

@@ -34,10 +34,15 @@ struct ForceErrors {
   Error fixed_arm;       ///< at the middle of the tested range
   Error known_location;  ///< at the true place
   Error torque_only;     ///< from the ratio of torques; none where one joint does not tell
-  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %); empty where there is no gap.
+  struct Common {
+    Error optical, fixed_arm, known_location;
+  };
+  Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
+  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
+  /// no gap.
   std::optional<double> recovery() const {
-    const double gap = fixed_arm.mae_N - known_location.mae_N;
-    return optical.samples && gap > 0.0 ? std::optional((fixed_arm.mae_N - optical.mae_N) / gap) : std::nullopt;
+    const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
+    return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
   }
 };
 
@@ -92,11 +97,13 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
       const ContactPoint point{link, y};
       const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
       if (f.complete()) count(error, f.value[0], s.true_force_N);
+      return f.complete() ? std::optional(f.value[0]) : std::nullopt;
     };
     if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
-    if (s.estimated_y_m) at(e.optical, *s.estimated_y_m);
-    at(e.fixed_arm, 0.5 * (from_m + to_m));
-    at(e.known_location, s.true_y_m);
+    const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;
+    const auto fixed = at(e.fixed_arm, 0.5 * (from_m + to_m)), known = at(e.known_location, s.true_y_m);
+    if (optical && fixed && known)
+      count(e.common.optical, *optical, s.true_force_N), count(e.common.fixed_arm, *fixed, s.true_force_N), count(e.common.known_location, *known, s.true_force_N);
     const TorqueOnlySolution alone = solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
     if (alone.rank == 2) count(e.torque_only, alone.force_N, s.true_force_N);
   }

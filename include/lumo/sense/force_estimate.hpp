@@ -29,7 +29,7 @@ struct ContactForce {
   std::optional<double> y_m;
   std::optional<double> force_N;
   double y_variance_m2 = 0.0;      ///< also where y is empty
-  double force_variance_N2 = 0.0;
+  double force_variance_N2 = 0.0;  ///< what is not told has that of the prior
   double covariance_m_N = 0.0;
 };
 

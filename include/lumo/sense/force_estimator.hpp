@@ -19,12 +19,14 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <span>
 #include <utility>
 #include <vector>
 
 namespace lumo {
 
-/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived, checks it, and never waits.
+/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived and checks it; it waits no
+/// longer than the camera's `next` does.
 /// Whatever the streams do, the answer is finite and says what it rests on; a faulty frame or sample is left out, and `fault_hold_s` after the
 /// last fault the state is ok again.
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
@@ -35,7 +37,7 @@ class ForceEstimator {
 
  public:
   struct Config {
-    FrameMonitor::Config frames;  ///< its positions, reference and exposure are filled in where empty
+    FrameMonitor::Config frames;  ///< its positions and unloaded values are filled in where empty; exposure and gain of the reference, where known, are the caller's
     JointMonitor::Config joints;
     typename ContactFilter<Jacobian>::Config filter;
     std::vector<TorqueModel> torque{TorqueModel{}};  ///< one for each joint
@@ -46,6 +48,7 @@ class ForceEstimator {
     double fault_hold_s = 0.15;       ///< a fault is reported for this long
     double map_sigma_m = 0.0;         ///< of the map from image to finger (AxisMap::variance_m2); the same in all frames, so no filter lessens it
     double stiction_time_s = 0.5;     ///< how long a joint sticks on one side; assumed
+    double smoothing_s = 0.01;        ///< time constant of the torques that forces of two contacts are from
     double known_location_m = 6.0_mm;  ///< standard deviation up to which y counts as known
     double known_force_N = 5.0;
     int max_frames = 4, max_samples = 256;  ///< taken in one step
@@ -77,7 +80,7 @@ class ForceEstimator {
   }
   bool within(bool seen, std::int64_t stamp_ns, double limit_s) const { return seen && 1e-9 * double(now_ns_ - stamp_ns) <= limit_s; }
   void describe_one(ForceEstimate& e) const;
-  void describe_two(ForceEstimate& e) const;
+  void describe_two(ForceEstimate& e, bool with_forces) const;
 
   Camera_* camera_;
   Actuator_* actuator_;
@@ -90,7 +93,7 @@ class ForceEstimator {
   ContactFilter<Jacobian> filter_;
   Profile reading_, profile_;
   LocationEstimate location_;
-  JointVector joint_q_, joint_torque_;  ///< newest angles, smoothed contact torque
+  JointVector joint_q_, joint_torque_, joint_variance_;  ///< newest angles, smoothed contact torque and the variance of its noise
   std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
   std::array<bool, std::size_t(Fault::count)> faulty_{};
   std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
@@ -122,7 +125,13 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
         " joints to watch"));
   if (unloaded_.mean().size() != readout_.positions_m().size())
     throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
-  joint_q_ = JointVector::Zero(n);
+  joint_q_ = joint_torque_ = joint_variance_ = JointVector::Zero(n);
+  for (const TorqueModel& m : config_.torque) validate(m);
+  require_in_range("delay of the frames", config_.frame_delay_s, -10.0, 10.0, "s");
+  require_in_range("delay of the joint samples", config_.joint_delay_s, -10.0, 10.0, "s");
+  require_in_range("time for which a fault is reported", config_.fault_hold_s, 0.0, 1e6, "s");
+  require_in_range("time for which a joint sticks", config_.stiction_time_s, 0.0, 1e3, "s");
+  require_positive("time over which torques are smoothed", config_.smoothing_s, "s");
   require_positive("frame timeout", config_.frame_timeout_s, "s");
   require_positive("joint timeout", config_.joint_timeout_s, "s");
   require_positive("location that counts as known", config_.known_location_m, "m");
@@ -144,10 +153,12 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
     const TorqueModel& m = config_.torque[std::size_t(j)];
     torque[j] = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
     const double stick = m.stiction_sigma(s.velocity_rad_per_s[j]);
-    variance[j] = m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s);
+    variance[j] = std::clamp(m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s), 1e-12, 1e12);
   }
   filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), torque, variance);
-  joint_torque_ = joint_seen_ ? JointVector(joint_torque_ + 0.1 * (torque - joint_torque_)) : torque;
+  const double weight = joint_seen_ ? -std::expm1(-1e-9 * double(s.stamp_ns - joint_ns_) / config_.smoothing_s) : 1.0;
+  joint_torque_ += weight * (torque - joint_torque_);
+  joint_variance_ = (1.0 - weight) * (1.0 - weight) * joint_variance_ + weight * weight * variance;
   joint_q_ = s.position_rad;
   joint_ns_ = s.stamp_ns;
   joint_seen_ = true;
@@ -169,8 +180,9 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
   const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
   if (location_.contacts == 0) filter_.add_no_contact(taken);
   if (location_.contacts == 1) {
-    const double offset = config_.filter.location_bias_m;  // the filter has it as a state
-    filter_.add_location(taken, location_.contact[0].y_m, std::max(location_.contact[0].variance_m2 - offset * offset, 1e-8));
+    // The filter has the localiser's offset as a state, and takes noises as independent.
+    const ContactLocation& c = location_.contact[0];
+    filter_.add_location(taken, c.y_m, std::clamp(c.noise_variance_m2 > 0.0 ? c.noise_variance_m2 : c.variance_m2 - c.bias_variance_m2, 1e-10, 1.0));
   }
   frame_ns_ = f.stamp_ns;
   frame_seen_ = true;
@@ -205,8 +217,8 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
   using enum EstimatorState;
   e.state = frames && joints ? (e.faults.any() ? degraded : ok) : joints ? torque_only : frames ? vision_only : invalid;
   e.contacts = location_.contacts;
-  if (e.contacts == 2 && frames && joints)
-    describe_two(e);
+  if (e.contacts == 2 && frames)
+    describe_two(e, joints);
   else
     describe_one(e);
   return e;
@@ -237,20 +249,39 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
 
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
-void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e) const {
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e, bool with_forces) const {
+  const int link = config_.filter.link;
+  const double map2 = config_.map_sigma_m * config_.map_sigma_m, force2 = config_.filter.force_prior_N * config_.filter.force_prior_N;
+  std::array<ContactPoint, 2> points;
+  for (std::size_t i = 0; i < 2; ++i) {
+    points[i] = {link, location_.contact[i].y_m};
+    e.contact[i].y_m = location_.contact[i].y_m;
+    e.contact[i].y_variance_m2 = location_.contact[i].variance_m2 + map2;
+    e.contact[i].force_variance_N2 = force2;
+  }
+  e.rank = 0;
+  e.null_directions.setIdentity();
+  if (!with_forces) return;
+
   JointVector torque = joint_torque_;
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
-  const int link = config_.filter.link;
-  const std::array<ContactPoint, 2> points{ContactPoint{link, location_.contact[0].y_m}, ContactPoint{link, location_.contact[1].y_m}};
-  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, config_.filter.torque_bias_Nm);
+  const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
+  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
   e.rank = int(forces.rank);
   e.null_directions.setZero();
   e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
+  // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
+  const Eigen::MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
+  Eigen::Matrix2d by_place;
+  for (Eigen::Index i = 0; i < 2; ++i) by_place.col(i) = -forces.value[i] * (inverse * filter_.jacobian().slope(joint_q_, points[std::size_t(i)]));
+  Eigen::Matrix2d place = Eigen::Matrix2d::Constant(map2);
+  for (Eigen::Index i = 0; i < 2; ++i) place(i, i) += location_.contact[std::size_t(i)].variance_m2;
+  const Eigen::Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
+  const Eigen::Matrix2d mixed = place * by_place.transpose();  // of places with forces
   for (Eigen::Index i = 0; i < 2; ++i) {
     ContactForce& c = e.contact[std::size_t(i)];
-    c.y_m = location_.contact[std::size_t(i)].y_m;
-    c.y_variance_m2 = location_.contact[std::size_t(i)].variance_m2;
-    c.force_variance_N2 = forces.covariance(i, i);
+    c.force_variance_N2 = covariance(i, i);
+    c.covariance_m_N = mixed(i, i);
     if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
   }
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/sense/contact_jacobian.hpp"
+#include "lumo/sense/golden_section.hpp"
 #include "lumo/sense/identification.hpp"
 
 #include <cmath>
@@ -61,15 +62,8 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
       force_at(from_m + (to_m - from_m) * k / cells, misfit);
       if (misfit < least) least = misfit, best = k;
     }
-    double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
-    constexpr double golden = 0.61803398874989484820;
-    for (int k = 0; k < 40; ++k) {
-      const double c = b - golden * (b - a), d = a + golden * (b - a);
-      double left = 0.0, right = 0.0;
-      force_at(c, left), force_at(d, right);
-      (left <= right ? b : a) = left <= right ? d : c;
-    }
-    s.y_m = 0.5 * (a + b);
+    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
+    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, 40);
     s.force_N = force_at(s.y_m, misfit);
     local = look();
   }

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/sense/alignment.hpp"
 #include "lumo/sense/faults.hpp"
 #include "lumo/sense/readout.hpp"
 
@@ -48,6 +49,7 @@ class FrameMonitor {
   /// Before anything is read of it: the time. A frame that fails is not to be read.
   Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
     Verdict v;
+    if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns) return reject(Fault::frame_time);
     if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s) return reject(Fault::frame_time);
     if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
     if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);

@@ -25,7 +25,7 @@ class GreenProfile {
     double band_high_m = 8.0_mm;
     int width = 640, height = 480;  ///< of the frames [px]
     PixelFormat format = PixelFormat::bgr;
-    int row_step = 1;  ///< reads every n-th row only
+    int row_step = 1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.

@@ -21,6 +21,7 @@ struct JointSample {
   JointVector velocity_rad_per_s;
   JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
   Effort unit = Effort::current_A;
+  bool saturated = false;  ///< the driver says that a value stands at the end of its range: it may be more
 };
 
 }  // namespace lumo

@@ -102,7 +102,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
           top = other < c || (other == c && (j > 0 || (j == 0 && i > 0)));  // of equals, the first
         }
       if (!top) continue;
-      // Centroid of what stands above the surroundings, twice, about its own middle: the window must not pull it.
+      // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must not pull it.
       Eigen::Vector2d centre(x, y);
       const double ground = sums.mean(x, y, far);
       for (int pass = 0; pass < 3; ++pass) {
@@ -118,7 +118,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
             weight += w;
           }
         if (weight <= 0.0) break;
-        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step twice as far.
+        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as far.
         centre += 1.8 * (moment / weight - centre);
       }
       if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});

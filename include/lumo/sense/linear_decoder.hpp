@@ -11,11 +11,11 @@ namespace lumo {
 namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
-/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it.
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage) {
+/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
-  const double level = std::max(s.trace() / double(d), 1e-300);
+  const double level = std::max(s.trace() / double(d), floor);
   const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
   if (shrinkage < 0.0) {
     double scatter = 0.0;
@@ -39,7 +39,7 @@ struct LinearDecoder {
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
       Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage);
+      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean_);

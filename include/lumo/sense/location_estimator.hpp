@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/sense/readout.hpp"
 
 #include <array>
@@ -11,9 +12,20 @@ namespace lumo {
 /// Where the finger is touched, and how sure that is.
 struct ContactLocation {
   double y_m = 0.0;
-  double variance_m2 = 0.0;
-  double amplitude = 0.0;  ///< of the response there, in the readout's unit
+  double variance_m2 = 0.0;  ///< of all errors
+  double amplitude = 0.0;    ///< of the response there, in the readout's unit
+  double bias_variance_m2 = 0.0;   ///< what of it stays the same from profile to profile
+  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that takes estimates as independent
 };
+
+/// Throws InvalidArgument unless positions of a profile are finite and ascend.
+inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
+  for (Eigen::Index i = 0; i < position_m.size(); ++i) {
+    require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
+    if (i > 0 && !(position_m[i] > position_m[i - 1]))
+      throw InvalidArgument(detail::text("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+  }
+}
 
 /// What one profile (and those before it) says about contacts. Always finite.
 struct LocationEstimate {

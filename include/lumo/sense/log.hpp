@@ -2,14 +2,17 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/sense/alignment.hpp"
 #include "lumo/sense/csv.hpp"
 #include "lumo/sense/joint_sample.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <fstream>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace lumo {
@@ -58,10 +61,11 @@ class StampColumn {
     std::int64_t stamp = 0;
     if (seconds_) {
       const double s = csv.number(column_);
-      if (std::abs(s) > 9.2e9) csv.fail(column_, "s is beyond the range of stamps");
+      if (std::abs(s) > 1e-9 * double(stamp_limit_ns)) csv.fail(column_, "s is beyond the range of stamps");
       stamp = std::llround(s * 1e9);
     } else {
       stamp = csv.integer(column_);
+      if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
     }
     if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
     last_ = stamp;
@@ -73,6 +77,21 @@ class StampColumn {
   bool seconds_;
   std::optional<std::int64_t> last_;
 };
+
+/// A path below a log's frames/ that a table can hold.
+inline bool is_below_frames(std::string_view file) {
+  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
+         file.find('\\') == std::string_view::npos;
+}
+
+/// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
+inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
+  if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
+    throw InvalidArgument(text("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? text(" and exceed the one before it, ", *last, " ns") : std::string()));
+  last = stamp_ns;
+  return std::to_string(stamp_ns);
+}
 
 inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s"; }
 
@@ -99,8 +118,7 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
     if (file >= 0) {
       f.file = csv.text(file);
-      const bool below = !f.file.empty() && f.file.front() != '/' && f.file.find("..") == std::string::npos && f.file.find('\\') == std::string::npos;
-      if (!below) csv.fail(file, "is no path below frames/");
+      if (!detail::is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
     }
     if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
@@ -185,10 +203,15 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
-/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse in a number.
+/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
   std::string t = video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
-  for (const FrameRecord& f : frames) t += std::to_string(f.stamp_ns) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  std::optional<std::int64_t> last;
+  for (const FrameRecord& f : frames) {
+    if (!video && !detail::is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+    if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(detail::text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+    t += detail::stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  }
   return t;
 }
 
@@ -199,10 +222,11 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
   for (int j = 0; j < int(joints); ++j)
     for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
   t += '\n';
+  std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += std::to_string(s.stamp_ns);
+    t += detail::stamp_text(s.stamp_ns, last);
     for (Eigen::Index j = 0; j < joints; ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
     t += '\n';
   }
@@ -211,8 +235,9 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
 
 inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
   std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
+  std::optional<std::int64_t> last;
   for (const WrenchSample& w : samples) {
-    t += std::to_string(w.stamp_ns);
+    t += detail::stamp_text(w.stamp_ns, last);
     for (const Vec3& v : {w.force_N, w.torque_Nm})
       for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
     t += '\n';
@@ -222,7 +247,8 @@ inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
 
 inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
   std::string t = "stamp_ns,displacement_m\n";
-  for (const MarkerSample& m : samples) t += std::to_string(m.stamp_ns) + ',' + csv_number(m.displacement_m) + '\n';
+  std::optional<std::int64_t> last;
+  for (const MarkerSample& m : samples) t += detail::stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
   return t;
 }
 

@@ -30,6 +30,7 @@ class PeakLocalizer {
     if (n < 3 || config_.noise.size() != n)
       throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+    require_ascending_positions(config_.position_m);
     require_positive("time constant of the localiser", config_.time_constant_s, "s");
     require_positive("gap of the localiser", config_.gap_s, "s");
     require_in_range("release threshold", config_.release, 0.0, config_.threshold, "noises");
@@ -47,7 +48,7 @@ class PeakLocalizer {
     if (fresh_ || step_s > config_.gap_s) {
       filtered_ = response.value;
       share_ = 1.0;
-      fresh_ = false;
+      fresh_ = touching_ = false;
     } else {
       const double weight = -std::expm1(-step_s / config_.time_constant_s);
       filtered_ += weight * (response.value - filtered_);
@@ -76,17 +77,18 @@ class PeakLocalizer {
     const auto& x = config_.position_m;
     const double bias2 = config_.bias_sigma_m * config_.bias_sigma_m, peak = filtered_[top];
     const double width = top == 0 ? x[1] - x[0] : x[top] - x[top - 1];
-    if (top == 0 || top + 1 == x.size()) return {x[top], width * width / 3.0 + bias2, peak};
+    const auto at = [&](double y, double variance) { return ContactLocation{y, variance + bias2, peak, bias2, variance / share_}; };  // white noise: of one profile
+    if (top == 0 || top + 1 == x.size()) return at(x[top], width * width / 3.0);
     const double left = x[top - 1] - x[top], right = x[top + 1] - x[top];
     const double a = (filtered_[top - 1] - peak) / left, b = (filtered_[top + 1] - peak) / right;
     const double curvature = (b - a) / (right - left);  // ≤ 0 at a peak
-    if (!(curvature < 0.0)) return {x[top], width * width / 12.0 + bias2, peak};
+    if (!(curvature < 0.0)) return at(x[top], width * width / 12.0);
     const double slope = a - curvature * left;  // at the peak's own place
     const double y = std::clamp(-0.5 * slope / curvature, 0.5 * left, 0.5 * right);
     // Noise moves the vertex by its error of the slope over the curvature; beyond the bin, by no more than the bin tells.
     const double slope_sigma = sigma * std::sqrt(2.0) / (right - left);
     const double moved = std::min(0.5 * slope_sigma / -curvature, 0.5 * (right - left));
-    return {x[top] + y, moved * moved + bias2, peak};
+    return at(x[top] + y, moved * moved);
   }
 
   Config config_;

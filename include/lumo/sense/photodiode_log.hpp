@@ -3,6 +3,7 @@
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/photodiodes.hpp"
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,9 +35,10 @@ inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samp
   const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
   for (Eigen::Index i = 0; i < n; ++i) t += ',' + detail::numbered("signal_V", int(i));
   t += '\n';
+  std::optional<std::int64_t> last;
   for (const PhotodiodeSample& s : samples) {
     if (s.signal_V.size() != n) throw InvalidArgument("photodiode log: samples must have the same number of diodes");
-    t += std::to_string(s.stamp_ns);
+    t += detail::stamp_text(s.stamp_ns, last);
     for (Eigen::Index i = 0; i < n; ++i) t += ',' + csv_number(s.signal_V[i]);
     t += '\n';
   }

@@ -2,6 +2,7 @@
 
 #include "lumo/sense/statistics.hpp"
 
+#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -30,15 +31,20 @@ struct RecontactMetrics {
 struct RecontactQuality {
   RecontactMetrics metrics;
   double Q_low = 0.0, Q_high = 0.0;                      ///< least and greatest with one re-contact left out everywhere, and of all
-  double bootstrap_low = 0.0, bootstrap_high = 0.0;      ///< percentile interval, re-contacts drawn anew at each place
+  /// Interval of the Q that infinitely many re-contacts at these places would give. Few re-contacts make Q too large, for their median lies among them;
+  /// the interval makes up for that and so need not hold the sample's own Q.
+  double bootstrap_low = 0.0, bootstrap_high = 0.0;
 };
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
 RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 
-/// At least two re-contacts at each place, as many everywhere. `confidence` of the bootstrap interval. Bootstrap samples in which W is 0 (one
-/// re-contact drawn alone) are drawn again. Throws InvalidArgument where Q is not defined.
+/// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
+/// of log Q: re-contacts are drawn about each place's median from a Gaussian with the covariance that the place's own re-contacts have (channels scatter
+/// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
+/// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
+/// Throws InvalidArgument where Q is not defined.
 RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
 inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
@@ -60,15 +66,16 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
 }
 
 inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
-  require_in_range("bootstrap resamples", resamples, 1, 1e7, "");
+  require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
   q.metrics = recontact_metrics(slope);
   const Eigen::Index repeats = slope.front().cols();
   for (const Eigen::MatrixXd& p : slope)
-    if (p.cols() != repeats || repeats < 2)
-      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
+    if (p.cols() != repeats || repeats < 3)
+      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
+  if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
   std::vector<Eigen::MatrixXd> some(slope.size());
   for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
@@ -78,17 +85,34 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
     }
     if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
   }
-  detail::CountedDraws draws(seed);
-  std::vector<double> drawn;
-  for (int k = 0, tries = 0; k < resamples && tries < 10 * resamples; ++tries) {
-    for (std::size_t i = 0; i < slope.size(); ++i) {
-      some[i].resize(slope[i].rows(), repeats);
-      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = slope[i].col(Eigen::Index(draws.below(std::size_t(repeats))));
-    }
-    if (const auto again = recontact_metrics(some).Q) drawn.push_back(*again), ++k;
+  std::vector<Eigen::VectorXd> middle;
+  std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
+  for (const Eigen::MatrixXd& p : slope) {
+    middle.push_back(pointwise_median(p));
+    scatter.push_back((p.colwise() - p.rowwise().mean()) / std::sqrt(double(repeats) - 1.0));
   }
-  q.bootstrap_low = drawn.empty() ? q.Q_low : quantile(drawn, 0.5 * (1.0 - confidence));
-  q.bootstrap_high = drawn.empty() ? q.Q_high : quantile(drawn, 0.5 * (1.0 + confidence));
+  detail::CountedNormals normal(seed);
+  Eigen::VectorXd numbers(repeats);
+  const auto deviation = [&](std::size_t place) {
+    for (double& z : numbers) z = normal();
+    return Eigen::VectorXd(scatter[place] * numbers);
+  };
+  std::vector<double> sizes, error;
+  for (int k = 0; k < resamples; ++k)
+    for (std::size_t i = 0; i < slope.size(); ++i) sizes.push_back(rms(deviation(i)));
+  const double W = median(sizes);  // of the model
+  some = slope;
+  for (int k = 0; k < resamples && W > 0.0; ++k) {
+    for (std::size_t i = 0; i < slope.size(); ++i)
+      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = middle[i] + deviation(i);
+    if (const auto drawn = recontact_metrics(some).Q; drawn && *drawn > 0.0) error.push_back(std::log(*drawn * W / q.metrics.D_neighbor));
+  }
+  if (error.empty()) throw InvalidArgument("re-contact quality has no interval: at most places all re-contacts are the same");
+  // The scatter itself is known from so many re-contacts only: wider by √(n/(n − 1)) about the middle.
+  const double centre = median(error), wider = std::sqrt(double(repeats) / (double(repeats) - 1.0));
+  const auto limit = [&](double p) { return *q.metrics.Q * std::exp(-centre - wider * (quantile(error, p) - centre)); };
+  q.bootstrap_low = limit(0.5 * (1.0 + confidence));
+  q.bootstrap_high = limit(0.5 * (1.0 - confidence));
   return q;
 }
 

@@ -57,19 +57,61 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
   return list;
 }
 
-/// Slope profiles p_{i,r} over all loads of each re-contact: for each place, channels × re-contacts. Places without re-contacts are left out.
-inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
-  std::map<int, std::map<int, std::vector<const HoldResponse*>>> by_place;
+/// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
+  std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
-    if (h.segment.kind == "hold" && h.segment.place >= 0 && h.segment.repetition >= 0) by_place[h.segment.place][h.segment.repetition].push_back(&h);
-  std::vector<Eigen::MatrixXd> slopes;
+    if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
+  return list;
+}
+
+namespace detail {
+
+/// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
+/// places, numbered along the finger, ascend in y.
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
+  std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
+  const Segment* first = nullptr;
+  for (const HoldResponse& h : holds) {
+    const Segment& s = h.segment;
+    if (s.kind != "hold" || s.place < 0 || s.repetition < 0) continue;
+    if (!first) first = &s;
+    if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
+      throw InvalidArgument(text("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg, "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
+          "°, must be of one: take each by itself"));
+    if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
+      throw InvalidArgument(text("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
+  }
+  const Segment* before = nullptr;
   for (const auto& place : by_place) {
+    const Segment& s = place.second.begin()->second.begin()->second->segment;
+    for (const auto& recontact : place.second)
+      for (const auto& hold : recontact.second)
+        if (hold.second->segment.y_mm != s.y_mm) throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
+    if (before && !(s.y_mm > before->y_mm))
+      throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ", before->place, ", ", before->y_mm, " mm"));
+    before = &s;
+  }
+  return by_place;
+}
+
+}  // namespace detail
+
+/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
+/// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
+inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+  std::vector<Eigen::MatrixXd> slopes;
+  int next = -1;
+  for (const auto& place : detail::recontacts(holds)) {
+    if (next >= 0 && place.first != next) throw InvalidArgument(detail::text("place ", next, " has no re-contacts, but places before and after it have"));
+    next = place.first + 1;
     Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
     for (const auto& recontact : place.second) {
       Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
       Eigen::VectorXd load(response.cols());
-      for (Eigen::Index k = 0; k < load.size(); ++k) response.col(k) = recontact.second[std::size_t(k)]->response, load[k] = recontact.second[std::size_t(k)]->segment.load_N;
+      Eigen::Index k = 0;
+      for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
       m.col(column++) = intensity_force_slope(response, load);
     }
     slopes.push_back(std::move(m));
@@ -84,23 +126,28 @@ struct DecodingTask {
 };
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
-/// them are left out. Throws InvalidArgument when fewer than two places are left.
+/// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
-  std::map<std::pair<int, int>, std::vector<const HoldResponse*>> contacts;  // place, repetition
+  struct Contact {
+    int place, repetition;
+    std::vector<const HoldResponse*> at;  // the loads
+  };
+  std::vector<Contact> contacts;
   std::map<int, double> place_m;
-  for (const HoldResponse& h : holds) {
-    if (h.segment.kind != "hold" || h.segment.place < 0 || h.segment.repetition < 0) continue;
-    auto& at = contacts[{h.segment.place, h.segment.repetition}];
-    at.resize(load_N.size());
-    for (std::size_t k = 0; k < load_N.size(); ++k)
-      if (std::abs(h.segment.load_N - load_N[k]) < 1e-6) at[k] = &h;
-  }
-  std::erase_if(contacts, [](const auto& c) { return std::find(c.second.begin(), c.second.end(), nullptr) != c.second.end(); });
-  for (const auto& c : contacts) place_m[c.first.first] = 1e-3 * c.second.front()->segment.y_mm;
+  for (const auto& place : detail::recontacts(holds))
+    for (const auto& recontact : place.second) {
+      Contact c{place.first, recontact.first, {}};
+      for (const double load : load_N)
+        for (const auto& hold : recontact.second)
+          if (std::abs(hold.first - load) < 1e-6) c.at.push_back(hold.second);
+      if (c.at.size() != load_N.size()) continue;
+      place_m[c.place] = 1e-3 * c.at.front()->segment.y_mm;
+      contacts.push_back(std::move(c));
+    }
   if (place_m.size() < 2) throw InvalidArgument(detail::text("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
   DecodingTask task;
-  const Eigen::Index channels = contacts.begin()->second.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
+  const Eigen::Index channels = contacts.front().at.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
   task.data.response.resize(channels * steps, Eigen::Index(contacts.size()));
   task.data.place_m.resize(Eigen::Index(place_m.size()));
   std::map<int, int> number;
@@ -109,22 +156,21 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
     task.data.place_m[next] = p.second;
     number[p.first] = next;
   }
-  Eigen::Index column = 0;
-  for (const auto& c : contacts) {
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    const Contact& c = contacts[i];
     for (Eigen::Index k = 0; k < steps; ++k)
-      task.data.response.block(k * channels, column, channels, 1) = c.second[std::size_t(k) + 1]->response - c.second[std::size_t(k)]->response;
-    task.data.place.push_back(number[c.first.first]);
-    task.fold.push_back(c.first.second);
-    ++column;
+      task.data.response.block(k * channels, Eigen::Index(i), channels, 1) = c.at[std::size_t(k) + 1]->response - c.at[std::size_t(k)]->response;
+    task.data.place.push_back(number[c.place]);
+    task.fold.push_back(c.repetition);
   }
   return task;
 }
 
-/// Runs of cycles within maintained contact: one for each place, angle and repetition, with its matched loads.
+/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
-  std::map<std::tuple<int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
+  std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
-    if (h.segment.kind == "cycle") runs[{h.segment.place, h.segment.angle_deg, h.segment.repetition}][h.segment.load_N].push_back(&h);
+    if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
   std::vector<CycleRun> list;
   for (const auto& run : runs) {
     CycleRun r;

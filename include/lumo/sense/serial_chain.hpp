@@ -24,6 +24,9 @@ class SerialChain {
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
       if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
+      for (const Eigen::Isometry3d& pose : {l.joint, l.finger})
+        if ((pose.linear().transpose() * pose.linear() - Mat3::Identity()).norm() > 1e-6 || pose.linear().determinant() < 0.0)
+          throw InvalidArgument("serial chain: poses must turn and move, not stretch or mirror");
       require_positive("length of a joint's axis", l.axis.norm(), "");
       l.axis.normalize();
     }

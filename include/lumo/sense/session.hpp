@@ -56,9 +56,25 @@ inline void validate(const Session& s, const std::string& name) {
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
-  for (std::size_t i = 0; i < s.segments.size(); ++i)
-    require(s.segments[i].to_ns >= s.segments[i].from_ns,
-            detail::text("segment ", i, " ends at ", s.segments[i].to_ns, " ns, before it begins at ", s.segments[i].from_ns, " ns"));
+  require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, detail::text("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+  require(std::abs(s.joint_to_origin_m) <= 10.0, detail::text("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+  for (const double k : s.torque_constant_Nm_per_A)
+    require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, detail::text("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+  for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
+  for (const double delay : {s.frame_delay_s, s.joint_delay_s}) require(std::abs(delay) <= 10.0, detail::text("delay is ", delay, " s, must lie within 10 s"));
+  const auto stamp = [&](std::int64_t ns) { require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, detail::text("stamp ", ns, " ns is beyond the range of stamps")); };
+  for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
+    stamp(map.origin_ns);
+    require(std::abs(map.offset_s) <= 4e9, detail::text("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+    require(std::abs(map.drift) <= 0.1, detail::text("drift of a clock is ", map.drift, ", must lie within 0.1"));
+    require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), detail::text("residual of a clock is ", map.residual_s, " s, must not be negative"));
+  }
+  for (std::size_t i = 0; i < s.segments.size(); ++i) {
+    const Segment& g = s.segments[i];
+    stamp(g.from_ns), stamp(g.to_ns);
+    require(g.to_ns >= g.from_ns, detail::text("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm}) require(std::isfinite(v), detail::text("numbers of segment ", i, " must be finite"));
+  }
 }
 
 }  // namespace lumo

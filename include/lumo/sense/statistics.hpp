@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/sobol.hpp"
 
 #include <Eigen/Core>
 
@@ -57,21 +58,18 @@ inline Interval wilson_interval(int right, int all, double z = 1.959963984540054
 
 namespace detail {
 
-/// Whole numbers below a bound from a counter; a pure function of (seed, number of calls).
-class CountedDraws {
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
  public:
-  explicit CountedDraws(std::uint64_t seed) : state_(seed) {}
-  /// Uniform on 0 … bound − 1 (Lemire's multiplication; the bias is below bound/2³²).
-  std::size_t below(std::size_t bound) {
-    state_ += 0x9e3779b97f4a7c15ull;  // SplitMix64 (Steele, Lea & Flood 2014)
-    std::uint64_t x = state_;
-    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-    x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-    return std::size_t(((x ^ (x >> 31)) >> 32) * std::uint64_t(bound) >> 32);
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))), turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
   }
 
  private:
-  std::uint64_t state_;
+  std::uint64_t seed_, count_ = 0;
 };
 
 }  // namespace detail

@@ -12,8 +12,8 @@
 
 namespace lumo::detail {
 
-/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y are sheared, not turned: they cross the axis
-/// along image columns (or rows, for an axis that is nearer to upright), to the nearest pixel.
+/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
+/// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
 class Strip {
  public:
   Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
@@ -80,8 +80,9 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
     place = (along_ ? x : y) + int(std::lround((cross - cross_origin) * shear)) - base;
     return place >= 0 && place < places_;
   };
-  for (int y = 0; y < height; y += row_step)
-    for (int x = 0; x < width; ++x) {
+  // Lines along the axis are left out, so that every place keeps some pixels.
+  for (int y = 0; y < height; y += along_ ? row_step : 1)
+    for (int x = 0; x < width; x += along_ ? 1 : row_step) {
       int place = 0;
       if (!inside(x, y, place)) continue;
       ++count[std::size_t(place)];

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/sense/golden_section.hpp"
 #include "lumo/sense/identification.hpp"
 #include "lumo/sense/joint_sample.hpp"
 
@@ -41,6 +42,18 @@ struct TorqueModel {
   double magnitude(double velocity) const { return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2)); }
 };
 
+/// Throws InvalidArgument for numbers that make no sense.
+inline void validate(const TorqueModel& m) {
+  if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
+    throw InvalidArgument(detail::text("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+  for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
+    require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
+  require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
+  require_in_range("Stribeck velocity", m.stribeck_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
+  require_in_range("velocity below which a joint may stand", m.rest_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
+  require_in_range("noise of the torque", m.noise_Nm, 0.0, 1e3, "N·m");
+}
+
 /// A torque model from an unloaded run, and what that run could not tell.
 struct TorqueIdentification {
   static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
@@ -78,19 +91,12 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   double smallest = 1e300;
   for (int k = 0; k < looks; ++k)
     if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) smallest = r, least = k;
-  double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
-  constexpr double golden = 0.61803398874989484820;
-  for (int k = 0; k < 24; ++k) {
-    const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (fit(std::exp(c)).residual <= fit(std::exp(d)).residual)
-      b = d;
-    else
-      a = c;
-  }
-  TorqueIdentification result{start, fit(std::exp(0.5 * (a + b)))};
+  const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
+  const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
+  TorqueIdentification result{start, fit(best)};
   const Eigen::VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
-  m.stribeck_velocity_rad_per_s = std::exp(0.5 * (a + b));
+  m.stribeck_velocity_rad_per_s = best;
   m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
   m.noise_Nm = result.linear.residual;
   return result;

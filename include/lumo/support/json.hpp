@@ -3,11 +3,13 @@
 // Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole folder. Schema: docs/log_format.md.
 
 #include "lumo/sense/log.hpp"
+#include "lumo/sense/photodiode_log.hpp"
 #include "lumo/sense/session.hpp"
 
 #include <nlohmann/json.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -32,7 +34,8 @@ class StrictObject {
   void get(const char* key, double& value) { read(key, [&](const auto& j) { value = number(j, key); }); }
   void get(const char* key, int& value) {
     read(key, [&](const auto& j) {
-      if (!j.is_number_integer() || j.template get<std::int64_t>() < -1'000'000'000 || j.template get<std::int64_t>() > 1'000'000'000) fail(key, "must be a whole number");
+      // As a real number: one beyond 64 signed bits must not wrap into range.
+      if (!j.is_number_integer() || std::abs(j.template get<double>()) > 1e9) fail(key, "must be a whole number within 1e9");
       value = j.template get<int>();
     });
   }
@@ -107,9 +110,15 @@ class StrictObject {
 
 /// Reads the text of a session.json. Throws InputError of one line that names file and key.
 inline Session session_from_json(std::string_view json, const std::string& name) {
-  // Deep nesting would exhaust the stack of the parser's destructor.
+  // Deep nesting would exhaust the stack of the parser's destructor. Brackets within strings do not nest.
   int depth = 0, deepest = 0;
-  for (const char c : json) depth += (c == '{' || c == '[') - (c == '}' || c == ']'), deepest = std::max(deepest, depth);
+  bool quoted = false;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    const char c = json[i];
+    if (c == '"') quoted = !quoted;
+    if (quoted && c == '\\') ++i;
+    if (!quoted) depth += (c == '{' || c == '[') - (c == '}' || c == ']'), deepest = std::max(deepest, depth);
+  }
   if (deepest > 64) throw InputError(detail::text(name, ": is nested deeper than 64 levels"));
   nlohmann::json root;
   try {
@@ -186,13 +195,27 @@ inline Session read_session(const std::string& path) {
   return session_from_json(json, path);
 }
 
-/// The text of a session.json that reads back as the same session.
+namespace detail {
+
+/// The number of mm that reads back as this number of m, where there is one: always for a length that was read.
+inline double millimetres(double m) {
+  const double mm = 1e3 * m;
+  for (const double near : {mm, std::nextafter(mm, 2.0 * mm), std::nextafter(mm, 0.0)})
+    if (1e-3 * near == m) return near;
+  return mm;
+}
+
+}  // namespace detail
+
+/// The text of a session.json that reads back as the same session. Throws InputError for one that would be refused.
 inline std::string to_json(const Session& s) {
+  validate(s, "session to write");
   using Json = nlohmann::ordered_json;
   const auto clock = [](const ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
   Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
-  j["leds"] = {{"count", s.led_count}, {"pitch_mm", 1e3 * s.led_pitch_m}, {"first_y_mm", 1e3 * s.led_first_y_m}, {"distal", {s.distal.x(), s.distal.y()}}};
-  j["joint_to_origin_mm"] = 1e3 * s.joint_to_origin_m;
+  j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)}, {"first_y_mm", detail::millimetres(s.led_first_y_m)},
+               {"distal", {s.distal.x(), s.distal.y()}}};
+  j["joint_to_origin_mm"] = detail::millimetres(s.joint_to_origin_m);
   j["torque_constant_Nm_per_A"] = s.torque_constant_Nm_per_A;
   j["frame_delay_s"] = s.frame_delay_s;
   j["joint_delay_s"] = s.joint_delay_s;
@@ -202,7 +225,11 @@ inline std::string to_json(const Session& s) {
   for (const Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},
                              {"cycle", g.cycle}, {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
-  return j.dump(2) + "\n";
+  try {
+    return j.dump(2) + "\n";
+  } catch (const nlohmann::json::exception&) {
+    throw InputError("session to write: a text is not UTF-8");
+  }
 }
 
 /// A log folder's session and tables; the pictures stay where they are. A table that is absent is empty.
@@ -213,6 +240,7 @@ struct LogFolder {
   std::vector<JointSample> joints;
   std::vector<WrenchSample> wrenches;
   std::vector<MarkerSample> markers;
+  std::vector<PhotodiodeSample> photodiodes;
 };
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
@@ -231,13 +259,17 @@ inline LogFolder read_log_folder(const std::string& path) {
   table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = read_joint_log(in, name); });
   table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = read_wrench_log(in, name); });
   table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = read_marker_log(in, name); });
+  table("photodiode.csv", [&](std::istream& in, const std::string& name) { log.photodiodes = read_photodiode_log(in, name); });
+  // Torques need no constants.
+  const bool currents = !log.joints.empty() && log.joints.front().unit == Effort::current_A;
   const auto joints = log.joints.empty() ? 0 : std::size_t(log.joints.front().effort.size());
-  if (joints > 0 && log.session.torque_constant_Nm_per_A.size() != joints)
+  if (currents && log.session.torque_constant_Nm_per_A.size() != joints)
     throw InputError(detail::text(path, ": joint.csv has ", joints, " joints, session.json ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
   return log;
 }
 
-/// Writes session.json and the tables that are not empty into a folder that is there; each file whole or not at all. Throws InputError.
+/// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
+/// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
 inline void write_log_folder(const LogFolder& log) {
   const auto write = [&](const char* name, const std::string& text) {
     const std::string file = log.path + '/' + name, part = file + ".part";
@@ -251,11 +283,17 @@ inline void write_log_folder(const LogFolder& log) {
       throw InputError(detail::text(file, ": cannot be written"));
     }
   };
-  write("session.json", to_json(log.session));
-  if (!log.frames.empty()) write("frames.csv", frame_log_text(log.frames, !log.session.video.empty()));
-  if (!log.joints.empty()) write("joint.csv", joint_log_text(log.joints));
-  if (!log.wrenches.empty()) write("wrench.csv", wrench_log_text(log.wrenches));
-  if (!log.markers.empty()) write("marker.csv", marker_log_text(log.markers));
+  const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
+                                                       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
+                                                       {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
+                                                       {"wrench.csv", log.wrenches.empty() ? "" : wrench_log_text(log.wrenches)},
+                                                       {"marker.csv", log.markers.empty() ? "" : marker_log_text(log.markers)},
+                                                       {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
+  for (const auto& [name, text] : files) {
+    std::error_code error;
+    if (!text.empty()) write(name, text);
+    else if (!std::filesystem::remove(log.path + '/' + name, error) && error) throw InputError(detail::text(log.path, '/', name, ": cannot be removed"));
+  }
 }
 
 }  // namespace lumo

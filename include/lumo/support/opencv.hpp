@@ -139,7 +139,14 @@ class VideoCamera {
 
   std::optional<Frame> next() {
     if (state_ != StreamState::open) return std::nullopt;
-    if (timed_ && std::size_t(next_) == records_.size()) return state_ = StreamState::ended, std::nullopt;
+    if (timed_ && std::size_t(next_) == records_.size()) {
+      bool more = false;
+      try {
+        more = capture_.grab();
+      } catch (const cv::Exception&) {
+      }
+      return state_ = more ? StreamState::failed : StreamState::ended, std::nullopt;  // frames without rows: they have no time
+    }
     bool good = false;
     try {
       good = capture_.read(image_);
@@ -171,7 +178,8 @@ static_assert(Camera<VideoCamera>);
 /// A live camera under Linux (Video4Linux2), exposure and gain locked.
 /// Exposure goes to the driver in units of 100 µs (V4L2_CID_EXPOSURE_ABSOLUTE); some cameras snap to steps of their own, so that what is in force is read
 /// back, and that is what frames carry. Gain is the driver's own number (V4L2_CID_GAIN; 0 … 128, default 64, on a RealSense D435). A new exposure may
-/// take up to six frames to hold (librealsense #11228): those are thrown away at the start. Stamps are the driver's, on CLOCK_MONOTONIC.
+/// take up to six frames to hold (librealsense #11228): those are thrown away at the start. Stamps are the driver's, on CLOCK_MONOTONIC: of
+/// the exposure's start or of the frame's end, as it likes; what that is off from the exposure's middle belongs to the session's frame delay.
 class V4l2Camera {
  public:
   struct Config {
@@ -181,12 +189,17 @@ class V4l2Camera {
     double exposure_s = 0.001;
     double gain = 64.0;
     int settle_frames = 6;
-    double wait_s = 0.001;  ///< how long `next` may wait for a frame
+    double wait_s = 0.001;  ///< how long `next` may wait for a frame; OpenCV waits in whole milliseconds, and at least one
   };
 
   /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure locked.
   explicit V4l2Camera(const Config& config) : config_(config) {
-    require_positive("exposure of the camera", config.exposure_s, "s");
+    require_in_range("width of the camera's pictures", config.width, 1, 32768, "px");
+    require_in_range("height of the camera's pictures", config.height, 1, 32768, "px");
+    require_in_range("exposure of the camera", config.exposure_s, 1e-4, 100.0, "s");
+    require_in_range("gain of the camera", config.gain, 0.0, 1e9, "");
+    require_in_range("wait for a frame", config.wait_s, 0.0, 10.0, "s");
+    require_in_range("frames until a new exposure holds", config.settle_frames, 0, 1e6, "");
     require_positive("frame rate of the camera", config.frames_per_s, "1/s");
     struct stat status {};
     if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode)) throw InputError(detail::text(config.device, ": no such camera"));

@@ -32,13 +32,15 @@ class SerialPhotodiodes {
     std::int64_t (*now)() = detail::monotonic_ns;
   };
 
-  /// On a serial device, which is set to raw 8N1. Throws InputError.
+  /// On a serial device, which is set to raw 8N1 without flow control. What comes before the first line's end is left out: it may be a line's rest and
+  /// read as another number. Throws InputError.
   static SerialPhotodiodes open(const std::string& device, const Config& config) {
     detail::Descriptor port(::open(device.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (port.get() < 0) throw InputError(detail::text(device, ": cannot be opened: ", std::strerror(errno)));
     termios settings{};
     if (::tcgetattr(port.get(), &settings) != 0) throw InputError(detail::text(device, ": is no serial line"));
     ::cfmakeraw(&settings);
+    settings.c_cflag = (settings.c_cflag & ~tcflag_t(CSTOPB | CRTSCTS)) | CLOCAL | CREAD;
     speed_t speed = B0;
     using Rates = std::initializer_list<std::pair<int, speed_t>>;
     for (const auto& [baud, constant] : Rates{{9600, B9600}, {57600, B57600}, {115200, B115200}, {230400, B230400}, {460800, B460800}, {921600, B921600}})
@@ -46,7 +48,10 @@ class SerialPhotodiodes {
     if (speed == B0) throw InvalidArgument(detail::text("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
     ::cfsetspeed(&settings, speed);
     if (::tcsetattr(port.get(), TCSANOW, &settings) != 0) throw InputError(detail::text(device, ": does not take its settings: ", std::strerror(errno)));
-    return SerialPhotodiodes(std::move(port), config);
+    ::tcflush(port.get(), TCIFLUSH);
+    SerialPhotodiodes diodes(std::move(port), config);
+    diodes.begun_ = false;
+    return diodes;
   }
 
   /// On anything that can be read. Throws InvalidArgument for no diodes.
@@ -59,11 +64,13 @@ class SerialPhotodiodes {
   std::optional<PhotodiodeSample> next() {
     for (;;) {
       for (auto end = buffer_.find('\n'); end != std::string::npos; end = buffer_.find('\n')) {
-        const std::optional<PhotodiodeSample> s = overlong_ ? std::nullopt : parse(std::string_view(buffer_).substr(0, end));
+        const bool whole = begun_ && !overlong_;
+        const std::optional<PhotodiodeSample> s = whole ? parse(std::string_view(buffer_).substr(0, end)) : std::nullopt;
         buffer_.erase(0, end + 1);
+        bad_lines_ += begun_ && !s;
         overlong_ = false;
+        begun_ = true;
         if (s) return s;
-        ++bad_lines_;
       }
       if (buffer_.size() > max_line) buffer_.clear(), overlong_ = true;
       if (state_ != StreamState::open) return std::nullopt;
@@ -103,7 +110,7 @@ class SerialPhotodiodes {
   detail::Descriptor source_;
   Config config_;
   std::string buffer_;
-  bool overlong_ = false;
+  bool overlong_ = false, begun_ = true;
   StreamState state_ = StreamState::open;
   long bad_lines_ = 0;
 };

@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <span>
 #include <string>
@@ -118,6 +119,7 @@ class MiniCheetahMotors {
       s.position_rad[i] = sign * (a->position_rad - config_.offset_rad[std::size_t(i)]);
       s.velocity_rad_per_s[i] = sign * a->velocity_rad_per_s;
       s.effort[i] = sign * a->effort;
+      s.saturated = s.saturated || a->saturated;
       a.reset();
     }
     return s;
@@ -133,6 +135,7 @@ class MiniCheetahMotors {
     const ssize_t sent = ::send(socket_.get(), &frame, sizeof frame, MSG_DONTWAIT | MSG_NOSIGNAL);
     if (sent == ssize_t(sizeof frame)) return;
     ++lost_;
+    if (sent >= 0) return;  // a part of a frame: errno says nothing
     if (errno != EAGAIN && errno != EWOULDBLOCK && errno != ENOBUFS && errno != EINTR) state_ = StreamState::failed;
   }
 

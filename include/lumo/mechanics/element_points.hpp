@@ -1,0 +1,44 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/mechanics/element.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+
+#include <Eigen/LU>
+#include <vector>
+
+namespace lumo {
+
+/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
+template <TetElement Element>
+class ElementPoints {
+ public:
+  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
+
+  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to no element, or be missing.
+  explicit ElementPoints(const TetMesh& mesh) {
+    if (mesh.order != Element::order)
+      throw InvalidArgument(detail::text("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
+    gradients_.reserve(mesh.tets.size() * Element::points);
+    weights_.reserve(mesh.tets.size() * Element::points);
+    for (const auto& t : mesh.tets)
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients by_xi = shape_gradients<Element::nodes>(Element::point(q));
+        Mat3 jacobian = Mat3::Zero();
+        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        weights_.push_back(Element::weight(q) * jacobian.determinant());
+      }
+  }
+
+  /// [1/m], of tetrahedron e at point q.
+  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * std::size_t(Element::points) + std::size_t(q)]; }
+  /// Volume that the point stands for [m³].
+  double weight(std::size_t e, int q) const { return weights_[e * std::size_t(Element::points) + std::size_t(q)]; }
+
+ private:
+  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;
+  std::vector<double> weights_;
+};
+
+}  // namespace lumo
