@@ -1,0 +1,14 @@
+#pragma once
+
+#include "program/options.hpp"
+#include "program/progress.hpp"
+
+#include <string>
+
+namespace lumo::program {
+
+/// Computes the pad's responses, or takes them from the cache, and writes the log of a virtual rig into a new folder. Returns what is to be printed.
+/// Throws InputError when the folder is there and not empty or cannot be written; lumo's other errors from the computation.
+std::string lab(const Options& options, Progress& progress);
+
+}  // namespace lumo::program
