@@ -81,6 +81,10 @@ std::optional<std::string> general(const Options& options) {
       Progress progress(options.quiet);
       return lab(options, progress);
     }
+    case Command::calibrate: {
+      Progress progress(options.quiet);
+      return calibrate(options, progress);
+    }
     case Command::decode:
     case Command::metrics:
     case Command::locate:

@@ -80,7 +80,7 @@ std::array<double, 5> read_theta(std::string_view typed) {
   return theta;
 }
 
-bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force; }
+bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate; }
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
@@ -164,11 +164,11 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 23> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
+  static constexpr std::array<std::string_view, 24> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
                                                              "campaign select", "campaign report", "study carrier",   "study void",      "doctor",
                                                              "lab recontact",   "lab cycle",       "lab imaging",     "lab force",       "decode",
-                                                             "metrics",         "locate",          "force"};
+                                                             "metrics",         "locate",          "force",           "calibrate"};
   return names[std::size_t(command)];
 }
 
@@ -258,6 +258,13 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
     if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
     if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
+    if (command == Command::calibrate) {
+      text_option(c, "--cache", t.cache, "Folder that keeps computed responses, default: beside LOG", "DIR");
+      c->add_flag("--coarse", o.coarse, "Nominal pad on a coarse mesh")->disable_flag_override();
+      threads(c);
+      common(c);
+      return;
+    }
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
     common(c);
   };
@@ -270,7 +277,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
                          Entry{Command::decode, "Place from regional responses, one repetition left out"},
                          Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
-                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::doctor, "What was found, which version, and what is off"}}) {
+                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
+                         Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
     if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), common(c);
     else if (of_log(e.command)) of_a_log(c, e.command);

@@ -12,7 +12,7 @@
 namespace lumo::program {
 
 enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, doctor,
-                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force };
+                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
 enum class Ensemble { flat, curved };
 
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.

@@ -96,14 +96,15 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
   return t + detail::text("checksum ", detail::checksum(t), '\n');
 }
 
-/// Throws InputError of one line for what is damaged or was made for another key. `name` stands in the message.
-inline PadResponses pad_responses_from_text(std::string_view text, const std::string& key, const std::string& name) {
+/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
+inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   detail::BlockReader reader(text, name);
   if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
   const auto last = text.rfind("checksum ");
   if (last == std::string_view::npos || text.substr(last) != detail::text("checksum ", detail::checksum(text.substr(0, last)), '\n')) reader.fail("is damaged, its checksum is wrong");
   reader.line();
-  if (reader.line() != "key " + key) reader.fail("was made for another pad or with other settings");
+  const std::string_view made_for = reader.line();
+  if (key && made_for != "key " + *key) reader.fail("was made for another pad or with other settings");
   PadResponses r;
   const std::string_view material = reader.line();
   r.material = material.substr(std::min<std::size_t>(material.size(), 9));
@@ -123,7 +124,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::st
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
-inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::string& key) {
+inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
   std::ifstream in(path, std::ios::binary);

@@ -80,6 +80,18 @@ class PadLight {
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
+  /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
+  double load_N(double y_m, double depth_m) const {
+    const double most = max_load_N(), end = this->depth_m(y_m, most);
+    if (!(depth_m > 0.0)) return 0.0;
+    if (depth_m >= end) return most + (depth_m - end) * 0.05 * most / (end - this->depth_m(y_m, 0.95 * most));
+    double low = 0.0, high = most;
+    for (int k = 0; k < 50; ++k) {
+      const double middle = 0.5 * (low + high);
+      (this->depth_m(y_m, middle) < depth_m ? low : high) = middle;
+    }
+    return 0.5 * (low + high);
+  }
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.

@@ -181,7 +181,9 @@ inline void VirtualRig::lay_out_time() {
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
     const LabContact& c = plan_.contacts[i];
     phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
-    add_segment(t + std::min(0.5, 0.5 * c.rest_s), t + c.rest_s - 0.02, "unloaded");
+    const double from = t + std::min(0.5, 0.5 * c.rest_s), to = t + c.rest_s - 0.02;
+    add_segment(from, to, "unloaded");
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
     t += c.rest_s;
     double load = 0.0;
     for (const LoadStep& s : c.steps) {

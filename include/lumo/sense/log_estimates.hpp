@@ -87,7 +87,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
   config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
   if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
   config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
-  config.filter.torque_bias_s = 10.0;
+  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
   config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
   config.frame_timeout_s = std::max(0.2, 4.0 * config.frames.period_s), config.joint_timeout_s = std::max(0.05, 10.0 * config.joints.period_s);
   config.map_sigma_m = map_sigma_m;
