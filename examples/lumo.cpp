@@ -3,11 +3,13 @@
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
 #include "program/interrupt.hpp"
+#include "program/lab.hpp"
 #include "program/optimize.hpp"
 #include "program/options.hpp"
 #include "program/output.hpp"
 #include "program/present.hpp"
 #include "program/progress.hpp"
+#include "program/sensing.hpp"
 #include "program/study.hpp"
 #include "program/text.hpp"
 
@@ -69,7 +71,27 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
 /// Commands that are not about one design.
 std::optional<std::string> general(const Options& options) {
   switch (options.command) {
-    case Command::doctor: return doctor(options.json);
+    case Command::doctor: return options.camera ? doctor_camera(*options.camera, options.json) : doctor(options.json);
+    case Command::lab_recontact:
+    case Command::lab_cycle:
+    case Command::lab_imaging:
+    case Command::lab_force: {
+      check_design(options);
+      Progress progress(options.quiet);
+      return lab(options, progress);
+    }
+    case Command::calibrate: {
+      Progress progress(options.quiet);
+      return calibrate(options, progress);
+    }
+    case Command::decode:
+    case Command::metrics:
+    case Command::locate:
+    case Command::force: {
+      Output files(options.out);
+      Progress progress(options.quiet);
+      return sense(options, files, progress);
+    }
     case Command::optimize: optimize(options.space, options.transcript); return "";
     case Command::campaign_run: {
       Progress progress(options.quiet);

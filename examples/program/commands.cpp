@@ -1,6 +1,7 @@
 #include "program/commands.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
+#include "lumo/campaign/observe_pad.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/optics/tracer.hpp"
@@ -10,6 +11,7 @@
 #include "lumo/support/tetgen.hpp"
 #include "program/contacts.hpp"
 #include "program/json.hpp"
+#include "program/text.hpp"
 #include "program/version.hpp"
 
 #include <map>
@@ -262,6 +264,48 @@ std::vector<double> make_depths(const Options& o, const std::array<double, 5>& t
   for (const ScenarioRecord& s : observe(body, ensemble.scenarios(), pipeline, TbbExecutor{o.threads}, shown_in(progress)).scenarios)
     depths.push_back(s.status == Status::converged ? 1e3 * s.states.back().depth_m : undefined);
   return depths;
+}
+
+namespace {
+
+/// What the virtual lab computes its light with. Coarse: three places, for trying out; contacts in between are then far from right.
+struct PadSettings {
+  PadGrid grid;
+  SideSight sight;
+  FingerOptions finger;
+  Focus focus;
+  Tracer<BeerLambert, SideSight, Embree>::Config rays;
+
+  explicit PadSettings(bool coarse) {
+    rays.rays_per_emitter = 1 << 18, rays.carrier_rays = 1 << 17, rays.exit_rays = 1 << 20;
+    if (!coarse) return;
+    grid.places = 3, grid.spacing_m = 13.0_mm, grid.load_N = {2.0, 5.0, 20.0}, grid.tilt_place_m = {13.0_mm};
+    finger.mesh.contact_edge = finger.mesh.coarsest_edge = 6.0_mm;
+    focus = {1.2e-3, 0.4, 1.0};
+    rays.rays_per_emitter = 1 << 12, rays.carrier_rays = 1 << 14, rays.exit_rays = 1 << 16;
+  }
+};
+
+}  // namespace
+
+std::string pad_responses_key(const Options& o) {
+  const PadSettings s(o.coarse);
+  return lumo::detail::text("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
+                            1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge,
+                            " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
+}
+
+PadResponses make_pad_responses(const Options& o, Progress& progress) {
+  const PadSettings s(o.coarse);
+  const Silicone card = silicone(o.material);
+  using Light = Tracer<BeerLambert, SideSight, Embree>;
+  Pipeline<TetgenMesher, Simulation, Light> pipeline{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light(s.rays, s.sight)};
+  pipeline.focus = s.focus;
+  pipeline.rays.rounds = 0;
+  PadResponses r = observe_pad(finger(FingerDesign::from(o.theta_mm), card, s.finger), s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));
+  r.theta_mm.assign(o.theta_mm.begin(), o.theta_mm.end());
+  r.material = o.material;
+  return r;
 }
 
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {

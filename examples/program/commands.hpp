@@ -7,6 +7,7 @@
 
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/campaign/matched_study.hpp"
+#include "lumo/lab/pad_responses.hpp"
 
 #include <functional>
 #include <vector>
@@ -28,6 +29,10 @@ EvaluationResult make_evaluation(const Options& options, Progress& progress);
 
 /// Depth [mm] at the last load of each scenario, without light; undefined where no equilibrium was found.
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress);
+
+/// Light of the options' pad at all places and loads of the virtual lab, and in one line what was computed and how.
+PadResponses make_pad_responses(const Options& options, Progress& progress);
+std::string pad_responses_key(const Options& options);
 
 /// Evaluates designs for a campaign over the options' material and ensemble; what goes wrong is in the verdict. Make it before a store is
 /// opened, for the mesher forks.

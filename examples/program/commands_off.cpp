@@ -15,6 +15,8 @@ std::vector<PressOutcome> make_presses(const std::vector<Options>&, int, Progres
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
 EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>&, const lumo::Ensemble&, Progress&) { off(options.command); }
+PadResponses make_pad_responses(const Options& options, Progress&) { off(options.command); }
+std::string pad_responses_key(const Options&) { return ""; }
 Evaluator campaign_evaluator(const Options& options, Progress&) { off(options.command); }
 Evaluator study_evaluator(const Options& options, const MatchedStudy&, const lumo::Ensemble&, Progress&) { off(options.command); }
 

@@ -105,8 +105,13 @@ std::vector<Component> components() {
   Component plotly{"plotly.js", chart_library_version(), "MIT", "python3-plotly", "charts of reports", ""};
   plotly.on = !plotly.version.empty();
   list.push_back(plotly);
+  Component opencv{"OpenCV", "", "Apache-2.0", "libopencv-dev", "pictures, videos, cameras", ""};
+#ifdef LUMO_PROGRAM_OPENCV
+  opencv.on = true, opencv.version = LUMO_PROGRAM_OPENCV;
+#endif
+  list.push_back(opencv);
   list.push_back({"CLI11", CLI11_VERSION, "BSD-3-Clause", "libcli11-dev", "this command line", "", true});
-  list.push_back({"nlohmann-json", triple(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH), "MIT", "nlohmann-json3-dev", "JSON output", "", true});
+  list.push_back({"nlohmann-json", triple(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH), "MIT", "nlohmann-json3-dev", "JSON output, sessions of logs", "", true});
   return list;
 }
 

@@ -19,7 +19,7 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, seeds, designs, source;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
   std::vector<std::string> stores;
   bool csv = false;
 };
@@ -76,6 +76,8 @@ std::array<double, 5> read_theta(std::string_view typed) {
   return theta;
 }
 
+bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate; }
+
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
   o.stores = t.stores;
@@ -88,6 +90,19 @@ void read(Options& o, const Typed& t) {
   if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, 10000);
   if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
+  if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp"});
+  if (!t.localizer.empty()) o.localizer = one_of("--localizer", t.localizer, {"bayes", "peak"});
+  if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
+  if (!t.noise.empty()) o.noise = number("--noise", t.noise, "");
+  if (o.noise < 0.0 || o.noise > 100.0) throw UsageError(lumo::detail::text("--noise is ", in_quotes(t.noise), ", must lie in [0, 100]"));
+  if (!t.cache.empty()) o.cache = t.cache;
+  if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
+  const std::string_view command = name(o.command);
+  if (command.starts_with("lab ")) {
+    if (t.material.empty()) o.material = "Sol";
+    if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
+  }
+  if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log's folder is missing (see lumo ", command, " --help)"));
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   o.all_contacts = !t.ensemble.empty();
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
@@ -140,9 +155,11 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 15> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
+  static constexpr std::array<std::string_view, 24> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
-                                                             "campaign select", "campaign report", "study carrier",   "study void",      "doctor"};
+                                                             "campaign select", "campaign report", "study carrier",   "study void",      "doctor",
+                                                             "lab recontact",   "lab cycle",       "lab imaging",     "lab force",       "decode",
+                                                             "metrics",         "locate",          "force",           "calibrate"};
   return names[std::size_t(command)];
 }
 
@@ -215,6 +232,33 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     threads(c);
     common(c);
   };
+  const auto lab = [&](CLI::App* c) {
+    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    text_option(c, "--material", t.material, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)", "NAME");
+    text_option(c, "--seed", t.seed, "Of everything random, default 1", "N");
+    text_option(c, "--noise", t.noise, "Times the rig's noises, default 1", "N");
+    text_option(c, "--cache", t.cache, "Folder that keeps computed responses, default: beside DIR", "DIR");
+    c->add_flag("--coarse", o.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out")->disable_flag_override();
+    text_option(c, "--out", t.out, "Folder of the log; must not be there, or be empty", "DIR");
+    threads(c);
+    common(c);
+  };
+  const auto of_a_log = [&](CLI::App* c, Command command) {
+    c->add_option("LOG", o.log, "Folder of the log (docs/log_format.md)");
+    if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear or gp (Gaussian process)", "NAME");
+    if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
+    if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
+    if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
+    if (command == Command::calibrate) {
+      text_option(c, "--cache", t.cache, "Folder that keeps computed responses, default: beside LOG", "DIR");
+      c->add_flag("--coarse", o.coarse, "Nominal pad on a coarse mesh")->disable_flag_override();
+      threads(c);
+      common(c);
+      return;
+    }
+    text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
+    common(c);
+  };
   struct Entry {
     Command command;
     const char* help;
@@ -222,9 +266,13 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   for (const Entry& e : {Entry{Command::section, "Draw the cross-section with its dimensions (SVG)"}, Entry{Command::mesh, "Make the tetrahedral mesh (VTU with --out)"},
                          Entry{Command::press, "Press a sphere on the pad: force, depth, contact"}, Entry{Command::trace, "Press, then trace light: response of each region"},
                          Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
+                         Entry{Command::decode, "Place from regional responses, one repetition left out"},
+                         Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
+                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
                          Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
-    if (e.command == Command::doctor) common(c);
+    if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), common(c);
+    else if (of_log(e.command)) of_a_log(c, e.command);
     else if (e.command == Command::optimize) optimization(c);
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
@@ -238,16 +286,21 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     return g;
   };
   CLI::App* const campaigns = group("campaign", "Search for the best design; the store continues after any interruption");
+  CLI::App* const labs = group("lab", "Logs of a virtual rig: computed mechanics and light, a camera, a motor and their errors");
   CLI::App* const studies = group("study", "What a feature of the design is worth, over many designs");
   for (const Entry& e : {Entry{Command::campaign_run, "Evaluate until the store holds enough; continues if the file exists"}, Entry{Command::campaign_status, "What a store holds"},
                          Entry{Command::campaign_verify, "Check every entry of a store; names the first bad one"}, Entry{Command::campaign_export, "All evaluations, to standard output"},
                          Entry{Command::campaign_select, "The balanced choice, how stable it is, and its progressive-constraint gain"},
                          Entry{Command::campaign_report, "One HTML page with charts and the chosen pad in 3-D"},
+                         Entry{Command::lab_recontact, "Six places, five re-contacts each, up to 15 N"},
+                         Entry{Command::lab_cycle, "Cycles within contact at three places"}, Entry{Command::lab_imaging, "Other camera places, other room light, LEDs off"},
+                         Entry{Command::lab_force, "Six sequences up to 20 N, with joint torque"},
                          Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"}}) {
     const std::string_view whole = name(e.command);
-    CLI::App* const g = whole.starts_with("campaign") ? campaigns : studies;
+    CLI::App* const g = whole.starts_with("campaign") ? campaigns : whole.starts_with("lab") ? labs : studies;
     CLI::App* c = g->add_subcommand(std::string(whole.substr(g->get_name().size() + 1)), e.help);
     if (g == campaigns) campaign(c, e.command);
+    else if (g == labs) lab(c);
     else study(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
@@ -268,7 +321,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     throw UsageError(shortened(one_line(e.what())) + " (see lumo --help)");
   }
   const CLI::App* chosen = innermost(app);
-  const bool of_group = chosen == campaigns || chosen == studies, complete = chosen != &app && !of_group;
+  const bool of_group = chosen == campaigns || chosen == studies || chosen == labs, complete = chosen != &app && !of_group;
   const std::string help = lumo::detail::text("lumo ", complete ? std::string(name(o.command)) + " " : of_group ? chosen->get_name() + " " : "", "--help");
   const auto extras = app.remaining(true);
   if (!extras.empty()) {

@@ -11,7 +11,8 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, doctor };
+enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, doctor,
+                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
 enum class Ensemble { flat, curved };
 
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
@@ -38,6 +39,15 @@ struct Options {
   int designs = 40;
   bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
+  std::string log;                       ///< folder of a log to read
+  std::string baseline;                  ///< folder of the log to compare with
+  std::string decoder = "nearest";
+  std::string localizer = "bayes";
+  double from_N = 5.0;                   ///< force from which a location counts
+  double noise = 1.0;                    ///< of the virtual lab, times the rig's
+  bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
+  std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
+  std::optional<int> camera;             ///< number of a live one
 };
 
 /// The command line makes no sense.

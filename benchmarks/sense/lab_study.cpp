@@ -1,0 +1,192 @@
+// What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
+//   lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm]
+// bias_mm: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+
+#include "lumo/lab/pad_file.hpp"
+#include "lumo/lab/virtual_rig.hpp"
+#include "lumo/sense/bayes_localizer.hpp"
+#include "lumo/sense/cross_validation.hpp"
+#include "lumo/sense/log_estimates.hpp"
+#include "lumo/sense/nearest_template.hpp"
+#include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/segment_responses.hpp"
+
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <sstream>
+
+using namespace lumo;
+
+namespace {
+
+/// The rig's pictures, painted once.
+struct PaintedCamera {
+  const VirtualRig* rig;
+  const std::vector<Image>* images;
+  std::size_t at = 0;
+
+  std::optional<Frame> next() {
+    if (at == images->size()) return std::nullopt;
+    const FrameRecord& f = rig->frames()[at];
+    const Frame frame{(*images)[at].view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(at)};
+    ++at;
+    return frame;
+  }
+  StreamState state() const { return at == images->size() ? StreamState::ended : StreamState::open; }
+};
+
+struct Painted {
+  explicit Painted(const VirtualRig& r) : rig(&r) {
+    for (std::size_t k = 0; k < r.frames().size(); ++k) images.push_back(r.image(k)), stamps.push_back(r.frames()[k].stamp_ns);
+  }
+  PaintedCamera camera() const { return {rig, &images}; }
+
+  const VirtualRig* rig;
+  std::vector<Image> images;
+  std::vector<std::int64_t> stamps;
+};
+
+LogTruth truth_of(const VirtualRig& rig) {
+  std::istringstream table(truth_text(rig.truth()));
+  return LogTruth::from_table(table, "truth");
+}
+
+std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
+
+/// Sums over the frames of one sequence.
+struct Sequence {
+  ForceScore score;
+  int place = 0;
+};
+
+struct Totals {
+  int samples = 0, located = 0, force_samples = 0;
+  double location = 0.0, location_held = 0.0, force_held = 0.0;
+  std::map<int, double> at_place;            ///< location error [m]
+  std::map<int, int> at_place_count;
+  std::vector<Sequence> sequences;
+
+  double mae(ForceErrors::Error ForceErrors::*way) const {
+    double sum = 0.0, count = 0.0;
+    for (const Sequence& s : sequences) sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
+    return count > 0.0 ? sum / count : 0.0;
+  }
+  static double recovery(const std::vector<Sequence>& list, const std::vector<std::size_t>& chosen) {
+    double gap = 0.0, won = 0.0;
+    for (const std::size_t i : chosen) {
+      const ForceErrors& e = list[i].score.errors;
+      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples, won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
+    }
+    return won / gap;
+  }
+  Interval recovery() const {
+    std::vector<std::size_t> all(sequences.size());
+    for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
+    Interval r{recovery(sequences, all)};
+    detail::CountedDraws draws(1);
+    std::vector<double> drawn;
+    for (int k = 0; k < 2000; ++k) {
+      std::vector<std::size_t> some(all.size());
+      for (auto& i : some) i = draws.below(all.size());
+      drawn.push_back(recovery(sequences, some));
+    }
+    r.low = quantile(drawn, 0.025), r.high = quantile(drawn, 0.975);
+    return r;
+  }
+};
+
+template <class Make>
+void run_force(const PadLight& light, int seed, double noise, Totals& totals, Make make) {
+  const VirtualRig rig(light, force_plan(), std::uint64_t(seed), noise);
+  const Painted log(rig);
+  const UnloadedStretch rest = UnloadedStretch::of(rig.session(), log.stamps.front());
+  PaintedCamera first = log.camera(), all = log.camera();
+  LogReference reference{view_finger(first, rig.session(), rest, "lab"), {}, {}, {}};
+  const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
+  GreenProfile readout = reference.view.readout(bins);
+  reference.unloaded = unloaded_reference(read_profiles(all, readout), rest, "lab");
+  identify_joints(reference, rig.joints(), rig.session(), rest.to_ns);
+  const MomentArm arm{rig.session().joint_to_origin_m};
+  const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins, make(readout, reference.unloaded), arm, rig.session(),
+                                         std::sqrt(reference.view.leds.map.variance_m2(0.0)));
+  const LogTruth truth = truth_of(rig);
+  const LocationScore where = location_score(estimates, truth, 5.0, seen);
+  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located, totals.location_held += where.coverage_90 * where.located;
+  for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
+    std::vector<LogEstimate> part;
+    for (std::size_t k = 0; k < estimates.size(); ++k)
+      if (rig.truth()[k].contact == c) part.push_back(estimates[k]);
+    const LocationScore there = location_score(part, truth, 5.0, seen);
+    const int place = rig.plan().contacts[std::size_t(c)].place;
+    totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
+    totals.sequences.push_back({force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.torque[0].noise_Nm), place});
+    totals.force_samples += totals.sequences.back().score.samples;
+    totals.force_held += totals.sequences.back().score.coverage_90 * totals.sequences.back().score.samples;
+  }
+}
+
+void print(const char* name, double noise, const Totals& t) {
+  const Interval r = t.recovery();
+  std::printf("| %s | %g | %d | %.1f | %.2f | %.1f | %d | %.2f | %.2f | %.2f | %.2f | %.1f | %.1f (%.1f … %.1f) |\n", name, noise, t.samples, 100.0 * t.located / std::max(1, t.samples),
+              1e3 * t.location / std::max(1, t.located), 100.0 * t.location_held / std::max(1, t.located), t.force_samples, t.mae(&ForceErrors::known_location), t.mae(&ForceErrors::optical),
+              t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused), 100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
+  std::printf("    mean location error by place [mm]:");
+  for (const auto& [place, sum] : t.at_place) std::printf(" %.2f", 1e3 * sum / std::max(1, t.at_place_count.at(place)));
+  std::printf("\n");
+  std::fflush(stdout);
+}
+
+double bias_m = BayesLocalizer::Config{}.bias_sigma_m;
+
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  BayesLocalizer::Config c;
+  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean(), c.bias_sigma_m = bias_m;
+  return BayesLocalizer(c);
+}
+PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 2) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm]\n"), 2;
+  const int seeds = argc > 2 ? std::atoi(argv[2]) : 50, first = argc > 3 ? std::atoi(argv[3]) : 1;
+  if (argc > 4) bias_m = 1e-3 * std::atof(argv[4]);
+  const auto kept = read_pad_responses(argv[1]);
+  if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
+  const PadLight light(*kept);
+
+  std::printf("| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
+  for (const double noise : {1.0, 0.5, 2.0, 4.0}) {
+    Totals a, b;
+    const int count = noise == 1.0 ? seeds : std::max(1, seeds / 5);
+    for (int s = first; s < first + count; ++s) run_force(light, s, noise, a, bayes);
+    print("probabilistic", noise, a);
+    for (int s = first; s < first + count; ++s) run_force(light, s, noise, b, peak);
+    print("peak", noise, b);
+  }
+
+  std::printf("\n| noise | predictions | right %% | Wilson 95 %% | D_neighbor DN/N | W_recontact DN/N | Q |\n");
+  for (const double noise : {1.0, 0.5, 2.0, 4.0}) {
+    int right = 0, all = 0;
+    std::vector<double> D, W, Q;
+    const int count = noise == 1.0 ? seeds : std::max(1, seeds / 5);
+    for (int s = first; s < first + count; ++s) {
+      const VirtualRig rig(light, recontact_plan(), std::uint64_t(s), noise);
+      VirtualCamera start(rig), camera(rig);
+      const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+      GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+      const std::vector<Profile> profiles = read_profiles(camera, fine);
+      const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
+      D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
+      std::vector<Profile> regions;  // five bins each
+      for (const Profile& p : profiles) regions.push_back({p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
+      const DecodingTask task = decoding_task(hold_responses(regions, rig.session().segments), {2.0, 5.0});
+      const DecodingReport r = cross_validate(NearestTemplate{}, task.data, task.fold);
+      right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+    }
+    const Interval w = wilson_interval(right, all);
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.3f | %.3f | %.1f |\n", noise, all, 100.0 * w.value, 100.0 * w.low, 100.0 * w.high, median(D), median(W), median(Q));
+    std::fflush(stdout);
+  }
+}

@@ -1,0 +1,306 @@
+#include "program/sensing.hpp"
+
+#include "lumo/campaign/gaussian_process_decoder.hpp"
+#include "lumo/sense/bayes_localizer.hpp"
+#include "lumo/sense/constraint_gain.hpp"
+#include "lumo/sense/cross_validation.hpp"
+#include "lumo/sense/linear_decoder.hpp"
+#include "lumo/sense/moment_arm.hpp"
+#include "lumo/sense/nearest_template.hpp"
+#include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/segment_responses.hpp"
+#include "program/chart.hpp"
+#include "program/json.hpp"
+#include "program/sensing_log.hpp"
+#include "program/sensing_overlay.hpp"
+#include "program/text.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <utility>
+
+namespace lumo::program {
+
+SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins) {
+  SensedLog s;
+  s.bins = bins;
+  s.log = read_log_folder(path);
+  s.joints = s.log.joints;
+  for (JointSample& j : s.joints) j.stamp_ns = s.log.session.joint_clock(j.stamp_ns);
+  for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
+  s.stretch = UnloadedStretch::of(s.log.session, s.frame_ns.empty() ? 0 : s.frame_ns.front());
+  LogCamera first(s.log);
+  s.view = view_finger(first, s.log.session, s.stretch, path);
+  GreenProfile readout = s.view.readout(bins);
+  LogCamera all(s.log);
+  s.profiles = read_profiles(all, readout);
+  if (s.profiles.empty()) throw InputError(path + ": no picture can be read");
+  return s;
+}
+
+namespace {
+
+Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
+
+/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
+LogTruth truth_of(const LogFolder& log) {
+  const std::string file = log.path + "/truth.csv";
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return LogTruth::from_log(log.session, log.wrenches);
+  std::ifstream in(file, std::ios::binary);
+  return LogTruth::from_table(in, file);
+}
+
+/// A command's words on InvalidArgument are about the log, not about the command line.
+template <class Work>
+auto about(const std::string& path, Work work) {
+  try {
+    return work();
+  } catch (const InvalidArgument& e) {
+    throw InputError(path + ": " + e.what());
+  }
+}
+
+// decode
+
+std::string decode(const Options& o, Output& files) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::regions());
+  const auto [task, report] = about(o.log, [&] {
+    DecodingTask t = decoding_task(hold_responses(s.profiles, s.log.session.segments), {2.0, 5.0});
+    DecodingReport r = o.decoder == "linear" ? cross_validate(LinearDecoder{}, t.data, t.fold)
+                       : o.decoder == "gp"   ? cross_validate(GaussianProcessDecoder{}, t.data, t.fold)
+                                             : cross_validate(NearestTemplate{}, t.data, t.fold);
+    return std::pair(std::move(t), std::move(r));
+  });
+  Json confusion = Json::array(), predictions = Json::array();
+  std::string table = "repetition,y_mm,decoded_y_mm,probability\n";
+  for (Eigen::Index i = 0; i < report.confusion.rows(); ++i) {
+    Json row = Json::array();
+    for (Eigen::Index j = 0; j < report.confusion.cols(); ++j) row.push_back(report.confusion(i, j));
+    confusion.push_back(row);
+  }
+  for (const auto& p : report.predictions) {
+    const double y = 1e3 * task.data.place_m[p.place], decoded = 1e3 * task.data.place_m[p.decoded];
+    predictions.push_back({{"repetition", p.fold}, {"y_mm", y}, {"decoded_y_mm", decoded}, {"probability", number(p.probability)}});
+    table += std::to_string(p.fold) + ',' + csv_number(y) + ',' + csv_number(decoded) + ',' + csv_number(p.probability) + '\n';
+  }
+  files.add("predictions.csv", table);
+  files.add("confusion.svg", draw_confusion(report.confusion, task.data.place_m));
+  if (o.json) return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}.dump(2) + "\n";
+  std::string text = lumo::detail::text("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
+                                        short_number(report.accuracy.high, 3), "), decoder: ", o.decoder, "\ntrue \\ decoded [mm]");
+  for (const double y : task.data.place_m) text += cell(1e3 * y, 1, 7);
+  for (Eigen::Index i = 0; i < report.confusion.rows(); ++i) {
+    text += "\n" + cell(1e3 * task.data.place_m[i], 1, 19);
+    for (Eigen::Index j = 0; j < report.confusion.cols(); ++j) text += pad(std::to_string(report.confusion(i, j)), 7);
+  }
+  return text + "\n";
+}
+
+// metrics
+
+/// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
+std::optional<double> displacement(const LogFolder& log) {
+  std::vector<double> force, marker;
+  std::vector<std::int64_t> stamp;
+  Eigen::MatrixXd value(1, Eigen::Index(log.wrenches.size()));
+  for (std::size_t i = 0; i < log.wrenches.size(); ++i) stamp.push_back(log.wrenches[i].stamp_ns), value(0, Eigen::Index(i)) = -log.wrenches[i].force_N.z();
+  const TimeSeries series(stamp, value);
+  for (const MarkerSample& m : log.markers)
+    if (const auto f = series.at(m.stamp_ns, 0.1)) force.push_back((*f)[0]), marker.push_back(m.displacement_m);
+  if (int(force.size()) <= OnsetDetector{}.baseline) return std::nullopt;
+  return displacement_from_onset(force, marker, 14.9);
+}
+
+std::string metrics(const Options& o, Output& files) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+  std::optional<RecontactQuality> quality;
+  std::optional<double> W_cycle, gain;
+  const auto holds = about(o.log, [&] { return hold_responses(s.profiles, s.log.session.segments); });
+  const auto slopes = slope_profiles(holds);
+  const bool repeated = slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), [&](const auto& m) { return m.cols() >= 2 && m.cols() == slopes.front().cols(); });
+  if (repeated) quality = about(o.log, [&] { return recontact_quality(slopes); });
+  if (const auto runs = cycle_runs(holds); !runs.empty()) W_cycle = about(o.log, [&] { return cycle_variation(runs); });
+  if (!o.baseline.empty()) {
+    const auto here = displacement(s.log), base = displacement(read_log_folder(o.baseline));
+    if (here && base) gain = progressive_constraint_gain_percent(*here, *base);
+  }
+  LineChart chart{"Intensity–force slopes", "median over re-contacts at each place", "y [mm]", "slope [DN/N]", {}};
+  std::string table = "place,repetition,y_mm,slope_DN_per_N\n";
+  const Eigen::VectorXd at = s.bins.centres_m();
+  for (std::size_t i = 0; i < slopes.size(); ++i) {
+    const Eigen::VectorXd middle = pointwise_median(slopes[i]);
+    Curve curve{"place " + std::to_string(i + 1), std::string(palette[i % palette.size()]), {}, 1.8, false};
+    for (Eigen::Index b = 0; b < at.size(); ++b) {
+      curve.points.push_back({1e3 * at[b], middle[b]});
+      for (Eigen::Index r = 0; r < slopes[i].cols(); ++r) table += lumo::detail::text(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');
+    }
+    chart.curves.push_back(std::move(curve));
+  }
+  if (!slopes.empty()) files.add("slopes.csv", table), files.add("slopes.svg", draw(chart));
+  const auto of = [&](auto get) { return quality ? std::optional<double>(get(*quality)) : std::nullopt; };
+  const auto D = of([](const auto& q) { return q.metrics.D_neighbor; }), W = of([](const auto& q) { return q.metrics.W_recontact; }), Q = of([](const auto& q) { return *q.metrics.Q; });
+  const auto low = of([](const auto& q) { return q.Q_low; }), high = of([](const auto& q) { return q.Q_high; });
+  if (o.json)
+    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)}, {"W_cycle", maybe(W_cycle)}, {"gain_percent", maybe(gain)}}.dump(2) + "\n";
+  const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
+  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\nQ            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out)\nW_cycle      " +
+         show(W_cycle, 4) + " DN\ngain         " + show(gain, 1) + " %\n";
+}
+
+// locate and force
+
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  BayesLocalizer::Config c;
+  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
+  return BayesLocalizer(c);
+}
+PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
+
+/// Calls `use` with the localiser that was asked for.
+template <class Use>
+auto with_localizer(const Options& o, const SensedLog& s, const UnloadedReference& unloaded, Use use) {
+  const GreenProfile readout = s.view.readout(s.bins);
+  return o.localizer == "peak" ? use(peak(readout, unloaded)) : use(bayes(readout, unloaded));
+}
+
+std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
+
+LineChart timeline(const std::string& title, const std::string& quantity) { return {title, "estimate at each frame against the truth", "time [s]", quantity, {}}; }
+
+void add_curves(LineChart& chart, std::vector<Point> truth, std::vector<Point> estimate) {
+  chart.curves.push_back({"truth", std::string(palette[6]), {}, 1.2, true});
+  chart.curves.back().points = std::move(truth);
+  chart.curves.push_back({"estimate", std::string(palette[1]), {}, 1.2, true});
+  chart.curves.back().points = std::move(estimate);
+}
+
+std::string located(const Options& o, Output& files) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+  const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, o.log);
+  const auto estimates = with_localizer(o, s, unloaded, [&](const auto& l) { return lumo::locate(s.profiles, unloaded, l); });
+  const LogTruth truth = truth_of(s.log);
+  const LocationScore score = location_score(estimates, truth, o.from_N, seen);
+  std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";
+  std::vector<Point> line, points;
+  const LogEstimate* strongest = nullptr;
+  for (const LogEstimate& e : estimates) {
+    const auto t = truth.at(e.stamp_ns);
+    const auto y = seen(e);
+    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
+    table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) + field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
+             field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) + field(t.y_m, 1e3) + field(t.force_N) + '\n';
+    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    if (t.y_m && t.force_N.value_or(0.0) > 0.5) line.push_back({seconds, 1e3 * *t.y_m});
+    if (y) points.push_back({seconds, 1e3 * y->y_m});
+    if (y && (!strongest || y->amplitude > seen(*strongest)->amplitude)) strongest = &e;
+  }
+  files.add("locations.csv", table);
+  if (!points.empty()) {
+    LineChart chart = timeline("Location", "y [mm]");
+    add_curves(chart, std::move(line), std::move(points));
+    for (Curve& c : chart.curves) c.width = 0.0;
+    files.add("locations.svg", draw(chart));
+  }
+  if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *seen(*strongest)));
+  const bool known = score.samples > 0, found = score.located > 0;
+  if (o.json)
+    return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)}, {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}.dump(2) + "\n";
+  if (!known) return lumo::detail::text(estimates.size(), " frames; the log does not tell where contacts were, so that nothing can be compared\n");
+  return lumo::detail::text(score.samples, " frames at ", short_number(o.from_N), " N and more, ", score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
+                            " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
+}
+
+std::string force(const Options& o, Output& files) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+  LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
+  identify_joints(reference, s.joints, s.log.session, s.stretch.to_ns);
+  if (reference.torque.size() > 1) throw InputError(o.log + ": lumo force reads logs of one joint, this one has " + std::to_string(reference.torque.size()));
+  const MomentArm arm{s.log.session.joint_to_origin_m};
+  const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
+  const auto estimates = about(o.log, [&] {
+    return with_localizer(o, s, reference.unloaded, [&](const auto& l) {
+      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, arm, s.log.session, map_sigma);
+    });
+  });
+  const LogTruth truth = truth_of(s.log);
+  const ForceScore score = force_score(estimates, truth, arm, -25.0_mm, 25.0_mm, reference.torque.front().noise_Nm);
+  std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
+  std::vector<Point> line, points;
+  std::vector<double> times;
+  for (const LogEstimate& e : estimates) {
+    const auto t = truth.at(e.stamp_ns);
+    const ContactForce& c = e.force.contact[0];
+    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
+    table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
+             field(t.force_N) + field(t.y_m, 1e3) + ',' + to_string(e.force.faults) + '\n';
+    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    if (t.force_N) line.push_back({seconds, *t.force_N});
+    if (c.force_N) points.push_back({seconds, *c.force_N});
+    times.push_back(1e3 * e.seconds);
+  }
+  files.add("forces.csv", table);
+  if (!points.empty()) {
+    LineChart chart = timeline("Force", "normal force [N]");
+    add_curves(chart, std::move(line), std::move(points));
+    for (Curve& c : chart.curves) c.markers = false;
+    files.add("forces.svg", draw(chart));
+  }
+  const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
+  const ForceErrors& e = score.errors;
+  const double middle = times.empty() ? undefined : quantile(times, 0.5), slow = times.empty() ? undefined : quantile(times, 0.95);
+  if (o.json)
+    return Json{{"samples", score.samples},
+                {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))}, {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))}, {"torque_only", number(mae(e.torque_only))}}},
+                {"coverage_90", score.samples > 0 ? number(score.coverage_90) : Json(nullptr)},
+                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}}}.dump(2) + "\n";
+  return lumo::detail::text(score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
+                            cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2), "\n90 % interval holds the truth in ",
+                            cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\n");
+}
+
+}  // namespace
+
+std::string sense(const Options& o, Output& files, Progress& progress) {
+  progress.stage("reading the log");
+  std::string text;
+  switch (o.command) {
+    case Command::decode: text = decode(o, files); break;
+    case Command::metrics: text = metrics(o, files); break;
+    case Command::locate: text = located(o, files); break;
+    default: text = force(o, files);
+  }
+  progress.finish();
+  for (const std::string& path : files.write()) progress.note("wrote " + path);
+  return text;
+}
+
+std::string doctor_camera(int camera, bool as_json) {
+  V4l2Camera::Config config;
+  config.device = "/dev/video" + std::to_string(camera);
+  config.wait_s = 0.05;
+  V4l2Camera source(config);
+  MeanImage mean;
+  std::int64_t first = 0, last = 0;
+  int frames = 0;
+  for (const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(2); std::chrono::steady_clock::now() < end && source.state() == StreamState::open;)
+    if (const auto f = source.next()) {
+      mean.add(f->image);
+      if (frames++ == 0) first = f->stamp_ns;
+      last = f->stamp_ns;
+    }
+  if (frames < 2) throw InputError(config.device + ": gives no frames");
+  const Image image = mean.image();
+  double light = 0.0;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x) light += image.view().green(x, y) / (double(image.width) * image.height);
+  const auto leds = LedDetector{}.find(image.view());
+  const double rate = 1e9 * (frames - 1) / double(last - first);
+  if (as_json)
+    return Json{{"device", config.device}, {"width", image.width}, {"height", image.height}, {"frames_per_s", number(rate)}, {"exposure_s", number(source.exposure_s())}, {"gain", number(source.gain())},
+                {"mean_green_DN", number(light)}, {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)}, {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}.dump(2) + "\n";
+  return lumo::detail::text(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
+                            " DN\n", leds ? lumo::detail::text("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,50 @@
+#pragma once
+
+#include "lumo/core/sobol.hpp"
+#include "lumo/core/units.hpp"
+
+#include <cmath>
+#include <cstdint>
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
+/// up to its mathematical functions' last bit.
+class Draws {
+ public:
+  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  Draws draws_;
+  double time_s_, value_, t_s_ = 0.0;
+};
+
+}  // namespace lumo

@@ -1,0 +1,151 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per emitted power; of one side, with both sides'
+/// numbers used. Places are y ≥ 0; those below are mirror images.
+struct PadResponses {
+  std::vector<double> theta_mm;      ///< design
+  std::string material;
+  double diameter_m = 0.0;           ///< of the sphere
+  Eigen::VectorXd position_m;        ///< middles of the bins, ascending, symmetric about 0
+  Eigen::VectorXd unloaded;          ///< power through each bin
+  Eigen::VectorXd place_m;           ///< ascending from 0
+  Eigen::VectorXd load_N;            ///< ascending, > 0
+  Eigen::MatrixXd depth_m;           ///< loads × places
+  std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
+  Eigen::VectorXd tilt_place_m;      ///< places at which a tilted approach was computed, ascending from 0
+  std::vector<Eigen::MatrixXd> tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
+  Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+};
+
+/// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
+inline void validate(const PadResponses& r, const std::string& name) {
+  const auto require = [&](bool good, const char* what) {
+    if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
+  };
+  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
+  const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
+  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
+  require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
+  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
+  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
+  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
+  require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
+  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
+  for (const auto* list : {&r.change, &r.tilt})
+    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+}
+
+/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
+class PadLight {
+ public:
+  /// Throws InputError for responses that do not fit together.
+  explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
+    validate(r_, "responses");
+    for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
+    for (const Eigen::MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
+    depth_slope_ = slopes(r_.depth_m.transpose());
+  }
+
+  const PadResponses& responses() const { return r_; }
+  double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
+  double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
+
+  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
+  /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
+    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
+    if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
+    if (tilt_rad != 0.0) {
+      const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
+      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+      if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+    }
+    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+  }
+  double depth_m(double y_m, double load_N) const {
+    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
+    return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
+  }
+  /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
+  double load_N(double y_m, double depth_m) const {
+    const double most = max_load_N(), end = this->depth_m(y_m, most);
+    if (!(depth_m > 0.0)) return 0.0;
+    if (depth_m >= end) return most + (depth_m - end) * 0.05 * most / (end - this->depth_m(y_m, 0.95 * most));
+    double low = 0.0, high = most;
+    for (int k = 0; k < 50; ++k) {
+      const double middle = 0.5 * (low + high);
+      (this->depth_m(y_m, middle) < depth_m ? low : high) = middle;
+    }
+    return 0.5 * (low + high);
+  }
+
+ private:
+  /// Interval of ascending `x` and the share of it; clamped.
+  static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
+    if (x.size() == 1 || at <= x[0]) return {0, 0.0};
+    const Eigen::Index last = x.size() - 1;
+    if (at >= x[last]) return {std::size_t(last), 0.0};
+    const auto k = Eigen::Index(std::upper_bound(x.begin(), x.end(), at) - x.begin()) - 1;
+    return {std::size_t(k), (at - x[k]) / (x[k + 1] - x[k])};
+  }
+
+  double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
+
+  /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
+  Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
+    const Eigen::Index n = value.cols();
+    Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
+    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
+    for (Eigen::Index k = 1; k < n; ++k) {
+      const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
+      for (Eigen::Index i = 0; i < value.rows(); ++i) {
+        const double left = secant(i, k - 1), right = secant(i, k);
+        slope(i, k) = left * right > 0.0 ? left * right / (wa * right + (1.0 - wa) * left) : 0.0;
+      }
+    }
+    return slope;
+  }
+  Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
+    const Eigen::Index n = value.cols();
+    if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
+    if (at >= load(n)) return value.col(n - 1);
+    Eigen::Index k = 0;
+    while (at >= load(k + 1)) ++k;
+    const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
+    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
+    return v;
+  }
+  /// v += share · f(y − shift), f linear between bins and 0 beyond.
+  void add_moved(Eigen::VectorXd& v, double share, const Eigen::VectorXd& f, double shift_m) const {
+    const double width = r_.position_m[1] - r_.position_m[0];
+    const Eigen::Index n = v.size();
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double at = double(i) - shift_m / width, whole = std::floor(at);
+      const auto k = Eigen::Index(whole);
+      const double t = at - whole;
+      v[i] += share * ((k >= 0 && k < n ? (1.0 - t) * f[k] : 0.0) + (k + 1 >= 0 && k + 1 < n ? t * f[k + 1] : 0.0));
+    }
+  }
+
+  PadResponses r_;
+  std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
+  Eigen::MatrixXd depth_slope_;
+};
+
+}  // namespace lumo

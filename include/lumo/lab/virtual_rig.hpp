@@ -1,0 +1,324 @@
+#pragma once
+
+#include "lumo/lab/draws.hpp"
+#include "lumo/lab/pad_responses.hpp"
+#include "lumo/lab/protocol.hpp"
+#include "lumo/lab/relaxation.hpp"
+#include "lumo/lab/rig.hpp"
+#include "lumo/lab/side_geometry.hpp"
+#include "lumo/lab/side_painter.hpp"
+#include "lumo/sense/camera.hpp"
+#include "lumo/sense/csv.hpp"
+#include "lumo/sense/log.hpp"
+#include "lumo/sense/session.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// What was really so at a frame. For whoever compares estimates with it, never for who makes them.
+struct TruthSample {
+  std::int64_t stamp_ns = 0;
+  int contact = -1;            ///< number in the plan; −1: none
+  double y_m = 0.0, force_N = 0.0, tilt_rad = 0.0;
+  double equivalent_N = 0.0;   ///< load that in equilibrium gives the deformation there is
+  double depth_m = 0.0;
+};
+
+/// truth.csv: stamp_ns, contact, y_mm, force_N, tilt_deg, equivalent_N, depth_mm.
+inline std::string truth_text(const std::vector<TruthSample>& truth) {
+  std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
+  for (const TruthSample& s : truth) {
+    t += std::to_string(s.stamp_ns) + ',' + std::to_string(s.contact);
+    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + csv_number(v);
+    t += '\n';
+  }
+  return t;
+}
+
+/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
+/// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
+class VirtualRig {
+ public:
+  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
+  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+
+  const Session& session() const { return session_; }
+  const std::vector<FrameRecord>& frames() const { return frames_; }
+  const std::vector<JointSample>& joints() const { return joints_; }
+  const std::vector<WrenchSample>& wrenches() const { return wrenches_; }
+  const std::vector<MarkerSample>& markers() const { return markers_; }
+  const std::vector<TruthSample>& truth() const { return truth_; }
+  const Rig& rig() const { return rig_; }
+  const LabPlan& plan() const { return plan_; }
+  /// Picture k; the same whenever it is asked for.
+  Image image(std::size_t k) const;
+
+ private:
+  struct Contact {
+    double y_m, tilt_rad, stick_Nm;
+  };
+  /// Load over a stretch of time, linear.
+  struct Phase {
+    double from_s, to_s, from_N, to_N;
+    int contact;
+  };
+  struct Sampled {
+    double load_N, equivalent_N;
+    int contact;
+  };
+
+  void draw_contacts();
+  void lay_out_time();
+  void add_segment(double from_s, double to_s, const char* kind) {
+    Segment s;
+    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    session_.segments.push_back(s);
+  }
+  void deform();
+  void record_joints();
+  void record_forces();
+  void record_frames();
+  Sampled at(double t_s) const;
+  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+  const PadLight* light_;
+  LabPlan plan_;
+  std::uint64_t seed_;
+  double noise_;
+  Rig rig_;
+  SideGeometry side_;
+  Session session_;
+  std::vector<Contact> contacts_;
+  std::vector<Phase> phases_;
+  std::vector<Sampled> sampled_;   ///< at the joint's rate
+  std::vector<SidePainter> painters_;
+  std::vector<FrameRecord> frames_;
+  std::vector<TruthSample> truth_;
+  std::vector<int> view_;          ///< of each frame
+  std::vector<double> lamps_, room_DN_;  ///< at each frame
+  std::vector<JointSample> joints_;
+  std::vector<WrenchSample> wrenches_;
+  std::vector<MarkerSample> markers_;
+  double end_s_ = 0.0, per_DN_ = 1.0;
+};
+
+/// The rig's camera as frames come from it. The rig stays the caller's.
+class VirtualCamera {
+ public:
+  explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
+
+  std::optional<Frame> next() {
+    if (next_ == rig_->frames().size()) return std::nullopt;
+    image_ = rig_->image(next_);
+    const FrameRecord& f = rig_->frames()[next_];
+    return Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
+  }
+  StreamState state() const { return next_ == rig_->frames().size() ? StreamState::ended : StreamState::open; }
+
+ private:
+  const VirtualRig* rig_;
+  Image image_;
+  std::size_t next_ = 0;
+};
+
+static_assert(Camera<VirtualCamera>);
+
+inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
+  validate(rig_);
+  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  for (const LabContact& c : plan_.contacts) {
+    require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+    require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
+    require_in_range("place's number", c.place, 0, 1000, "");
+    for (const LoadStep& s : c.steps) {
+      require_in_range("load of a contact", s.load_N, 0.0, light.max_load_N(), "N");
+      require_positive("time to reach a load", s.ramp_s, "s");
+    }
+  }
+  const PadResponses& r = light.responses();
+  double sum = 0.0;
+  int bins = 0;
+  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
+    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
+  per_DN_ = rig_.camera.level_DN * bins / sum;
+
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = r.material;
+  session_.theta_mm = r.theta_mm;
+  session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
+  session_.torque_constant_Nm_per_A = {rig_.motor.torque_constant_Nm_per_A};
+  draw_contacts();
+  lay_out_time();
+  deform();
+  record_joints();
+  record_forces();
+  record_frames();
+}
+
+inline void VirtualRig::draw_contacts() {
+  Draws draws(seed_, 1);
+  const double reach = light_->reach_m();
+  for (LabContact& c : plan_.contacts) {
+    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
+    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal()});
+    for (LoadStep& s : c.steps) s.load_N = std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal()));
+  }
+}
+
+inline void VirtualRig::lay_out_time() {
+  double t = plan_.free_run_s;
+  if (t > 0.0) add_segment(0.0, t, "free");
+  for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
+    const LabContact& c = plan_.contacts[i];
+    phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
+    const double from = t + std::min(0.5, 0.5 * c.rest_s), to = t + c.rest_s - 0.02;
+    add_segment(from, to, "unloaded");
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
+    t += c.rest_s;
+    double load = 0.0;
+    for (const LoadStep& s : c.steps) {
+      phases_.push_back({t, t + s.ramp_s, load, s.load_N, int(i)});
+      t += s.ramp_s, load = s.load_N;
+      phases_.push_back({t, t + s.hold_s, load, load, int(i)});
+      Segment g;
+      g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
+      g.cycle = s.cycle, g.load_N = std::round(10.0 * s.load_N) / 10.0, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
+      session_.segments.push_back(g);
+      t += s.hold_s;
+    }
+    phases_.push_back({t, t + 0.2, load, 0.0, int(i)});
+    t += 0.2;
+  }
+  phases_.push_back({t, t + 1.0, 0.0, 0.0, -1});
+  end_s_ = t + 1.0;
+}
+
+inline void VirtualRig::deform() {
+  int places = 1;
+  for (const LabContact& c : plan_.contacts) places = std::max(places, c.place + 1);
+  std::vector<Relaxation> pad(std::size_t(places), Relaxation(rig_.silicone));  // a place remembers its own contacts
+  const double dt = 1.0 / rig_.motor.hz;
+  std::size_t phase = 0;
+  for (double t = 0.0; t < end_s_; t += dt) {
+    while (phase + 1 < phases_.size() && t >= phases_[phase].to_s) ++phase;
+    Sampled s{0.0, 0.0, -1};
+    if (const Phase& p = phases_[phase]; p.contact >= 0 && t >= p.from_s)
+      s = {p.from_N + (p.to_N - p.from_N) * std::clamp((t - p.from_s) / (p.to_s - p.from_s), 0.0, 1.0), 0.0, p.contact};
+    const int place = s.contact < 0 ? -1 : plan_.contacts[std::size_t(s.contact)].place;
+    for (int k = 0; k < places; ++k) {
+      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N : 0.0, dt);
+      if (k == place) s.equivalent_N = equivalent;
+    }
+    sampled_.push_back(s);
+  }
+}
+
+inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
+  const double index = std::clamp(t_s * rig_.motor.hz, 0.0, double(sampled_.size() - 1));
+  const auto i = std::size_t(index), j = std::min(i + 1, sampled_.size() - 1);
+  const Sampled &a = sampled_[i], &b = sampled_[j];
+  const double share = index - double(i);
+  if (a.contact != b.contact) return share < 0.5 ? a : b;
+  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
+}
+
+inline void VirtualRig::record_joints() {
+  const MotorRig& m = rig_.motor;
+  Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
+  const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+  const double dt = 1.0 / m.hz;
+  double rest_stick = 0.0, last_load = 0.0;
+  int last = -1;
+  bool moving = false;
+  for (std::size_t i = 0; i < sampled_.size(); ++i) {
+    const double t = double(i) * dt;
+    const Sampled& s = sampled_[i];
+    if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+    last = s.contact;
+    const double arm = s.contact < 0 ? 0.0 : m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
+    double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : contacts_[std::size_t(s.contact)].stick_Nm;
+    if (i == 0) v = 0.0;
+    last_load = load;
+    if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
+      const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+      q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+      if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+      moving = phase < 1.0;
+      friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+    }
+    const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+    joints_.push_back({stamp(t), JointVector::Constant(1, q), JointVector::Constant(1, v + noise_ * m.velocity_sigma_rad_per_s * draws.normal()), JointVector::Constant(1, torque / constant),
+                       Effort::current_A});
+  }
+}
+
+inline void VirtualRig::record_forces() {
+  const ContactRig& c = rig_.contact;
+  Draws draws(seed_, 5);
+  const double bias = noise_ * c.sensor_bias_N * draws.normal();
+  for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
+    const Sampled s = at(t);
+    const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
+    const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
+    const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
+    wrenches_.push_back({stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
+    const double sunk = s.contact < 0 ? 0.0 : light_->depth_m(y, s.equivalent_N);
+    markers_.push_back({stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
+  }
+}
+
+inline void VirtualRig::record_frames() {
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  Draws once(seed_, 6), jitter(seed_, 7);
+  CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+                  noise_ * c.aim_sigma_m * once.normal()};
+  for (const LabView& v : plan_.views)
+    painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
+                           light_->responses().position_m, seed_);
+  SlowNoise lamp(Draws(seed_, 8), l.lamp_drift_s), room(Draws(seed_, 9), l.ambient_drift_s);
+  Draws white(seed_, 10);
+  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
+  int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
+  for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
+    const Sampled s = at(t);
+    // The next contact's view is set while nothing touches.
+    for (const Phase& p : phases_)
+      if (p.contact >= 0 && p.to_s > t) {
+        view = plan_.contacts[std::size_t(p.contact)].view;
+        break;
+      }
+    TruthSample truth{stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
+    if (s.contact >= 0) {
+      const Contact& now = contacts_[std::size_t(s.contact)];
+      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+    }
+    char name[32];
+    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
+    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth_.push_back(truth);
+    view_.push_back(view);
+    lamps_.push_back(plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal())));
+    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+  }
+}
+
+inline Image VirtualRig::image(std::size_t k) const {
+  const TruthSample& s = truth_.at(k);
+  Eigen::VectorXd light = light_->responses().unloaded;
+  if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  light *= per_DN_ * lamps_[k];
+  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
+}
+
+}  // namespace lumo

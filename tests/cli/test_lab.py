@@ -1,0 +1,178 @@
+"""The virtual lab and the commands that read logs, from outside: files, JSON keys, exit codes, one line for every error. Coarse responses: nothing here is about accuracy.
+
+usage: test_lab.py path/to/lumo
+"""
+import csv
+import json
+import math
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+
+LUMO = ""
+USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
+
+
+def run(*arguments, **options):
+    return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, text=True, timeout=options.pop("timeout", 900), env=dict(os.environ, LC_ALL="C"), **options)
+
+
+class Lab(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp())
+        for kind in ["recontact", "cycle", "imaging", "force"]:
+            done = run("lab", kind, "--coarse", "--quiet", "--json", "--seed", 1, "--out", cls.folder / kind, "--cache", cls.folder / "cache")
+            assert done.returncode == 0, done.stderr
+            setattr(cls, kind, json.loads(done.stdout))
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder)
+
+    def refused(self, code, words, *arguments):
+        done = run(*arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+        for word in words:
+            self.assertIn(word, done.stderr)
+
+    def result(self, *arguments):
+        done = run(*arguments, "--json", "--quiet")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout)
+
+    def test_files(self):
+        log = self.folder / "force"
+        self.assertEqual(sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "marker.csv", "session.json", "truth.csv", "wrench.csv"])
+        rows = list(csv.DictReader(open(log / "frames.csv")))
+        truth = list(csv.DictReader(open(log / "truth.csv")))
+        self.assertEqual(len(rows), self.force["frames"])
+        self.assertEqual([r["stamp_ns"] for r in rows], [r["stamp_ns"] for r in truth])
+        self.assertTrue(all((log / "frames" / r["file"]).is_file() for r in rows))
+        self.assertGreaterEqual(self.force["contact_frames"], 931)   # as many as the paper's
+        self.assertNotIn("truth", (log / "session.json").read_text())
+        self.assertEqual(len(list((self.folder / "cache").iterdir())), 1)   # one pad, computed once
+
+    def test_same_seed_same_log(self):
+        for seed, same in [(1, True), (2, False)]:
+            out = self.folder / f"again{seed}"
+            self.assertEqual(run("lab", "force", "--coarse", "--quiet", "--seed", seed, "--out", out, "--cache", self.folder / "cache").returncode, 0)
+            for name in ["joint.csv", "truth.csv", "frames/000500.png"]:
+                self.assertEqual((out / name).read_bytes() == (self.folder / "force" / name).read_bytes(), same, name)
+
+    def test_damaged_cache_is_told_and_computed_anew(self):
+        cache = self.folder / "damaged"
+        shutil.copytree(self.folder / "cache", cache)
+        file = next(cache.iterdir())
+        text = file.read_text()
+        file.write_text(text.replace("unloaded 60", "unloaded 61"))
+        done = run("lab", "force", "--coarse", "--out", self.folder / "after", "--cache", cache)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("damaged", done.stderr)
+        self.assertEqual(file.read_text(), text)   # same responses, to the bit
+
+    def test_decode(self):
+        r = self.result("decode", self.folder / "recontact", "--out", self.folder / "d")
+        self.assertEqual(set(r), {"accuracy", "confusion", "predictions"})
+        self.assertEqual(sum(map(sum, r["confusion"])), 30)
+        self.assertEqual(len(r["predictions"]), 30)
+        right = sum(r["confusion"][i][i] for i in range(6))
+        self.assertAlmostEqual(r["accuracy"], right / 30)
+        self.assertEqual(sorted(p.name for p in (self.folder / "d").iterdir()), ["confusion.svg", "predictions.csv"])
+
+    def test_metrics(self):
+        r = self.result("metrics", self.folder / "recontact")
+        self.assertEqual(list(r), ["D_neighbor", "W_recontact", "Q", "Q_low", "Q_high", "W_cycle", "gain_percent"])
+        self.assertAlmostEqual(r["Q"], r["D_neighbor"] / r["W_recontact"])
+        self.assertLessEqual(r["Q_low"], r["Q"])
+        self.assertGreaterEqual(r["Q_high"], r["Q"])
+        self.assertIsNone(r["W_cycle"])
+        self.assertIsNone(r["gain_percent"])
+        cycle = self.result("metrics", self.folder / "cycle", "--baseline", self.folder / "cycle")
+        self.assertGreater(cycle["W_cycle"], 0.0)
+        self.assertAlmostEqual(cycle["gain_percent"], 0.0)   # against itself
+
+    def test_locate(self):
+        out = self.folder / "l"
+        r = self.result("locate", self.folder / "force", "--out", out)
+        self.assertEqual(list(r), ["samples", "mae_mm", "coverage_90"])
+        self.assertGreater(r["samples"], 500)
+        self.assertEqual(sorted(p.name for p in out.iterdir()), ["locations.csv", "locations.svg", "overlay.png"])
+        rows = list(csv.DictReader(open(out / "locations.csv")))
+        errors = [abs(float(x["y_mm"]) - float(x["true_y_mm"])) for x in rows if x["y_mm"] and x["true_y_mm"] and float(x["true_force_N"]) >= 5]
+        self.assertAlmostEqual(sum(errors) / len(errors), r["mae_mm"], places=9)   # by another hand
+
+    def test_force(self):
+        out = self.folder / "f"
+        r = self.result("force", self.folder / "force", "--out", out)
+        self.assertEqual(list(r), ["samples", "mae_N", "coverage_90", "frame_ms"])
+        self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
+        self.assertIsNone(r["mae_N"]["torque_only"])   # one joint does not tell
+        self.assertGreater(r["mae_N"]["fixed_arm"], r["mae_N"]["known_location"])
+        rows = list(csv.DictReader(open(out / "forces.csv")))
+        for row in rows:
+            for key in ["force_N", "force_sigma_N", "y_mm"]:
+                self.assertTrue(row[key] == "" or math.isfinite(float(row[key])))
+
+    def test_calibrate(self):
+        r = self.result("calibrate", self.folder / "imaging", "--coarse", "--cache", self.folder / "cache")
+        self.assertEqual(list(r), ["mu_Pa", "onset_mm", "residual_N", "gain_DN_per_electron", "lamps_DN", "lamps_electrons"])
+        self.assertAlmostEqual(r["mu_Pa"]["value"] / 98500, 1.0, delta=0.08)   # the rig presses the nominal pad; it creeps, and its place scatters
+        self.assertLess(r["mu_Pa"]["low"], r["mu_Pa"]["value"])
+        self.assertAlmostEqual(r["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
+        self.refused(BAD_FILE, ["force", '"dark"'], "calibrate", self.folder / "force", "--coarse", "--quiet", "--cache", self.folder / "cache")
+
+    def test_without_truth_what_needs_it_is_null(self):
+        bare = self.folder / "bare"
+        shutil.copytree(self.folder / "force", bare)
+        os.remove(bare / "truth.csv")
+        os.remove(bare / "wrench.csv")
+        session = json.loads((bare / "session.json").read_text())
+        session["segments"] = [s for s in session["segments"] if s["kind"] == "unloaded"]
+        (bare / "session.json").write_text(json.dumps(session))
+        r = self.result("locate", bare)
+        self.assertEqual((r["samples"], r["mae_mm"], r["coverage_90"]), (0, None, None))
+        r = self.result("force", bare)
+        self.assertEqual(r["samples"], 0)
+        self.assertTrue(all(v is None for v in r["mae_N"].values()))
+        self.assertGreater(r["frame_ms"]["median"], 0.0)
+
+    def test_estimates_do_not_depend_on_the_truth(self):
+        lied = self.folder / "lied"
+        shutil.copytree(self.folder / "force", lied)
+        os.remove(lied / "truth.csv")
+        os.remove(lied / "wrench.csv")
+        tables = []
+        for log, out in [(self.folder / "force", self.folder / "o1"), (lied, self.folder / "o2")]:
+            self.result("force", log, "--out", out)
+            tables.append([[row[k] for k in ["stamp_ns", "force_N", "y_mm", "state"]] for row in csv.DictReader(open(out / "forces.csv"))])
+        self.assertEqual(*tables)
+
+    def test_refusals(self):
+        self.refused(USAGE, ["--out is missing"], "lab", "force")
+        self.refused(USAGE, ["--noise"], "lab", "force", "--out", self.folder / "x", "--noise", "-1")
+        self.refused(USAGE, ["unknown command", "'everything'"], "lab", "everything")
+        self.refused(INFEASIBLE, [], "lab", "force", "--out", self.folder / "x", "--theta", "1,1,1,1,1")
+        self.refused(BAD_FILE, ["not empty"], "lab", "force", "--coarse", "--out", self.folder / "force", "--cache", self.folder / "cache")
+        for command in ["decode", "metrics", "locate", "force"]:
+            self.refused(USAGE, ["log's folder is missing"], command)
+            self.refused(BAD_FILE, ["session.json"], command, self.folder / "nothing", "--quiet")
+        self.refused(USAGE, ["--decoder"], "decode", self.folder / "force", "--decoder", "best")
+        dark = self.folder / "dark"
+        shutil.copytree(self.folder / "force", dark)
+        for frame in (dark / "frames").iterdir():
+            frame.write_bytes(b"no picture")
+        self.refused(BAD_FILE, ["dark", "unloaded finger"], "locate", dark, "--quiet")
+        if not os.path.exists("/dev/video63"):
+            self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "doctor", "--camera", "63")
+
+
+if __name__ == "__main__":
+    LUMO = os.path.abspath(sys.argv.pop(1))
+    unittest.main()

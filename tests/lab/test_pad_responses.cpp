@@ -1,0 +1,97 @@
+#include "../catch.hpp"
+
+#include "lumo/lab/pad_file.hpp"
+#include "plain_pad.hpp"
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+
+using namespace lumo;
+
+TEST_CASE("responses in between: exact at what was computed, mirrored below 0, nothing at 0 N", "[lab]") {
+  const PadResponses r = plain_pad();
+  const PadLight light(r);
+  CHECK(light.change(7e-3, 10.0) == r.change[7].col(1));
+  CHECK((light.change(-7e-3, 10.0) - r.change[7].col(1).reverse()).norm() == 0.0);
+  CHECK(light.change(7e-3, 0.0).norm() == 0.0);
+  CHECK(light.change(7e-3, -1.0).norm() == 0.0);
+  CHECK(light.depth_m(3.3e-3, 20.0) == Approx(4e-3));
+  // Linear data stay linear between loads and between places.
+  for (const double load : {0.7, 3.0, 6.0, 14.0}) CHECK((light.change(4e-3, load) - r.change[4].col(0) * (load / 5.0)).norm() < 1e-12);
+  CHECK((light.change(4.25e-3, 5.0) - (0.75 * r.change[4].col(0) + 0.25 * r.change[5].col(0))).norm() < 1e-15);
+  for (const double load : {0.3, 5.0, 12.0, 19.9}) CHECK(light.load_N(-8.5e-3, light.depth_m(-8.5e-3, load)) == Approx(load).epsilon(1e-9));
+  CHECK(light.load_N(0.0, 5e-3) == Approx(25.0));  // goes on straight
+  CHECK(light.load_N(0.0, -1e-3) == 0.0);
+  // Beyond what was computed the last state counts.
+  CHECK(light.change(40e-3, 30.0) == r.change[26].col(2));
+}
+
+TEST_CASE("between loads the response never overshoots", "[lab]") {
+  PadResponses r = plain_pad();
+  for (auto& m : r.change) m.col(1) = 0.2 * m.col(0), m.col(2) = 1.1 * m.col(0);  // down, then up again
+  const PadLight light(r);
+  double last = 0.0;
+  for (double load = 0.0; load <= 5.0; load += 0.1) {
+    const double v = light.change(0.0, load)[30];
+    CHECK(v >= last - 1e-18);
+    last = v;
+  }
+  for (double load = 5.0; load <= 10.0; load += 0.1) {
+    const double v = light.change(0.0, load)[30];
+    CHECK(v <= last + 1e-18);
+    CHECK(v >= 0.2 * r.change[0](30, 0) - 1e-18);
+    last = v;
+  }
+}
+
+TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "[lab]") {
+  const PadLight light(plain_pad());
+  const Eigen::VectorXd straight = light.change(9e-3, 10.0), plus = light.change(9e-3, 10.0, 0.01), minus = light.change(9e-3, 10.0, -0.01);
+  CHECK((plus + minus - 2.0 * straight).norm() < 1e-18);
+  Eigen::Index top = 0;
+  (plus - straight).maxCoeff(&top);
+  CHECK(std::abs(light.responses().position_m[top] - 9e-3) < 0.6e-3);
+}
+
+TEST_CASE("responses as a file: read back to the bit, and every damage is told in one line", "[lab]") {
+  const PadResponses r = plain_pad();
+  const std::string text = to_text(r, "a key"), path = "/tmp/lumo-pad-" + std::to_string(::getpid());
+  CHECK(to_text(pad_responses_from_text(text, "a key", "x"), "a key") == text);
+  const auto refused = [&](const std::string& t, const std::string& key, const char* why) {
+    try {
+      pad_responses_from_text(t, key, "x");
+      FAIL("was taken");
+    } catch (const InputError& e) {
+      const std::string what = e.what();
+      CHECK(what.starts_with("x: "));
+      CHECK(what.find('\n') == std::string::npos);
+      CHECK(what.find(why) != std::string::npos);
+    }
+  };
+  refused(text, "another key", "other settings");
+  refused("", "a key", "holds no responses");
+  refused(text.substr(0, text.size() / 2), "a key", "damaged");
+  std::string flipped = text;
+  flipped[text.size() / 3] ^= 1;
+  refused(flipped, "a key", "damaged");
+  CHECK_FALSE(read_pad_responses(path, "a key"));
+  write_pad_responses(path, r, "a key");
+  CHECK(to_text(*read_pad_responses(path, "a key"), "a key") == text);
+  CHECK_FALSE(std::filesystem::exists(path + ".part"));
+  std::filesystem::remove(path);
+  CHECK_THROWS_AS(write_pad_responses("/no/such/folder/file", r, "a key"), InputError);
+}
+
+TEST_CASE("responses that do not fit together are refused", "[lab]") {
+  PadResponses r = plain_pad();
+  r.change[3](5, 1) = std::numeric_limits<double>::quiet_NaN();
+  CHECK_THROWS_AS(PadLight(r), InputError);
+  r = plain_pad();
+  r.place_m[0] = 1e-3;
+  CHECK_THROWS_AS(PadLight(r), InputError);
+  r = plain_pad();
+  r.load_N[1] = 4.0;
+  CHECK_THROWS_AS(PadLight(r), InputError);
+}

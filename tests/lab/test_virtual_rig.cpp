@@ -1,0 +1,121 @@
+#include "../catch.hpp"
+
+#include "lumo/lab/virtual_rig.hpp"
+#include "lumo/sense/finger_view.hpp"
+#include "plain_pad.hpp"
+
+using namespace lumo;
+
+namespace {
+
+LabPlan short_plan() {
+  LabPlan plan{"short", 3.0, {}};
+  for (const int p : {1, 4}) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], 0, detail::lab_holds({5, 20}, 0.2, 0.4), 0.0, 0.6});
+  return plan;
+}
+
+}  // namespace
+
+TEST_CASE("same seed, same log; another seed, another one; without noise no scatter", "[lab]") {
+  const PadLight light(plain_pad());
+  const VirtualRig a(light, short_plan(), 3), b(light, short_plan(), 3), c(light, short_plan(), 4);
+  REQUIRE(a.frames().size() == b.frames().size());
+  const std::size_t middle = a.frames().size() / 2;
+  CHECK(a.image(middle).pixels == b.image(middle).pixels);
+  CHECK(a.image(middle).pixels != c.image(middle).pixels);
+  CHECK(joint_log_text(a.joints()) == joint_log_text(b.joints()));
+  CHECK(truth_text(a.truth()) == truth_text(b.truth()));
+  CHECK(truth_text(a.truth()) != truth_text(c.truth()));
+  const VirtualRig quiet(light, short_plan(), 3, 0.0);
+  for (const TruthSample& t : quiet.truth())
+    if (t.contact >= 0) CHECK(std::abs(t.y_m) == Approx(15e-3));
+}
+
+TEST_CASE("the deformation creeps up to what the load gives in equilibrium, and an instant step shows the instantaneous modulus", "[lab]") {
+  const SiliconeRig rig{{0.2, 0.1, 0.1}, {0.1, 1.0, 10.0}};
+  Relaxation pad(rig);
+  CHECK(pad.step(10.0, 1e-9) == Approx(10.0 * 0.6).epsilon(1e-6));  // equilibrium modulus in parts of the instantaneous one
+  double last = pad.equivalent_N();
+  for (int k = 0; k < 400; ++k) {
+    const double e = pad.step(10.0, 0.5);
+    CHECK(e >= last - 1e-12);
+    last = e;
+  }
+  CHECK(last == Approx(10.0).epsilon(1e-4));
+  // One branch alone has a closed form: creep at constant load, e = F (1 − g exp(−(1 − g) t/τ)).
+  Relaxation one({{0.3, 0.0, 0.0}, {1.0, 1.0, 1.0}});
+  one.step(1.0, 1e-9);
+  double t = 0.0;
+  for (int k = 0; k < 2000; ++k) t += 1e-3, one.step(1.0, 1e-3);
+  CHECK(one.equivalent_N() == Approx(1.0 - 0.3 * std::exp(-0.7 * t)).epsilon(1e-4));
+}
+
+TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
+  const PadLight light(plain_pad());
+  CameraRig camera;
+  camera.row_DN = camera.pixel_gain = 0.0;
+  const SidePainter painter(camera, LightRig{}, SideGeometry{}, {}, light.responses().position_m, 1);
+  const Eigen::VectorXd level = Eigen::VectorXd::Constant(60, 100.0);
+  const Eigen::Vector2d at = painter.pixel(5.5e-3, 2.5e-3);  // away from LEDs
+  const int u = int(std::lround(at.x())), v = int(std::lround(at.y()));
+  double sum = 0.0, squares = 0.0;
+  constexpr int n = 1500;
+  for (int k = 0; k < n; ++k) {
+    const double g = painter.paint(level, 1.0, 5.0, 1.0, Draws(7, std::uint64_t(k))).view().green(u, v);
+    sum += g, squares += g * g;
+  }
+  const double mean = sum / n, variance = squares / n - mean * mean;
+  CHECK(mean == Approx(107.0).margin(1.5));  // light, room and black level; vignetting takes a little
+  CHECK(variance == Approx(camera.shot_DN * 105.0 + camera.read_DN * camera.read_DN + 1.0 / 12.0).epsilon(0.1));
+}
+
+TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells places on the side to its parallax", "[lab]") {
+  const PadLight light(plain_pad());
+  for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
+    const VirtualRig rig(light, short_plan(), seed);
+    VirtualCamera camera(rig);
+    const FingerView view = view_finger(camera, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+    CHECK(view.leds.map.residual_px < 0.4);
+    CHECK(view.band_high_m - view.band_low_m == Approx(9e-3).margin(1.5e-3));  // the visible side's height
+  }
+  // A point on the side, straight: LEDs lie 14.75/1.41 mm behind it, 4 % farther from the camera.
+  const SidePainter painter(CameraRig{}, LightRig{}, SideGeometry{}, {}, light.responses().position_m, 1);
+  const double lamp = painter.lamp_pixel(22e-3).x() - painter.lamp_pixel(0.0).x(), side = painter.pixel(22e-3, 5e-3).x() - painter.pixel(0.0, 5e-3).x();
+  CHECK(side / lamp == Approx((0.25 + 14.75e-3 / 1.41) / 0.25).epsilon(1e-3));
+}
+
+TEST_CASE("current times constant is force times arm, apart from what the rig adds", "[lab]") {
+  const PadLight light(plain_pad());
+  const VirtualRig rig(light, short_plan(), 1, 0.0);
+  const MotorRig& m = rig.rig().motor;
+  int loaded = 0;
+  for (const TruthSample& t : rig.truth()) {
+    if (t.contact < 0) continue;
+    const auto j = std::min_element(rig.joints().begin(), rig.joints().end(), [&](const auto& a, const auto& b) { return std::abs(a.stamp_ns - t.stamp_ns) < std::abs(b.stamp_ns - t.stamp_ns); });
+    const double torque = m.torque_constant_Nm_per_A * j->effort[0] - m.weight_Nm * std::sin(j->position_rad[0]);
+    CHECK(torque == Approx(t.force_N * (m.joint_to_origin_m + t.y_m)).margin(0.03));  // ramps: 2 ms off
+    ++loaded;
+  }
+  CHECK(loaded > 50);
+}
+
+TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
+  const PadLight light(plain_pad());
+  LabPlan plan = short_plan();
+  plan.views = {LabView{{}, 1.0, 0.0}};
+  const VirtualRig rig(light, plan, 1, 0.0);
+  for (std::size_t k = 0; k < rig.frames().size(); k += 40) {
+    const Image i = rig.image(k);
+    CHECK(*std::max_element(i.pixels.begin(), i.pixels.end()) <= std::uint8_t(rig.rig().camera.black_DN + rig.rig().light.ambient_DN * 1.2 + 1.0));
+  }
+}
+
+TEST_CASE("plans beyond what was computed are refused", "[lab]") {
+  const PadLight light(plain_pad());
+  LabPlan plan = short_plan();
+  plan.contacts[0].steps[0].load_N = 25.0;
+  CHECK_THROWS_AS(VirtualRig(light, plan), InvalidArgument);
+  plan = short_plan();
+  plan.contacts[0].y_m = 0.03;
+  CHECK_THROWS_AS(VirtualRig(light, plan), InvalidArgument);
+}
