@@ -140,6 +140,12 @@ class InputError : public Error {
 
 namespace detail {
 
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks.
+inline std::string exact(double value) {
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+}
+
 /// Joins its arguments into one line of text.
 template <class... Args>
 std::string text(const Args&... args) {
@@ -154,7 +160,7 @@ std::string text(const Args&... args) {
 /// Throws InvalidArgument unless `value` is finite and lies in [low, high].
 inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
   if (std::isfinite(value) && value >= low && value <= high) return;
-  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+  throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -236,13 +242,13 @@ inline void DesignSpace::check(std::span<const double> x) const {
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " is ", x[i], ", must be a finite number"));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is below its lower bound ", v.lower, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is above its upper bound ", v.upper, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
@@ -551,10 +557,12 @@ struct Symmetry {
 
 namespace lumo {
 
-/// A homogeneous medium: refractive index [–] and extinction coefficient [1/m].
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the extinction needs.
 struct Medium {
   double refractive_index = 1.0;
-  double extinction_per_m = 0.0;
+  double extinction_per_m = 0.0;    ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering
 };
 
 /// How light meets a surface.
@@ -563,15 +571,6 @@ struct Lambertian { double albedo = 0.8; };          ///< diffuse, opaque
 struct Mirror { double reflectance = 1.0; };         ///< specular, opaque
 struct Absorber {};                                  ///< black
 using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
-
-/// A flat rectangular emitter with a cosine law into the medium that it touches. It radiates to `half_u` × `half_v`.
-struct RectangleEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 half_u = Vec3::UnitX();     ///< half edge [m]
-  Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
-  double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
-};
 
 /// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
 struct RigidFace {
@@ -606,6 +605,169 @@ inline Silicone silicone(std::string_view name) {
   for (const Silicone& card : {dragon_skin(), solaris()})
     if (card.name == name) return card;
   throw InvalidArgument(detail::text("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+// ---- lumo/morphology/emitter.hpp
+
+namespace lumo {
+
+/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
+struct Polar {
+  double sine, cosine;
+};
+
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
+/// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
+/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward.
+/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
+/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
+/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+template <class E>
+concept EmitterModel = requires(const E& e, double u, const Vec3& m) {
+  { e.center } -> std::convertible_to<Vec3>;
+  { e.power_W } -> std::convertible_to<double>;
+  { e.channel } -> std::convertible_to<int>;
+  { e.axis() } -> std::convertible_to<Vec3>;
+  { e.point(u, u) } -> std::convertible_to<Vec3>;
+  { e.polar(u) } -> std::convertible_to<Polar>;
+  { e.mirrored(m) } -> std::convertible_to<E>;
+};
+
+/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
+struct RectangleEmitter {
+  Vec3 center = Vec3::Zero();      ///< [m]
+  Vec3 half_u = Vec3::UnitX();     ///< half edge [m]
+  Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
+  double power_W = 1.0;
+  int channel = 0;                 ///< colour channel
+
+  Vec3 axis() const { return half_u.cross(half_v).normalized(); }
+  Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  RectangleEmitter mirrored(const Vec3& m) const;
+};
+
+static_assert(EmitterModel<RectangleEmitter>);
+
+/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+inline void validate(const RectangleEmitter& e) {
+  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
+  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+}
+
+/// Any model of EmitterModel: a value, cheap to copy.
+class Emitter {
+ public:
+  template <class E>
+    requires(!std::same_as<E, Emitter> && EmitterModel<E>)
+  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3::Ones()))), calls_(&calls<E>) {}
+
+  Vec3 center() const { return calls_->center(model_.get()); }
+  double power_W() const { return calls_->power_W(model_.get()); }
+  int channel() const { return calls_->channel(model_.get()); }
+  Vec3 axis() const { return calls_->axis(model_.get()); }
+  Vec3 point(double u, double v) const { return calls_->point(model_.get(), u, v); }
+  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
+  bool has_intensity() const { return calls_->intensity != nullptr; }
+  /// [W/sr]; only where has_intensity().
+  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  Emitter mirrored(const Vec3& m) const { return calls_->mirrored(model_.get(), m); }
+  /// Its model, if it is an E.
+  template <EmitterModel E>
+  const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
+  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  void validate() const;
+
+ private:
+  struct Calls {
+    Vec3 (*center)(const void*);
+    double (*power_W)(const void*);
+    int (*channel)(const void*);
+    Vec3 (*axis)(const void*);
+    Vec3 (*point)(const void*, double, double);
+    Polar (*polar)(const void*, double);
+    double (*intensity)(const void*, double);  ///< or null
+    Emitter (*mirrored)(const void*, const Vec3&);
+    void (*validate)(const void*);
+  };
+  template <class E>
+  static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E>
+  static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) { { e.intensity(0.5) } -> std::convertible_to<double>; })
+      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else
+      return nullptr;
+  }
+  template <class E>
+  static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+void validate(const std::vector<Emitter>& emitters);
+
+/// Number of colour channels: one more than the highest; 0 without emitters.
+inline int color_count(const std::vector<Emitter>& emitters) {
+  int count = 0;
+  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
+  return count;
+}
+
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+inline RectangleEmitter RectangleEmitter::mirrored(const Vec3& m) const {
+  RectangleEmitter image = *this;
+  image.center = m.cwiseProduct(center);
+  image.half_u = m.cwiseProduct(half_u);
+  image.half_v = m.cwiseProduct(half_v) * m.prod();
+  Eigen::Index k = 0;
+  image.half_u.cwiseAbs().maxCoeff(&k);
+  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  return image;
+}
+
+namespace detail {
+
+/// What the model's own validate() says, if it has one.
+template <class E>
+void validate_model(const E& model) {
+  if constexpr (requires { validate(model); }) validate(model);
+}
+
+}  // namespace detail
+
+template <class E>
+const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<E>(e).center; },
+                                       [](const void* e) -> double { return model<E>(e).power_W; },
+                                       [](const void* e) -> int { return model<E>(e).channel; },
+                                       [](const void* e) -> Vec3 { return model<E>(e).axis(); },
+                                       [](const void* e, double u, double v) -> Vec3 { return model<E>(e).point(u, v); },
+                                       [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
+                                       intensity_of<E>(),
+                                       [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
+                                       [](const void* e) { detail::validate_model(model<E>(e)); }};
+
+inline void Emitter::validate() const {
+  require_positive("emitter power", power_W(), "W");
+  require_in_range("emitter channel", channel(), 0, 255, "");
+  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
+  calls_->validate(model_.get());
+  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(detail::text("emitter: its axis has length ", axis().norm(), ", must be 1"));
+}
+
+inline void validate(const std::vector<Emitter>& emitters) {
+  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
+  for (int c = 0; c < color_count(emitters); ++c)
+    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
+      throw InvalidArgument(detail::text("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
 }  // namespace lumo
@@ -722,6 +884,7 @@ struct Patch {
   bool contactable = false;               ///< the indenter may touch it
   bool meets_carrier = false;             ///< may come to rest on the carrier
   SurfaceOptics optics = Dielectric{};
+  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
 };
 
 /// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
@@ -761,7 +924,7 @@ struct Body {
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
   std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
-  std::vector<RectangleEmitter> emitters;
+  std::vector<Emitter> emitters;
   int regions = 0;                          ///< number of readout regions
   /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3& position, const Vec3& normal)> region;
@@ -814,6 +977,9 @@ struct FingerOptions {
   double carrier_albedo = 0.8;
 };
 
+/// Throws InvalidArgument for an option that is out of range.
+void validate(const FingerOptions& options);
+
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
@@ -828,9 +994,9 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3::UnitX()}, true, false, false, wall};
     case SectionTag::base: return {"base", Plane{Vec3::Zero(), -Vec3::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}, false};
     case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3::UnitX()}, false, true, false, Dielectric{}};
     default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
   }
@@ -859,7 +1025,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   const auto& led = o.leds;
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
-    body.emitters.push_back({{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
+    body.emitters.push_back(RectangleEmitter{{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
   }
   const auto r = o.readout;
   body.regions = r.bins;
@@ -873,11 +1039,29 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
   require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+}
+
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+  validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
@@ -925,6 +1109,167 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
   };
   return body;
+}
+
+}  // namespace lumo
+
+// ---- lumo/core/tangents.hpp
+
+namespace lumo::detail {
+
+/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
+inline void tangents(const Vec3& n, Vec3& t1, Vec3& t2) {
+  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
+  const double a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
+  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
+  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/morphology/disc_emitter.hpp
+
+namespace lumo {
+
+namespace detail {
+
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
+/// Map Between Disk and Square", J. Graphics Tools 2 (1997).
+inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
+  const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
+  if (a == 0.0 && b == 0.0) return Vec3::Zero();
+  const bool steep = std::abs(b) > std::abs(a);
+  const double r = steep ? b : a, turn = steep ? 0.5 * pi - 0.25 * pi * (a / b) : 0.25 * pi * (b / a);
+  return r * (std::cos(turn) * t1 + std::sin(turn) * t2);
+}
+
+/// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
+  Vec3 t1, t2;
+  tangents(n, t1, t2);
+  return center + radius_m * on_unit_disc(u, v, t1, t2);
+}
+
+}  // namespace detail
+
+/// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
+struct DiscEmitter {
+  Vec3 center = Vec3::Zero();      ///< [m]
+  Vec3 normal = Vec3::UnitZ();     ///< unit
+  double radius_m = 0.5e-3;
+  double power_W = 1.0;
+  int channel = 0;                 ///< colour channel
+
+  Vec3 axis() const { return normal; }
+  Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
+};
+
+inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
+
+static_assert(EmitterModel<DiscEmitter>);
+
+}  // namespace lumo
+
+// ---- lumo/morphology/point_emitter.hpp
+
+namespace lumo {
+
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the light starts out of it.
+struct PointEmitter {
+  Vec3 center = Vec3::Zero();      ///< [m]
+  double power_W = 1.0;
+  int channel = 0;                 ///< colour channel
+
+  Vec3 axis() const { return Vec3::UnitZ(); }
+  Vec3 point(double, double) const { return center; }
+  Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
+  double intensity(double) const { return power_W / (4.0 * pi); }
+  PointEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), power_W, channel}; }
+};
+
+static_assert(EmitterModel<PointEmitter>);
+
+}  // namespace lumo
+
+// ---- lumo/morphology/measured_lobe.hpp
+
+namespace lumo {
+
+/// Intensity against the angle from an axis, as data sheets give it, in any unit; linear in the angle's cosine between entries, 0 beyond the last.
+class LobeTable {
+ public:
+  /// `angles_rad` ascend from 0 to at most π, `relative` intensities ≥ 0 are not all 0. Throws InvalidArgument.
+  LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative);
+
+  /// Share of the power per solid angle [1/sr]; its integral over all directions is 1.
+  double density(double cosine) const;
+  /// Cosine of the angle below which the share `u` of the power lies: the inverse of a distribution that is quadratic between entries.
+  double cosine(double u) const;
+
+ private:
+  std::vector<double> cosine_, density_, below_;  ///< descending; [1/sr]; share of the power up to each entry
+};
+
+/// A round flat emitter, or a point where the radius is 0, with a measured lobe.
+struct MeasuredLobe {
+  LobeTable lobe;
+  Vec3 center = Vec3::Zero();         ///< [m]
+  Vec3 direction = Vec3::UnitZ();     ///< unit, of the lobe's axis
+  double radius_m = 0.0;
+  double power_W = 1.0;
+  int channel = 0;                    ///< colour channel
+
+  Vec3 axis() const { return direction; }
+  Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
+  Polar polar(double u) const {
+    const double c = lobe.cosine(u);
+    return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
+  }
+  double intensity(double cosine) const { return power_W * lobe.density(cosine); }
+  MeasuredLobe mirrored(const Vec3& m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
+};
+
+inline void validate(const MeasuredLobe& e) { require_in_range("radius of a measured lobe", e.radius_m * 1e3, 0.0, 1e3, "mm"); }
+
+static_assert(EmitterModel<MeasuredLobe>);
+
+inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative) : density_(std::move(relative)) {
+  const std::size_t n = angles_rad.size();
+  if (n < 2 || density_.size() != n) throw InvalidArgument(detail::text("lobe: ", n, " angles and ", density_.size(), " intensities, needs as many, at least 2"));
+  if (angles_rad[0] != 0.0) throw InvalidArgument(detail::text("lobe: the first angle is ", angles_rad[0], " rad, must be 0 rad"));
+  for (std::size_t k = 0; k < n; ++k) {
+    require_in_range("angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12), "rad");
+    require_in_range("intensity of a lobe", density_[k], 0.0, 1e300, "");
+    cosine_.push_back(std::cos(angles_rad[k]));
+  }
+  below_.assign(n, 0.0);
+  for (std::size_t k = 1; k < n; ++k) below_[k] = below_[k - 1] + pi * (density_[k - 1] + density_[k]) * (cosine_[k - 1] - cosine_[k]);
+  const double all = below_.back();
+  require_positive("intensity of a lobe, summed over its angles,", all, "");
+  for (double& d : density_) d /= all;
+  for (double& b : below_) b /= all;
+}
+
+inline double LobeTable::density(double c) const {
+  if (!(c >= cosine_.back())) return 0.0;
+  const auto next = std::lower_bound(cosine_.begin() + 1, cosine_.end() - 1, c, std::greater<>());  // first entry with a cosine ≤ c
+  const std::size_t k = std::size_t(next - cosine_.begin());
+  const double t = (cosine_[k - 1] - std::min(c, cosine_[k - 1])) / (cosine_[k - 1] - cosine_[k]);
+  return density_[k - 1] + t * (density_[k] - density_[k - 1]);
+}
+
+inline double LobeTable::cosine(double u) const {
+  const auto next = std::upper_bound(below_.begin() + 1, below_.end() - 1, u);
+  const std::size_t k = std::size_t(next - below_.begin());
+  const double width = cosine_[k - 1] - cosine_[k], a = density_[k - 1], b = density_[k];
+  // 2π width (a t + (b − a) t²/2) = what is left of u: the root in [0, 1], in the form that does not cancel.
+  const double left = std::clamp(u - below_[k - 1], 0.0, below_[k] - below_[k - 1]) / (2.0 * pi * width);
+  const double root = std::sqrt(std::max(0.0, a * a + 2.0 * (b - a) * left));
+  const double t = a + root > 0.0 ? std::min(1.0, 2.0 * left / (a + root)) : 0.0;
+  return cosine_[k - 1] - t * width;
 }
 
 }  // namespace lumo
@@ -2065,8 +2410,8 @@ inline double winding_number(const TriangleSurface& surface, const Vec3& point) 
 namespace lumo {
 
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
-/// CAD writes them. Vertices at one place become one. Polygons of an .obj are cut into fans.
-/// Throws InputError when the file cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+/// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
+/// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
 TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
 
 namespace detail {
@@ -2118,6 +2463,31 @@ class SurfaceText {
   int line_ = 0;
 };
 
+// Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
+// refused with its surface.
+inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
+  const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
+  Vec3 normal = Vec3::Zero();   // Newell's
+  for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
+  while (loop.size() > 3) {
+    const std::size_t n = loop.size();
+    std::size_t ear = n;
+    double best = 0.0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const Vec3 &a = at(k + n - 1), &b = at(k), &c = at(k + 1);
+      const auto left = [&](const Vec3& from, const Vec3& to, const Vec3& p) { return (to - from).cross(p - from).dot(normal) >= 0.0; };
+      const double turn = (b - a).cross(c - b).dot(normal), longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
+      bool free = turn > 0.0;
+      for (std::size_t m = k + 2; free && m < k + n - 1; ++m) free = !(left(a, b, at(m)) && left(b, c, at(m)) && left(c, a, at(m)));
+      if (free && turn > best * longest) best = turn / longest, ear = k;
+    }
+    if (ear == n) ear = 1;
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+  }
+  triangles.push_back({loop[0], loop[1], loop[2]});
+}
+
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
@@ -2132,7 +2502,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
         if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
         loop.push_back(at);
       }
-      for (std::size_t k = 1; k + 1 < loop.size(); ++k) s.triangles.push_back({loop[0], loop[k], loop[k + 1]});
+      cut_polygon(s.vertices, std::move(loop), s.triangles);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
       text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
     }
@@ -2206,10 +2576,14 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 
 inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
-  const std::string name = path.string(), kind = path.extension().string();
+  const std::string name = path.string();
+  std::string kind = path.extension().string();
+  for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
   if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
+  std::error_code none;
+  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));   // a pipe would wait
   std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  if (!in) throw InputError(detail::text("cannot read surface file '", name, "'"));
   constexpr std::uintmax_t most = 500'000'000;
   if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
     throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
@@ -2227,10 +2601,11 @@ inline TriangleSurface read_surface(const std::filesystem::path& path, double un
     else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
     else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
   }
-  for (Vec3& v : s.vertices) v *= unit_m;
+  for (Vec3& v : s.vertices) {
+    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    v *= unit_m;
+  }
   s = detail::welded(s);
-  for (const Vec3& v : s.vertices)
-    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));
   validate_surface(s);
   return s;
 }
@@ -2378,6 +2753,13 @@ double contact_radius(const Tool& tool) {
   else return tool.radius_m();
 }
 
+/// Is the tool its own mirror image in the plane across `axis` (0: x, 1: y, 2: z) of its frame? One that does not say so by symmetric(axis) is taken not to be.
+template <Indenter Tool>
+bool is_symmetric(const Tool& tool, int axis) {
+  if constexpr (requires { { tool.symmetric(axis) } -> std::convertible_to<bool>; }) return tool.symmetric(axis);
+  else return false;
+}
+
 /// Rigid sphere.
 struct Sphere {
   double diameter_m = 10e-3;
@@ -2385,6 +2767,7 @@ struct Sphere {
   bool operator==(const Sphere&) const = default;
 
   double radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return p.norm() - radius_m(); }
   DistanceSample sample(const Vec3& p) const {
     const double r = p.norm();
@@ -2800,7 +3183,7 @@ InvariantSample first_isochoric_invariant(const Mat3& F);
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
 InvariantSample second_isochoric_invariant(const Mat3& F);
 
-/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1982.
+/// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
   if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
   return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};
@@ -2880,7 +3263,8 @@ static_assert(HyperelasticMaterial<MooneyRivlin>);
 namespace lumo {
 
 /// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
-/// Coefficients must not be negative, so that the energy is convex in Ī₁. The default is Dragon Skin of the paper at small strain.
+/// The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits to rubber that softens and then
+/// stiffens have it. The default is Dragon Skin of the paper at small strain.
 struct Yeoh {
   double c1 = 53.0e3;        ///< [Pa]
   double c2 = 0.0;           ///< [Pa]
@@ -2912,8 +3296,11 @@ struct Yeoh {
 
 inline void validate(const Yeoh& m) {
   require_positive("Yeoh c1", m.c1, "Pa");
-  require_in_range("Yeoh c2", m.c2, 0.0, 1e12, "Pa");
   require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
+  // c₁ + 2 c₂ s + 3 c₃ s² > 0 for all s ≥ 0; where the parabola only touches 0 there is no stiffness left.
+  const double least = -std::sqrt(3.0 * m.c1 * m.c3);
+  if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
+    throw InvalidArgument(detail::text("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least, " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
@@ -3072,6 +3459,7 @@ struct Box {
 
   double radius_m() const { return 0.5 * size_m.norm(); }
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return sample(p).distance; }
   DistanceSample sample(const Vec3& p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
@@ -3102,6 +3490,7 @@ struct Capsule {
 
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
   DistanceSample sample(const Vec3& p) const {
     const Vec3 foot = nearest(p), out = p - foot;
@@ -3140,6 +3529,7 @@ struct Cylinder {
 
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
+  bool symmetric(int) const { return true; }
   double distance(const Vec3& p) const { return sample(p).distance; }
   DistanceSample sample(const Vec3& p) const;
 };
@@ -3183,6 +3573,11 @@ struct Oriented {
 
   double radius_m() const { return tool.radius_m(); }
   double contact_radius_m() const { return contact_radius(tool); }
+  bool symmetric(int axis) const {  // where an axis of the tool lies along it
+    for (int k = 0; k < 3; ++k)
+      if (std::abs(turn(axis, k)) == 1.0) return is_symmetric(tool, k);
+    return false;
+  }
   double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
   DistanceSample sample(const Vec3& p) const {
     const DistanceSample d = tool.sample(turn.transpose() * p);
@@ -3224,26 +3619,35 @@ static_assert(Indenter<Oriented<Sphere>>);
 
 namespace lumo {
 
+/// Where on a triangle abc a point is nearest to another, and on what of it.
+struct TrianglePoint {
+  Vec3 point = Vec3::Zero();
+  int feature = inside;   ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
+  static constexpr int inside = 6;
+};
+
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
-  if (d1 <= 0.0 && d2 <= 0.0) return a;
+  if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
   const Vec3 bp = p - b;
   const double d3 = ab.dot(bp), d4 = ac.dot(bp);
-  if (d3 >= 0.0 && d4 <= d3) return b;
+  if (d3 >= 0.0 && d4 <= d3) return {b, 1};
   const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return a + d1 / (d1 - d3) * ab;
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return {a + d1 / (d1 - d3) * ab, 3};
   const Vec3 cp = p - c;
   const double d5 = ab.dot(cp), d6 = ac.dot(cp);
-  if (d6 >= 0.0 && d5 <= d6) return c;
+  if (d6 >= 0.0 && d5 <= d6) return {c, 2};
   const double vb = d5 * d2 - d1 * d6;
-  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return a + d2 / (d2 - d6) * ac;
+  if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) return {a + d2 / (d2 - d6) * ac, 5};
   const double va = d3 * d6 - d5 * d4;
-  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b);
+  if (va <= 0.0 && d4 >= d3 && d5 >= d6) return {b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b), 4};
   const double scale = 1.0 / (va + vb + vc);
-  return a + vb * scale * ab + vc * scale * ac;
+  return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
+
+inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
@@ -3253,12 +3657,24 @@ class TriangleTree {
     if (!order_.empty()) build(0, int(order_.size()));
   }
 
-  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
-    double best = near * near;
-    if (!nodes_.empty()) search(0, p, best);
-    return std::sqrt(best);
+  /// The place on the surface that is nearest to a point.
+  struct Nearest {
+    int triangle = -1;   ///< −1: there is none so near
+    TrianglePoint at;
+    double distance = std::numeric_limits<double>::infinity();   ///< unsigned [m]
+  };
+
+  /// Looks no farther than `near` [m] from p.
+  Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+    Nearest best;
+    double least = near * near;
+    if (!nodes_.empty()) search(0, p, least, best);
+    best.distance = std::sqrt(least);
+    return best;
   }
+
+  /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
   struct Node {
@@ -3292,25 +3708,94 @@ class TriangleTree {
     return self;
   }
 
-  void search(int at, const Vec3& p, double& best) const {
+  void search(int at, const Vec3& p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {
         const int t = order_[std::size_t(i)];
-        best = std::min(best, (closest_on_triangle(p, corner(t, 0), corner(t, 1), corner(t, 2)) - p).squaredNorm());
+        const TrianglePoint on = closest_point(p, corner(t, 0), corner(t, 1), corner(t, 2));
+        if (const double squared = (on.point - p).squaredNorm(); squared < least) least = squared, best.triangle = t, best.at = on;
       }
       return;
     }
     int near = n.first, far = n.second;
     double to_near = nodes_[std::size_t(near)].box.squaredExteriorDistance(p), to_far = nodes_[std::size_t(far)].box.squaredExteriorDistance(p);
     if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
-    if (to_near < best) search(near, p, best);
-    if (to_far < best) search(far, p, best);
+    if (to_near < least) search(near, p, least, best);
+    if (to_far < least) search(far, p, least, best);
   }
 
   const TriangleSurface* surface_;
   std::vector<int> order_;
   std::vector<Node> nodes_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/mesh/signed_distance.hpp
+
+namespace lumo {
+
+/// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction at the nearest place, with the normals
+/// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
+class SignedDistance {
+ public:
+  explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3::Zero()) {
+    for (const auto& t : surface.triangles) {
+      const Vec3 n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
+      normal_.push_back(n);
+      for (std::size_t k = 0; k < 3; ++k) {
+        const Vec3 forth = corner(t, (k + 1) % 3) - corner(t, k), back = corner(t, (k + 2) % 3) - corner(t, k);
+        at_corner_[std::size_t(t[k])] += std::atan2(forth.cross(back).norm(), forth.dot(back)) * n;
+        at_edge_.try_emplace(key(t, k), Vec3::Zero()).first->second += n;
+      }
+    }
+  }
+
+  /// Distance [m] with its first two derivatives; at the surface itself the gradient is the outward direction there.
+  struct Sample {
+    double distance;
+    Vec3 gradient;
+    Mat3 hessian;   ///< [1/m]
+  };
+  Sample sample(const Vec3& p) const {
+    const TriangleTree::Nearest n = tree_.nearest(p);
+    const Vec3 out = outward(n), way = p - n.at.point;
+    const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
+    Sample s{sign * n.distance, n.distance > 0.0 ? Vec3(sign / n.distance * way) : Vec3(out.normalized()), Mat3::Zero()};
+    if (n.at.feature == TrianglePoint::inside || !(n.distance > 0.0)) return s;
+    Mat3 turning = Mat3::Identity() - s.gradient * s.gradient.transpose();   // a plane's distance is straight, an edge's bends across it, a corner's all around
+    if (n.at.feature > 2) {
+      const auto& t = surface_->triangles[std::size_t(n.triangle)];
+      const std::size_t k = std::size_t(n.at.feature) - 3;
+      const Vec3 along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
+      turning -= along * along.transpose();
+    }
+    s.hessian = turning / s.distance;
+    return s;
+  }
+
+  /// Distance alone; `near`: a bound [m] that its size is known to keep.
+  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+    const TriangleTree::Nearest n = tree_.nearest(p, near);
+    return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
+  }
+
+ private:
+  const Vec3& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_->vertices[std::size_t(t[k])]; }
+  static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) { return std::minmax(int(t[k]), int(t[(k + 1) % 3])); }
+
+  Vec3 outward(const TriangleTree::Nearest& n) const {
+    const auto& t = surface_->triangles[std::size_t(n.triangle)];
+    if (n.at.feature < 3) return at_corner_[std::size_t(t[std::size_t(n.at.feature)])];
+    if (n.at.feature < TrianglePoint::inside) return at_edge_.at(key(t, std::size_t(n.at.feature) - 3));
+    return normal_[std::size_t(n.triangle)];
+  }
+
+  const TriangleSurface* surface_;
+  TriangleTree tree_;
+  std::vector<Vec3> normal_, at_corner_;
+  std::map<std::pair<int, int>, Vec3> at_edge_;
 };
 
 }  // namespace lumo
@@ -3321,18 +3806,21 @@ namespace lumo {
 
 /// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline through them: twice
 /// continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the spline rounds by a fraction of a cell.
-/// Signs by winding number. Source: Unser 1999 (spline through samples), Jacobson, Kavan, Sorkine-Hornung 2013 (signs).
+/// From two cells outside the surface's box on it passes, within one cell, into the exact distance. Source: Unser 1999 (spline through samples).
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
   DistanceGrid(const TriangleSurface& surface, int cells);
+  DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
+  DistanceGrid& operator=(const DistanceGrid&) = delete;
 
-  double distance(const Vec3& p) const;
+  double distance(const Vec3& p) const { return sample(p).distance; }
 
-  /// Distance with its derivatives. Outside the grid a lower bound of the distance that joins it continuously.
+  /// Distance with its derivatives.
   DistanceSample sample(const Vec3& p) const;
 
   double spacing_m() const { return h_; }
+  const TriangleSurface& surface() const { return surface_; }
   /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the surface [m].
   double error_m() const { return error_; }
 
@@ -3343,48 +3831,41 @@ class DistanceGrid {
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
-  void fill(const TriangleSurface& surface, const TriangleTree& tree);
+  void fill();
   void filter();
-  void measure(const TriangleTree& tree);
+  void measure();
   DistanceSample spline(const Vec3& p) const;
+  DistanceSample exact(const Vec3& p) const;
 
+  TriangleSurface surface_;
+  SignedDistance exact_;
   Vec3 origin_, low_, high_;   // first node; box in which the spline holds
   std::array<int, 3> n_{};     // nodes each way
   double h_ = 0.0, error_ = 0.0;
   std::vector<double> c_;      // spline coefficients
 };
 
-inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) {
+inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  const SurfaceReport report = validate_surface(surface);
-  const Vec3 size = report.high - report.low;
+  Eigen::AlignedBox3d box;
+  for (const Vec3& v : surface_.vertices) box.extend(v);
+  const Vec3 size = box.sizes();
   h_ = size.maxCoeff() / cells;
-  origin_ = report.low - pad * h_ * Vec3::Ones();
+  origin_ = box.min() - pad * h_ * Vec3::Ones();
   for (int a = 0; a < 3; ++a) n_[std::size_t(a)] = int(std::ceil(size[a] / h_ - 1e-9)) + 2 * pad + 1;
   low_ = origin_ + rim * h_ * Vec3::Ones();
   high_ = node(n_[0] - 1 - rim, n_[1] - 1 - rim, n_[2] - 1 - rim);
   c_.resize(std::size_t(n_[0]) * std::size_t(n_[1]) * std::size_t(n_[2]));
-  const TriangleTree tree(surface);
-  fill(surface, tree);
+  fill();
   filter();
-  measure(tree);
+  measure();
 }
 
-inline void DistanceGrid::fill(const TriangleSurface& surface, const TriangleTree& tree) {
+inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
-      for (int i = 0; i < n_[0]; ++i) {
-        const Vec3 p = node(i, j, k);
-        const std::array<double, 3> before = {i > 0 ? at(i - 1, j, k) : 0.0, j > 0 ? at(i, j - 1, k) : 0.0, k > 0 ? at(i, j, k - 1) : 0.0};
-        const double near = i > 0 ? std::abs(before[0]) + 1.001 * h_ : std::numeric_limits<double>::infinity();
-        const double d = tree.distance(p, near);
-        // Two balls that hold no surface and overlap are on one side of it.
-        double sign = 0.0;
-        for (double other : before)
-          if (d + std::abs(other) > 1.001 * h_ && other != 0.0) sign = other < 0.0 ? -1.0 : 1.0;
-        if (sign == 0.0) sign = winding_number(surface, p) > 0.5 ? -1.0 : 1.0;
-        at(i, j, k) = sign * d;
-      }
+      for (int i = 0; i < n_[0]; ++i)   // from node to node the distance changes by no more than the way
+        at(i, j, k) = exact_.distance(node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + 1.001 * h_ : std::numeric_limits<double>::infinity());
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
@@ -3407,13 +3888,13 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
-inline void DistanceGrid::measure(const TriangleTree& tree) {
+inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
       for (int i = rim; i < n_[0] - 1 - rim; ++i) {
         const Vec3 p = node(i, j, k) + Vec3::Constant(0.5 * h_);
         const double d = spline(p).distance;
-        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(std::abs(d) - tree.distance(p, 3.0 * h_)));
+        if (std::abs(d) < h_) error_ = std::max(error_, std::abs(d - exact_.distance(p, 3.0 * h_)));
       }
 }
 
@@ -3422,7 +3903,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
     const double u = (p[Eigen::Index(a)] - origin_[Eigen::Index(a)]) / h_;
-    cell[a] = std::clamp(int(std::floor(u)), 1, n_[a] - 3);
+    cell[a] = std::min(int(std::fmin(std::fmax(u, 1.0), n_[a])), n_[a] - 3);   // of NaN, any cell
     const double t = u - cell[a], s = 1.0 - t;
     w[a] = {s * s * s / 6.0, 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s), t * t * t / 6.0};
     dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
@@ -3450,18 +3931,38 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
 }
 
 inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
-  const Vec3 foot = p.cwiseMax(low_).cwiseMin(high_), out = p - foot;
-  DistanceSample d = spline(foot);
-  if (out.squaredNorm() == 0.0) return d;
-  // The box holds the surface, so distance² ≥ |out|² + d(foot)².
-  const double bound = std::hypot(out.norm(), d.distance);
-  Mat3 free = Mat3::Zero(), held = Mat3::Zero();   // directions in which the foot follows p, and those in which it cannot
-  for (int a = 0; a < 3; ++a) (out[a] == 0.0 ? free : held)(a, a) = 1.0;
-  const Vec3 slope = free * d.gradient, n = (out + d.distance * slope) / bound;
-  return {bound, n, (held + slope * slope.transpose() + d.distance * (free * d.hessian * free) - n * n.transpose()) / bound};
+  // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
+  double gone = 0.0;
+  Vec3 slope = Vec3::Zero();
+  Mat3 bend = Mat3::Zero();
+  for (int a = 0; a < 3; ++a) {
+    const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0, t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
+    if (!(t > 0.0)) continue;
+    if (t >= 1.0) return exact(p);
+    // 1 − Π (1 − w) with w = t³ (10 − 15 t + 6 t²), whose first two derivatives vanish at both ends
+    const double w = t * t * t * (10.0 - 15.0 * t + 6.0 * t * t), dw = side / h_ * 30.0 * t * t * (1.0 - t) * (1.0 - t);
+    const double ddw = 60.0 * t * (1.0 - t) * (1.0 - 2.0 * t) / (h_ * h_);
+    bend *= 1.0 - w;
+    bend.col(a) -= dw * slope;
+    bend.row(a) -= dw * slope.transpose();
+    bend(a, a) += ddw * (1.0 - gone);
+    slope *= 1.0 - w;
+    slope[a] += dw * (1.0 - gone);
+    gone += w * (1.0 - gone);
+  }
+  const DistanceSample near = spline(p);
+  if (gone == 0.0) return near;
+  const DistanceSample far = exact(p);
+  const double apart = far.distance - near.distance;
+  const Vec3 turn = far.gradient - near.gradient;
+  return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
+          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
-inline double DistanceGrid::distance(const Vec3& p) const { return sample(p).distance; }
+inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
+  const SignedDistance::Sample s = exact_.sample(p);
+  return {s.distance, s.gradient, s.hessian};
+}
 
 }  // namespace lumo
 
@@ -3480,7 +3981,11 @@ class MeshIndenter {
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
 
-  bool operator==(const MeshIndenter& other) const { return grid_ == other.grid_; }
+  /// The same surface on as fine a grid.
+  bool operator==(const MeshIndenter& other) const {
+    const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
+    return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
+  }
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
@@ -3543,16 +4048,19 @@ double area_per_vertex(const Contact& contact) {
   else return 0.0;
 }
 
+/// Answer of a spring of `stiffness` [N/m³] to a gap: nothing while it is open.
+inline ContactResponse penalty(double stiffness, double gap) {
+  if (gap >= 0.0) return {0.0, 0.0, 0.0};
+  return {0.5 * stiffness * gap * gap, -stiffness * gap, stiffness};
+}
+
 /// Penalty on the signed distance, over the full surface (points inside faces, not only vertices), per reference area.
 /// Source: paper §III-B ("signed-distance full-surface rigid–soft collision").
 struct SDFContact {
   double stiffness_N_per_m3 = 1e11;  ///< overlap at 0.3 MPa is 3 µm
   double friction = 0.0;             ///< Coulomb's coefficient
 
-  ContactResponse respond(double gap) const {
-    if (gap >= 0.0) return {0.0, 0.0, 0.0};
-    return {0.5 * stiffness_N_per_m3 * gap * gap, -stiffness_N_per_m3 * gap, stiffness_N_per_m3};
-  }
+  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
 
 inline void validate(const SDFContact& c) {
@@ -3601,10 +4109,7 @@ struct VertexContact {
   double friction = 0.5;              ///< Coulomb's coefficient
   double area_per_vertex_m2 = 0.0;    ///< the same for all; 0: each vertex has its share of the surface
 
-  ContactResponse respond(double gap) const {
-    if (gap >= 0.0) return {0.0, 0.0, 0.0};
-    return {0.5 * stiffness_N_per_m3 * gap * gap, -stiffness_N_per_m3 * gap, stiffness_N_per_m3};
-  }
+  ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
 };
 
 inline void validate(const VertexContact& c) {
@@ -3938,6 +4443,44 @@ inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, dou
 
 }  // namespace lumo
 
+// ---- lumo/mechanics/element_points.hpp
+
+namespace lumo {
+
+/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
+template <TetElement Element>
+class ElementPoints {
+ public:
+  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
+
+  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to no element, or be missing.
+  explicit ElementPoints(const TetMesh& mesh) {
+    if (mesh.order != Element::order)
+      throw InvalidArgument(detail::text("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
+    gradients_.reserve(mesh.tets.size() * Element::points);
+    weights_.reserve(mesh.tets.size() * Element::points);
+    for (const auto& t : mesh.tets)
+      for (int q = 0; q < Element::points; ++q) {
+        const Gradients by_xi = shape_gradients<Element::nodes>(Element::point(q));
+        Mat3 jacobian = Mat3::Zero();
+        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        weights_.push_back(Element::weight(q) * jacobian.determinant());
+      }
+  }
+
+  /// [1/m], of tetrahedron e at point q.
+  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * std::size_t(Element::points) + std::size_t(q)]; }
+  /// Volume that the point stands for [m³].
+  double weight(std::size_t e, int q) const { return weights_[e * std::size_t(Element::points) + std::size_t(q)]; }
+
+ private:
+  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;
+  std::vector<double> weights_;
+};
+
+}  // namespace lumo
+
 // ---- lumo/mechanics/solid.hpp
 
 namespace lumo {
@@ -3958,18 +4501,8 @@ class Solid {
   static constexpr int N = Element::nodes;
   using Gradients = Eigen::Matrix<double, 3, N>;
 
-  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element) {
-    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
-    gradients_.reserve(mesh.tets.size() * Element::points);
-    for (const auto& t : mesh.tets)
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = shape_gradients<N>(Element::point(q));
-        Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
-        weights_.push_back(Element::weight(q) * jacobian.determinant());
-      }
-  }
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
 
   /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
   double energy(const Positions& x) const {
@@ -4066,8 +4599,8 @@ class Solid {
   };
 
   int node(std::size_t e, int a) const { return mesh_->tets[e][std::size_t(a)]; }
-  double weight(std::size_t e, int q) const { return weights_[e * Element::points + std::size_t(q)]; }
-  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * Element::points + std::size_t(q)]; }
+  double weight(std::size_t e, int q) const { return points_.weight(e, q); }
+  const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
 
   ElementState state(std::size_t e, const Positions& x) const {
     Eigen::Matrix<double, 3, N> local;
@@ -4124,8 +4657,7 @@ class Solid {
   const TetMesh* mesh_;
   Material material_;
   Element element_;
-  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;  // per tet and point
-  std::vector<double> weights_;                                           // volumes [m³]
+  ElementPoints<Element> points_;
 };
 
 }  // namespace lumo
@@ -4389,19 +4921,16 @@ namespace lumo {
 
 /// Mass of each node [kg]: a tetrahedron's shared in equal parts among four corners, or with 1/36 for a corner and 4/27 for the middle of an
 /// edge among ten, in proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
+/// Throws InvalidArgument where the mesh is not of the element's order.
 template <TetElement Element>
 std::vector<double> lumped_masses(const TetMesh& mesh, double density_kg_per_m3) {
   std::vector<double> mass(mesh.nodes.size(), 0.0);
-  for (const auto& t : mesh.tets) {
+  const ElementPoints<Element> points(mesh);
+  for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
     double volume = 0.0;
-    for (int q = 0; q < Element::points; ++q) {
-      const auto by_xi = shape_gradients<Element::nodes>(Element::point(q));
-      Mat3 jacobian = Mat3::Zero();
-      for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-      volume += Element::weight(q) * jacobian.determinant();
-    }
+    for (int q = 0; q < Element::points; ++q) volume += points.weight(e, q);
     for (int a = 0; a < Element::nodes; ++a)
-      mass[std::size_t(t[std::size_t(a)])] += density_kg_per_m3 * volume * (Element::nodes == 4 ? 0.25 : a < 4 ? 1.0 / 36.0 : 4.0 / 27.0);
+      mass[std::size_t(mesh.tets[e][std::size_t(a)])] += density_kg_per_m3 * volume * (Element::nodes == 4 ? 0.25 : a < 4 ? 1.0 / 36.0 : 4.0 / 27.0);
   }
   return mass;
 }
@@ -4423,19 +4952,11 @@ struct VertexBlock {
 template <HyperelasticMaterial Material, TetElement Element>
 class VertexElasticity {
  public:
-  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element) {
-    if (mesh.order < Element::order) throw InvalidArgument("a quadratic element needs a quadratic mesh");
+  /// Throws InvalidArgument where the mesh is not of the element's order.
+  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
     at_.resize(mesh.nodes.size());
-    for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
+    for (std::size_t e = 0; e < mesh.tets.size(); ++e)
       for (int a = 0; a < N; ++a) at_[std::size_t(mesh.tets[e][std::size_t(a)])].push_back({int(e), a});
-      for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = shape_gradients<N>(Element::point(q));
-        Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < N; ++a) jacobian += mesh.nodes[std::size_t(mesh.tets[e][std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
-        weights_.push_back(Element::weight(q) * jacobian.determinant());
-      }
-    }
   }
 
   /// Adds node v's share at positions x; `start` are the positions at the step's start, `rate` = η/Δt [Pa].
@@ -4504,9 +5025,8 @@ class VertexElasticity {
     int tet, place;
   };
   const std::vector<Incidence>& incidences(int v) const { return at_[std::size_t(v)]; }
-  using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
-  const Gradients& gradient(int e, int q) const { return gradients_[std::size_t(e) * Element::points + std::size_t(q)]; }
-  double weight(int e, int q) const { return weights_[std::size_t(e) * Element::points + std::size_t(q)]; }
+  const typename ElementPoints<Element>::Gradients& gradient(int e, int q) const { return points_.gradient(std::size_t(e), q); }
+  double weight(int e, int q) const { return points_.weight(std::size_t(e), q); }
 
  private:
   static constexpr int N = Element::nodes;
@@ -4527,8 +5047,7 @@ class VertexElasticity {
   Material material_;
   Element element_;
   std::vector<std::vector<Incidence>> at_;
-  std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradients_;   // per tet and point
-  std::vector<double> weights_;                                            // volumes [m³]
+  ElementPoints<Element> points_;
 };
 
 }  // namespace lumo
@@ -4804,7 +5323,7 @@ struct DescentConfig {
   double speed_m_per_s = 5e-3;            ///< of the indenter's advance
   double hold_s = 1.0;                    ///< at each load
   double slip_speed_m_per_s = 1e-2;       ///< below it friction is smooth
-  double detection_m = 1e-3;              ///< points that come nearer in a step's start are watched in that step
+  double detection_m = 1e-3;              ///< points nearer than this at a step's start are watched during the step
   double max_advance_m = 20e-3;           ///< a load that is not met by then is given up
   double time_limit_s = 1e9;              ///< per scenario, wall clock
   bool lanes = true;                      ///< eight vertices of a color at once, where material and element allow it
@@ -5845,7 +6364,8 @@ struct BlockDescent {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
   }
 
-  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations.
+  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step without finite positions as non_finite, with
+  /// the state before it.
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
@@ -5866,8 +6386,8 @@ class Descent {
       if (model.lanes) squares_.resize(model.lanes->slots());
   }
 
-  /// One time step, at whose start the indenter moves on by `by` [m].
-  void step(double by) {
+  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth: then all is as it was before.
+  bool step(double by) {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
     start_ = x_;
@@ -5877,8 +6397,11 @@ class Descent {
     if constexpr (Model::batched)
       if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, start_, squares_); });
     for (int k = 0; k < config_.sweeps; ++k) sweep();
+    // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
+    if (!(x_.array().abs() < 1e3).all()) return x_ = start_, advance_ -= by, false;
     last_velocity_ = velocity_;
     velocity_ = (x_ - start_) / dt;
+    return true;
   }
 
   /// What the indenter feels against its advance [N].
@@ -6005,9 +6528,8 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     state.status = Status::held;
     const int before = steps;
     const auto go = [&](double by) {
-      body.step(by);
       ++steps;
-      if (!body.positions().allFinite()) state.status = Status::non_finite;
+      if (!body.step(by)) state.status = Status::non_finite;
       else if (late()) state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {
@@ -6172,7 +6694,8 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
   const Touch touch = first_touch(body_, *mesh_, scenario);
   // A fixed area per vertex knows no halves of vertices.
   const bool fold = SolverOf<Method>::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
-  const Symmetry planes{fold && mesh_->symmetry.x && scenario.angle_rad == 0.0, fold && mesh_->symmetry.y && scenario.y_m == 0.0};
+  const Symmetry planes{fold && mesh_->symmetry.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0),
+                        fold && mesh_->symmetry.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
   const Model& sector_model = model(planes);
   std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
   const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
@@ -6196,6 +6719,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
     s.residual_N = out_of_balance(body_, *mesh_, maker_.material, maker_.contact, maker_.element, scenario.indenter, origin, scenario.direction(), wanted, s.displacement,
                                   {s.friction_N, s.friction_push_N});
     if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N)) s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
+    if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
     s.certified = s.status == Status::converged;
   }
   return states;
@@ -6920,14 +7444,6 @@ constexpr double reflectance(const Absorber&) { return 0.0; }
 
 namespace detail {
 
-/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
-inline void tangents(const Vec3& n, Vec3& t1, Vec3& t2) {
-  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
-  const double a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
-  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
-  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
-}
-
 /// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
 inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, double u, double azimuth) {
   const double sine = std::sqrt(u);
@@ -7140,7 +7656,7 @@ inline void OpticalScene::add_carrier(const Config& config) {
 }
 
 inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
-  if (!body_->region) return -1;
+  if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
@@ -7323,6 +7839,8 @@ struct Escape {
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
+/// Optional: `std::vector<int> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1 (empty: itself),
+/// lets one of two mirrored states stand for both.
 /// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
 template <class R>
 concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
@@ -7330,49 +7848,31 @@ concept ExitReadout = requires(const R& readout, const Body& body, const Escape&
   { readout.channel(escape) } -> std::convertible_to<int>;
 };
 
+/// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
+struct Connection {
+  Vec3 direction = Vec3::UnitZ();
+  double solid_angle_sr = 0.0;
+};
+
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian faces send is gathered from ways
+/// that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light that never met such a face is traced forward, as for others.
+/// Laws: connect(k, p, u, v) leads from the point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is
+/// the integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one channel.
+template <class R>
+concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3& p, int k, double u) {
+  { readout.openings() } -> std::convertible_to<int>;
+  { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
+};
+
 /// All power that leaves through each region of the body, whatever its direction (model reading of paper §III: r_b).
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
+  std::vector<int> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
 };
 
 static_assert(ExitReadout<ExitPower>);
-static_assert(!ExitReadout<int>);
-
-}  // namespace lumo
-
-// ---- lumo/optics/emitter.hpp
-
-namespace lumo {
-
-/// Unit normal of the radiating side.
-inline Vec3 normal(const RectangleEmitter& e) { return e.half_u.cross(e.half_v).normalized(); }
-/// Point [m] from two numbers in (0, 1), uniform in area.
-inline Vec3 point(const RectangleEmitter& e, double u, double v) {
-  return e.center + (2.0 * u - 1.0) * e.half_u + (2.0 * v - 1.0) * e.half_v;
-}
-
-/// A flat source with a cosine law (Lambert 1760) into the medium that it touches; power_W is all that it radiates.
-/// Laws: point() is uniform in area over (0, 1)²; |normal| = 1.
-template <class E>
-concept FlatEmitter = requires(const E& e, double u) {
-  { point(e, u, u) } -> std::convertible_to<Vec3>;
-  { normal(e) } -> std::convertible_to<Vec3>;
-  { e.power_W } -> std::convertible_to<double>;
-};
-
-static_assert(FlatEmitter<RectangleEmitter>);
-
-/// Throws InvalidArgument for no emitters, numbers that are not finite, no area, or a power that is not positive.
-inline void validate(const std::vector<RectangleEmitter>& emitters) {
-  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
-  for (const RectangleEmitter& e : emitters) {
-    require_positive("emitter power", e.power_W, "W");
-    if (!e.center.allFinite() || !e.half_u.allFinite() || !e.half_v.allFinite())
-      throw InvalidArgument("emitter: a coordinate is not finite");
-    require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
-  }
-}
+static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
 
 }  // namespace lumo
 
@@ -7395,8 +7895,8 @@ class RayPattern {
  public:
   /// The rays of one emitter that belong to one mirror image.
   struct Beam {
-    RectangleEmitter source;  ///< moved to the fundamental quadrant
-    Vec3 normal, tangent1, tangent2;
+    Emitter source;  ///< moved to the fundamental quadrant
+    Vec3 axis = Vec3::UnitZ(), tangent1 = Vec3::UnitX(), tangent2 = Vec3::UnitY();
     double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
     Vec3 mirror = Vec3::Ones();  ///< (±1, ±1, 1): from the fundamental ray to the real one
     std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
@@ -7406,15 +7906,16 @@ class RayPattern {
 
   /// `rays` per emitter and replicate, a power of two ≥ 4. With `symmetry` only one beam of each set of mirror images is kept.
   /// Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
-  RayPattern(const std::vector<RectangleEmitter>& emitters, std::uint32_t rays, Symmetry symmetry);
+  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry);
 
   const std::vector<Beam>& beams() const { return beams_; }
 
-  /// Ray `index` of a beam, from numbers in (0, 1): square of the sine and azimuth of its direction, then its place on the emitter.
+  /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
   static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
     const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
-    const Vec3 d = detail::cosine_direction(beam.tangent1, beam.tangent2, beam.normal, u[0], azimuth);
-    const Vec3 p = point(beam.source, u[2], u[3]);
+    const Polar polar = beam.source.polar(u[0]);
+    const Vec3 d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 + polar.cosine * beam.axis).normalized();
+    const Vec3 p = beam.source.point(u[2], u[3]);
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
@@ -7422,7 +7923,7 @@ class RayPattern {
   }
 
   /// Is the set of emitters its own mirror image in each plane?
-  static Symmetry symmetry_of(const std::vector<RectangleEmitter>& emitters);
+  static Symmetry symmetry_of(const std::vector<Emitter>& emitters);
 
  private:
   std::vector<Beam> beams_;
@@ -7430,78 +7931,72 @@ class RayPattern {
 
 namespace detail {
 
-/// Mirror image of an emitter. It radiates to the image of its normal, so the handedness of its edges is mended.
-inline RectangleEmitter mirrored(const RectangleEmitter& e, const Vec3& m) {
-  RectangleEmitter image = e;
-  image.center = m.cwiseProduct(e.center);
-  image.half_u = m.cwiseProduct(e.half_u);
-  image.half_v = m.cwiseProduct(e.half_v) * m.prod();
-  return image;
+/// Lengths below which two places of an emitter are one [m].
+inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
+
+/// Do two emitters radiate alike? Points and directions at some numbers tell.
+inline bool same(const Emitter& a, const Emitter& b) {
+  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel()) return false;
+  const double reach = tolerance(a);
+  if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
+  for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
+    if ((a.point(u, v) - b.point(u, v)).norm() > reach) return false;
+  for (double u : {0.05, 0.3, 0.5, 0.7, 0.95})
+    if (std::abs(a.polar(u).cosine - b.polar(u).cosine) > 1e-12) return false;
+  return true;
 }
 
-/// Do two emitters radiate alike? Edges may point either way.
-inline bool same(const RectangleEmitter& a, const RectangleEmitter& b) {
-  const double tolerance = 1e-9 * (a.half_u.norm() + a.half_v.norm());
-  const auto parallel = [&](const Vec3& p, const Vec3& q) { return std::min((p - q).norm(), (p + q).norm()) <= tolerance; };
-  return (a.center - b.center).norm() <= tolerance && parallel(a.half_u, b.half_u) && parallel(a.half_v, b.half_v) &&
-         normal(a).dot(normal(b)) > 0.5 && a.power_W == b.power_W && a.channel == b.channel;
-}
-
-/// The mirror image with centre (and, in a plane, normal) in x ≥ 0, y ≥ 0 and edges in a standard sense.
-inline RectangleEmitter fundamental(const RectangleEmitter& e, Vec3& mirror) {
-  const double tolerance = 1e-9 * (e.half_u.norm() + e.half_v.norm());
+/// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
+inline Emitter fundamental(const Emitter& e, Vec3& mirror) {
+  const Vec3 center = e.center(), axis = e.axis();
   mirror = Vec3::Ones();
   for (Eigen::Index a = 0; a < 2; ++a) {
-    const bool in_plane = std::abs(e.center[a]) <= tolerance;
-    if (in_plane ? normal(e)[a] < -1e-9 : e.center[a] < 0.0) mirror[a] = -1.0;
+    const bool in_plane = std::abs(center[a]) <= tolerance(e);
+    if (in_plane ? axis[a] < -1e-9 : center[a] < 0.0) mirror[a] = -1.0;
   }
-  RectangleEmitter f = mirrored(e, mirror);
-  Eigen::Index k = 0;
-  f.half_u.cwiseAbs().maxCoeff(&k);
-  if (f.half_u[k] < 0.0) f.half_u = -f.half_u, f.half_v = -f.half_v;
-  return f;
+  return e.mirrored(mirror);
 }
 
 inline const Vec3 flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 
 }  // namespace detail
 
-inline Symmetry RayPattern::symmetry_of(const std::vector<RectangleEmitter>& emitters) {
+inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   const auto closed = [&](const Vec3& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
-      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return detail::same(detail::mirrored(e, m), other); });
+      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return detail::same(e.mirrored(m), other); });
     });
   };
   return {closed(detail::flip_x), closed(detail::flip_y)};
 }
 
-inline RayPattern::RayPattern(const std::vector<RectangleEmitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
-  validate(emitters);
+inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
+  if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
   const Symmetry has = symmetry_of(emitters);
   if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
     throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");
-  std::vector<RectangleEmitter> orbits;
-  for (const RectangleEmitter& e : emitters) {
-    Beam beam;
+  std::vector<Emitter> orbits;
+  for (const Emitter& e : emitters) {
     Vec3 home;
-    beam.source = detail::fundamental(e, home);
+    Beam beam{detail::fundamental(e, home)};
     const auto known = std::find_if(orbits.begin(), orbits.end(), [&](const auto& o) { return detail::same(o, beam.source); });
     beam.orbit = std::uint64_t(known - orbits.begin());
     if (known == orbits.end()) orbits.push_back(beam.source);
     beam.source = orbits[beam.orbit];  // the very same bits for all images
-    beam.normal = normal(beam.source);
-    const bool own_x = detail::same(detail::mirrored(beam.source, detail::flip_x), beam.source);
-    const bool own_y = detail::same(detail::mirrored(beam.source, detail::flip_y), beam.source);
-    detail::tangents(beam.normal, beam.tangent1, beam.tangent2);
+    beam.axis = beam.source.axis();
+    const bool own_x = detail::same(beam.source.mirrored(detail::flip_x), beam.source);
+    const bool own_y = detail::same(beam.source.mirrored(detail::flip_y), beam.source);
+    detail::tangents(beam.axis, beam.tangent1, beam.tangent2);
     if (own_x || own_y) {
       beam.tangent1 = own_x ? Vec3::UnitX() : Vec3::UnitY();
-      beam.tangent2 = beam.normal.cross(beam.tangent1);
+      beam.tangent2 = beam.axis.cross(beam.tangent1);
       beam.azimuth_from = own_x && own_y ? 0.0 : -0.5 * pi;
       beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
     beam.rays = std::max(1u, rays / images);
-    beam.power_W = e.power_W / double(beam.rays * images);
+    beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
       beam.mirror = home;
@@ -7774,12 +8269,61 @@ class LightAccounts {
 
 }  // namespace lumo::detail
 
+// ---- lumo/optics/scattering_medium.hpp
+
+namespace lumo {
+
+/// A medium that also turns light aside. transmittance() is the share that runs straight on; of the rest, albedo() is scattered.
+/// Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not come through `path_m` ends, drawn with the density −dT/ds on
+/// [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is the same forwards and backwards (reciprocity).
+template <class M>
+concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
+  { medium.albedo() } -> std::convertible_to<double>;
+  { medium.free_path_m(x, x) } -> std::convertible_to<double>;
+  { medium.scattering_cosine(x) } -> std::convertible_to<double>;
+};
+
+/// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last bit.
+/// Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
+class ScatteringMedium {
+ public:
+  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy in [−0.999, 0.999].
+  explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
+    require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
+    require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
+  }
+
+  double refractive_index() const { return straight_.refractive_index(); }
+  double transmittance(double path_m) const { return straight_.transmittance(path_m); }
+  double albedo() const { return medium_.scattering_albedo; }
+  double free_path_m(double path_m, double u) const {
+    const double depth = medium_.extinction_per_m * path_m;
+    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m) : u * path_m;
+  }
+  double scattering_cosine(double u) const {
+    const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
+    if (std::abs(g) < 1e-4) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);  // the formula's limit, where it would cancel
+    const double q = (1.0 - g * g) / (1.0 + g * s);
+    return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
+  }
+
+ private:
+  BeerLambert straight_;
+  Medium medium_;
+};
+
+static_assert(TurbidMedium<ScatteringMedium>);
+static_assert(!TurbidMedium<BeerLambert>);
+
+}  // namespace lumo
+
 // ---- lumo/optics/path_tracer.hpp
 
 namespace lumo::detail {
 
 struct PathLimits {
-  double roulette_below;
+  double roulette_below, scattered_below;
   int max_events;
 };
 
@@ -7802,11 +8346,14 @@ class PathTracer {
 
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
   /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
-  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr) {
+  /// `gathers_direct`: ExitGather finds the emitter's direct light.
+  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
+           bool gathers_direct = true) {
     ++rays;
     mirror_ = mirror;
     start_ = power_W;
     from_emitter_ = from_emitter;
+    gathers_direct_ = gathers_direct;
     accounts_.book(accounts_.ledger.emitted, power_W);
     Branch first;
     first.origin = ray.origin, first.direction = ray.direction, first.power = power_W, first.key = ray.key;
@@ -7839,13 +8386,14 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
+    bool scattered = false;     ///< in the medium, once at least
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
   bool survives(Branch& b) {
     b.direct = false;
     if (!(b.power > 0.0)) return false;
-    const double full = limits_.roulette_below * start_;
+    const double full = (b.scattered ? limits_.scattered_below : limits_.roulette_below) * start_;
     if (b.power >= full) return true;
     if (uniform(combine(b.key, 0)) * full < b.power) {
       accounts_.book(accounts_.ledger.roulette, b.power - full);
@@ -7859,16 +8407,18 @@ class PathTracer {
   void escape(const Branch& b) {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
-    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct || !from_emitter_);
+    const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
+    const bool lone = b.scattered || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
     const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
-    if (log_ != nullptr && from_emitter_ && !gathered)
+    if (log_ != nullptr && from_emitter_ && !gathered && !lone)
       log_->push_back(e);
     else
       accounts_.book_exit(e, b.direct, gathered);
   }
 
   void follow(Branch b);
+  void scatter(const Branch& b, double path_m, double power);
   bool meet(Branch& b, int triangle);
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
 
@@ -7884,7 +8434,7 @@ class PathTracer {
   std::vector<Branch> stack_;
   Vec3 mirror_ = Vec3::Ones();
   double start_ = 0.0;
-  bool from_emitter_ = true;
+  bool from_emitter_ = true, gathers_direct_ = true;
 };
 
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
@@ -7905,13 +8455,40 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
     const Vec3 n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
     const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
     const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
-    b.origin += path_m * b.direction;
     if (b.inside) {
       const double left = b.power * medium_.transmittance(path_m);
-      accounts_.book(accounts_.ledger.absorbed_in_medium, b.power - left);
+      double absorbed = b.power - left;
+      if constexpr (TurbidMedium<Medium>) {
+        const double scattered = medium_.albedo() * absorbed;
+        absorbed -= scattered;
+        scatter(b, path_m, scattered);
+      }
+      accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
       b.power = left;
     }
+    b.origin += path_m * b.direction;
     if (!meet(b, hit.triangle)) return;
+  }
+}
+
+// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a clear medium, so that direct light
+// and what is gathered backwards stay free of scattering's noise: there too, each piece sends on both.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
+  if constexpr (TurbidMedium<Medium>) {
+    Branch c = b;
+    c.power = power;
+    c.key = combine(b.key, 6);
+    c.scattered = true;
+    if (!survives(c)) return;
+    const Vec3 axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
+    const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))), azimuth = 2.0 * pi * uniform(combine(c.key, 3));
+    const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
+    Vec3 t1, t2;
+    tangents(axis, t1, t2);
+    c.origin += medium_.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
+    c.direction = mirror_.cwiseProduct((sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+    stack_.push_back(c);
   }
 }
 
@@ -8117,7 +8694,8 @@ class ExitBeams {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_);
+          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_,
+                    beam.source.has_intensity());
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), 6);
@@ -8234,11 +8812,12 @@ namespace lumo::detail {
 /// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
 /// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
 /// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
-/// Veach, thesis, 1997, ch. 5). Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
+/// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
+/// Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
-  ExitGather(const Body& body, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
+  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
              PathTracer<Scene, Medium, Readout>& path)
       : surface_(surface),
@@ -8252,8 +8831,9 @@ class ExitGather {
         path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-      const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-      for (const RectangleEmitter& e : body.emitters) emitters_[image].push_back({standard(mirrored(e, m)), mirror(normal(e), m)});
+      const Vec3 m = sign(image);
+      for (const Emitter& e : emitters)
+        if (e.has_intensity()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
     }
   }
 
@@ -8271,8 +8851,12 @@ class ExitGather {
         for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
         Vec3 n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
-        if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
-        gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+        if constexpr (ConnectedReadout<Readout>) {
+          gather_connected(x, n, exits_[k].mirror, sequence, sent);
+        } else {
+          if (i % direct_every == 0) gather_direct(x, n, exits_[k].mirror, sequence, x.area * count / direct);
+          gather_diffuse(x, n, exits_[k].mirror, sequence, sent);
+        }
       }
     }
     path_.accounts().take();  // the paths ran backwards: what they booked on their way is not power
@@ -8286,22 +8870,15 @@ class ExitGather {
 
  private:
   struct Source {
-    RectangleEmitter emitter;  ///< mirrored to the side of the fundamental face
-    Vec3 normal;
+    Emitter emitter;  ///< mirrored to the side of the fundamental face
+    Vec3 axis;
   };
 
   /// Direct light is smooth in place: one point of this many will do.
   static constexpr std::uint32_t direct_every = 2;
 
   static Vec3 mirror(const Vec3& p, const Vec3& m) { return m.cwiseProduct(p); }
-  static RectangleEmitter standard(RectangleEmitter e) {
-    for (Vec3* h : {&e.half_u, &e.half_v}) {
-      Eigen::Index k = 0;
-      h->cwiseAbs().maxCoeff(&k);
-      if ((*h)[k] < 0.0) *h = -*h;
-    }
-    return e;
-  }
+  static Vec3 sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
 
   // Books `power` for every image, if the way out is free and the readout sees it.
   void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3& out, double power) const {
@@ -8311,7 +8888,7 @@ class ExitGather {
     }
   }
   int channel_of(const FaceSet::Sample& x, const Vec3& out, unsigned image) const {
-    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3 m = sign(image);
     return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
   }
   bool seen(const FaceSet::Sample& x, const Vec3& out) const {
@@ -8323,11 +8900,11 @@ class ExitGather {
   void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, double area) {
     const double u = sequence(x.index, 4), v = sequence(x.index, 5);
     for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
-      const Vec3 from = mirror(point(s.emitter, u, v), m), way = x.ray.origin - from;
+      const Vec3 from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
       const double length = way.norm();
       const Vec3 d = way / length;
-      const double leaves = d.dot(mirror(s.normal, m)), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
-      if (!(leaves > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
+      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
+      if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
       const FresnelSplit split = fresnel(cosine, ratio_);
       if (split.reflectance >= 1.0) continue;
       const Vec3 out = refract(d, -n, ratio_, split.cosine_behind);
@@ -8335,22 +8912,47 @@ class ExitGather {
       ++path_.segments;
       const RayHit hit = scene_.first_hit(from, d, true);
       if (!hit || hit.t < length - 1e-6 * length) continue;
-      const double power = s.emitter.power_W / pi * leaves * meets / (length * length) * area * (1.0 - split.reflectance);
+      const double power = intensity * meets / (length * length) * area * (1.0 - split.reflectance);
       book(direct_, x, out, power * medium_.transmittance(length));
     }
   }
 
   void gather_diffuse(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     const Vec3 out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
-    if (out.dot(x.normal) <= 0.0) return;
+    double weight = 0.0;
+    if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
+    book(diffuse_, x, out, radiosity(x, m, weight, sent));
+  }
+
+  // Openings are not mirror images of each other: each image of the point has its own way out.
+  void gather_connected(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+    for (unsigned image : images_)
+      for (int k = 0; k < readout_.openings(); ++k) {
+        const Connection way = readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
+        const Vec3 out = mirror(way.direction, sign(image));
+        double weight = 0.0;
+        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight)) continue;
+        const int channel = channel_of(x, out, image);
+        if (channel < 0 || channel >= channels_ || scene_.first_hit(x.ray.origin, out, false)) continue;
+        diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
+      }
+  }
+
+  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is weight·radiosity of where it comes from,
+  // if its directions have a cosine law. False: there is no such light.
+  bool enter(FaceSet::Sample& x, const Vec3& n, const Vec3& out, double& weight) const {
     const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
-    if (split.reflectance >= 1.0) return;
+    if (split.reflectance >= 1.0) return false;
     x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
     const double slant = x.ray.direction.dot(x.normal) / x.ray.direction.dot(n);  // flat facet, curved normal
-    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0) || !seen(x, out)) return;
-    const double weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    if (!(x.ray.direction.dot(x.normal) < 0.0 && slant > 0.0)) return false;
+    weight = x.area * slant * (1.0 - split.reflectance) / (ratio_ * ratio_);
+    return true;
+  }
+
+  double radiosity(const FaceSet::Sample& x, const Vec3& m, double weight, const std::vector<double>& sent) {
     path_.run(x.ray, m, weight / double(images_.size()), false);
-    book(diffuse_, x, out, path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); }));
+    return path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); });
   }
 
   const OpticalScene& surface_;
@@ -8375,7 +8977,7 @@ class ExitGather {
 
 namespace lumo {
 
-/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body).
+/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for each colour of the emitters.
 struct Response {
   std::vector<double> power_W;  ///< mean over replicates
   std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates
@@ -8412,7 +9014,9 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 
 /// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
 ///
-/// Lambertian emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III).
+/// Emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
+/// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
+/// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
 /// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
 ///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread between neighbouring
 ///    paths (exit_beams.hpp).
@@ -8430,6 +9034,7 @@ class Tracer {
     int carrier_rays = 1 << 16;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
     double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
+    double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
     int max_events = 4096;            ///< a branch that meets more surfaces is booked as lost
     std::uint64_t seed = 0;           ///< another number, another independent pattern
     OpticalScene::Config scene{};
@@ -8440,6 +9045,11 @@ class Tracer {
       : config_(config), readout_(readout), backend_(backend) {}
 
   const Config& config() const { return config_; }
+
+  /// Channels of the response: those of the readout for each colour; 0 without emitters.
+  int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
+  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric or the readout does not say.
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const;
 
   /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for each number of `pattern`.
   /// Compare its responses with its own only. Throws InvalidArgument for a factor that is no power of two, or out of range.
@@ -8476,6 +9086,21 @@ Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int f
 }
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
+std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
+  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::same_as<std::vector<int>>; }) {
+    const Symmetry light = RayPattern::symmetry_of(body.emitters);
+    if (axis == 0 ? !light.x : !light.y) return std::nullopt;
+    const std::vector<int> one = readout_.image_channels(body, axis);
+    std::vector<int> all;
+    for (int color = 0; color < color_count(body.emitters); ++color)
+      for (int c : one) all.push_back(color * int(one.size()) + c);
+    return all;
+  } else {
+    return std::nullopt;
+  }
+}
+
+template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
                                                  const std::vector<double>& contact_field, Symmetry symmetry) const {
   const auto power_of_two = [](const char* what, int value, int low) {
@@ -8487,43 +9112,58 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   require_in_range("carrier rays", config_.carrier_rays, 1, 1 << 30, "");
   require_in_range("exit rays", config_.exit_rays, 0, 1 << 30, "");
   require_in_range("roulette_below", config_.roulette_below, 0.0, 1.0, "");
+  require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
   require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
   if (body.surroundings.extinction_per_m != 0.0)
     throw InvalidArgument(detail::text("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
+  validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
-  const RayPattern pattern(body.emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry);
   const detail::LightNodes nodes(surface, symmetry);
   const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1,
                                 [&](int t) { return nodes.of(t)[0] >= 0; });
   const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, [&](int t) {
-    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face());
+    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
-  const int channels = readout_.channels(body);
+  const int channels = readout_.channels(body), colors = color_count(body.emitters);
   require_in_range("readout channels", channels, 0, 1 << 24, "");
   const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
   const double outer_index = BeerLambert(body.surroundings).refractive_index();
 
   Response response;
-  response.replicates.resize(config_.replicates, channels);
-  response.direct.resize(config_.replicates, channels);
+  response.replicates.resize(config_.replicates, colors * channels);
+  response.direct.resize(config_.replicates, colors * channels);
   EnergyLedger& sum = response.ledger;
-  sum.channels.assign(std::size_t(channels), 0.0);
   detail::PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
-                          {config_.roulette_below, config_.max_events});
+                          {config_.roulette_below, config_.scattered_below, config_.max_events});
   detail::ExitBeams beams(path);
-  detail::ExitGather gather(body, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path);
+  struct Color {
+    RayPattern pattern;
+    detail::ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
+  };
+  std::vector<Color> light;
+  for (int c = 0; c < colors; ++c) {
+    std::vector<Emitter> emitters;
+    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
+    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry),
+                     {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
+  }
+  constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
-    for (const RayPattern::Beam& beam : pattern.beams()) {
-      if (config_.exit_rays > 0)
-        beams.run(beam, sequence(0));
-      else
-        for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true);
+    std::vector<detail::Tally> totals;
+    for (const Color& color : light) {
+      for (const RayPattern::Beam& beam : color.pattern.beams()) {
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout>)  // an opening is too small to be found between rays
+          beams.run(beam, sequence(0));
+        else
+          for (std::uint32_t i = 0; i < beam.rays; ++i)
+            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, true, nullptr, gathers_direct && beam.source.has_intensity());
+      }
+      totals.push_back(path.accounts().take());
     }
-    detail::Tally total = path.accounts().take();
     detail::CarrierTransport transport(nodes.size(), channels);
     for (std::size_t k = 0; k < carrier.size(); ++k)
       for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
@@ -8534,20 +9174,182 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
         transport.add(path.accounts().take(), nodes.of(x.ray.triangle), detail::LightNodes::shares(x.at), x.area);
       }
-    const std::vector<double> sent = detail::exchange(nodes, transport, total);
-    gather.run(sequence(2), sent, total);
-    for (int c = 0; c < channels; ++c) {
-      response.replicates(r, c) = total.ledger.channels[std::size_t(c)];
-      response.direct(r, c) = total.direct[std::size_t(c)];
+    for (int k = 0; k < colors; ++k) {
+      detail::Tally& total = totals[std::size_t(k)];
+      const std::vector<double> sent = detail::exchange(nodes, transport, total);
+      light[std::size_t(k)].gather.run(sequence(2), sent, total);
+      for (int c = 0; c < channels; ++c) {
+        response.replicates(r, k * channels + c) = total.ledger.channels[std::size_t(c)];
+        response.direct(r, k * channels + c) = total.direct[std::size_t(c)];
+      }
+      total.ledger.channels.clear();
+      detail::add(sum, total.ledger, 1.0 / config_.replicates);
     }
-    detail::add(sum, total.ledger, 1.0 / config_.replicates);
   }
   response.rays = path.rays;
   response.segments = path.segments;
-  for (int c = 0; c < channels; ++c) sum.channels[std::size_t(c)] = response.replicates.col(c).mean();
+  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c) sum.channels.push_back(response.replicates.col(c).mean());
   response.power_W = sum.channels;
   response.error_W = standard_error(response.replicates);
   return response;
+}
+
+}  // namespace lumo
+
+// ---- lumo/optics/photodiode.hpp
+
+namespace lumo {
+
+/// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
+struct Photodiode {
+  Vec3 center = Vec3::Zero();       ///< [m]
+  Vec3 half_u = 1e-3 * Vec3::UnitX();  ///< half edge, or half axis [m]
+  Vec3 half_v = 1e-3 * Vec3::UnitY();  ///< likewise
+  bool round = false;               ///< an ellipse with these half axes
+  double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
+
+  double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
+  Vec3 normal() const { return half_u.cross(half_v).normalized(); }
+};
+
+/// Photodiodes, a channel each: the power that falls on them [W], as if none stood in another's light.
+class Photodiodes {
+ public:
+  /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
+  explicit Photodiodes(std::vector<Photodiode> diodes);
+
+  int channels(const Body&) const { return int(diodes_.size()); }
+  /// Of several photodiodes behind each other the first one.
+  int channel(const Escape& escape) const;
+  int openings() const { return int(diodes_.size()); }
+  Connection connect(int k, const Vec3& from, double u, double v) const;
+
+ private:
+  static bool accepts(const Photodiode& d, const Vec3& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+
+  std::vector<Photodiode> diodes_;
+};
+
+static_assert(ConnectedReadout<Photodiodes>);
+
+inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
+  if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
+  for (const Photodiode& d : diodes_) {
+    if (!d.center.allFinite()) throw InvalidArgument("photodiode: its centre is not finite");
+    require_positive("area of a photodiode", d.area_m2(), "m2");
+    require_in_range("acceptance angle of a photodiode", d.acceptance_rad * 180.0 / pi, 0.1, 90.0, "deg");
+  }
+}
+
+inline int Photodiodes::channel(const Escape& escape) const {
+  int best = -1;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < diodes_.size(); ++k) {
+    const Photodiode& d = diodes_[k];
+    if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
+    const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
+    if (!(way > 0.0 && way < nearest)) continue;
+    const Vec3 p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
+    const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
+    if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) best = int(k), nearest = way;
+  }
+  return best;
+}
+
+inline Connection Photodiodes::connect(int k, const Vec3& from, double u, double v) const {
+  const Photodiode& d = diodes_[std::size_t(k)];
+  const Vec3 at = d.center + (d.round ? detail::on_unit_disc(u, v, d.half_u, d.half_v) : Vec3((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+  const Vec3 way = at - from;
+  const double length = way.norm();
+  if (!(length > 0.0)) return {};
+  const Vec3 direction = way / length;
+  if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
+  return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
+}
+
+}  // namespace lumo
+
+// ---- lumo/optics/pinhole_camera.hpp
+
+namespace lumo {
+
+/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into that pixel; pixels are numbered from
+/// the upper left corner of the upright image. The opening holds an ideal thin lens focused at `focus_m`: what lies at another distance z is
+/// blurred to a disc of about 2 aperture_m |z/focus_m − 1| there, and nothing else is approximate.
+class PinholeCamera {
+ public:
+  struct Config {
+    Vec3 position = Vec3::Zero();        ///< of the opening [m]
+    Vec3 view = Vec3::UnitZ();           ///< the way that the camera looks
+    Vec3 up = Vec3::UnitY();             ///< what is up in the image; not along `view`
+    double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
+    int columns = 32;
+    int rows = 32;
+    double aperture_m = 0.25e-3;         ///< radius of the opening
+    double focus_m = 20e-3;              ///< distance along `view` that is sharp
+  };
+
+  /// Throws InvalidArgument for numbers out of range.
+  explicit PinholeCamera(const Config& config);
+
+  const Config& config() const { return config_; }
+  int channels(const Body&) const { return config_.columns * config_.rows; }
+  int channel(const Escape& escape) const;
+  int openings() const { return 1; }
+  Connection connect(int, const Vec3& from, double u, double v) const;
+  /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
+  int pixel(const Vec3& p) const;
+
+ private:
+  int pixel_of(double right, double up) const;
+
+  Config config_;
+  Vec3 view_, right_, up_;
+  double half_width_, half_height_;  ///< of the image at distance 1
+};
+
+static_assert(ConnectedReadout<PinholeCamera>);
+
+inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
+  require_in_range("columns of the camera", config.columns, 1, 4096, "");
+  require_in_range("rows of the camera", config.rows, 1, 4096, "");
+  require_in_range("field of view", config.field_of_view_rad * 180.0 / pi, 0.1, 170.0, "deg");
+  require_in_range("radius of the camera's opening", config.aperture_m * 1e3, 1e-6, 1e3, "mm");
+  require_positive("focus distance of the camera", config.focus_m, "m");
+  if (!config.position.allFinite()) throw InvalidArgument("camera: its position is not finite");
+  view_ = config.view.normalized();
+  right_ = view_.cross(config.up).normalized();
+  up_ = right_.cross(view_);
+  if (!(std::abs(up_.norm() - 1.0) < 1e-9)) throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
+  half_width_ = std::tan(0.5 * config.field_of_view_rad);
+  half_height_ = half_width_ * config.rows / config.columns;
+}
+
+inline int PinholeCamera::pixel_of(double right, double up) const {
+  const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns, row = 0.5 * (1.0 - up / half_height_) * config_.rows;
+  if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
+  return int(row) * config_.columns + int(column);
+}
+
+inline int PinholeCamera::pixel(const Vec3& p) const {
+  const Vec3 way = p - config_.position;
+  const double z = way.dot(view_);
+  return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
+}
+
+inline int PinholeCamera::channel(const Escape& escape) const {
+  const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
+  if (!(toward > 0.0 && z > 0.0)) return -1;
+  const Vec3 hit = escape.position + (z / toward) * escape.direction;
+  if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
+  return pixel(hit - (config_.focus_m / toward) * escape.direction);
+}
+
+inline Connection PinholeCamera::connect(int, const Vec3& from, double u, double v) const {
+  const Vec3 way = config_.position + config_.aperture_m * detail::on_unit_disc(u, v, right_, up_) - from;
+  const double length = way.norm(), toward = -way.dot(view_);
+  if (!(toward > 0.0)) return {};
+  return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};
 }
 
 }  // namespace lumo
@@ -8571,7 +9373,7 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (benchmarks/refinement/results.md).
+/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study (benchmarks/refinement/results.md).
 struct MechanicalError {
   double area = 0.03;         ///< relative, of A
   double overlap = 0.015;     ///< absolute, of an intersection over union
@@ -8589,6 +9391,16 @@ ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vec
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
 inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
+
+namespace detail {
+
+/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
+inline Estimate clipped(const Estimate& e) {
+  const double value = std::clamp(e.value, 0.0, 1.0);
+  return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+}  // namespace detail
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
@@ -8612,7 +9424,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   ContactTerms q;
   if (two) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = form >= 1.0 ? Estimate{1.0, 0.0} : Estimate{form, 0.5 * error.area * form};
+    q.form = detail::clipped({form, 0.5 * error.area * form});
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
@@ -8622,7 +9434,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
-    q.stiff = Estimate{std::clamp(1.0 - ratio, 0.0, 1.0), 1.0 - ratio < 0.0 ? 0.0 : std::sqrt(2.0) * error.stiffness * std::abs(ratio)};
+    q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }
@@ -10260,14 +11072,14 @@ struct LogNehvi {
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const auto m = Eigen::Index(posteriors_.size()), draws = Eigen::Index(improvements_.size());
+      const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
       Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
         for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
-      for (Eigen::Index s = 0; s < draws; ++s)
+      for (Eigen::Index s = 0; s < drawn; ++s)
         for (Eigen::Index i = 0; i < x.cols(); ++i) {
           load(i, s);
           sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
@@ -10275,14 +11087,14 @@ struct LogNehvi {
       std::vector<double> logs(improvements_.size());
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
         if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
-          sum[i] = std::log(sum[i] / double(draws));
+          sum[i] = std::log(sum[i] / double(drawn));
           continue;
         }
-        for (Eigen::Index s = 0; s < draws; ++s) {   // hopeless, but to be ranked
+        for (Eigen::Index s = 0; s < drawn; ++s) {   // hopeless, but to be ranked
           load(i, s);
           logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
         }
-        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(draws));
+        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(drawn));
       }
       return sum;
     }
@@ -10589,14 +11401,7 @@ class Optimizer {
       : config_(std::move(config)), log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
   /// The next design to evaluate, now pending; nothing when status() says why.
-  std::optional<Trial> ask() {
-    if (told() + pending() >= problem().evaluations) return std::nullopt;
-    auto x = log_.scheduled();
-    if (!x) x = chosen();
-    exhausted_ = !x;
-    if (!x) return std::nullopt;
-    return log_.open(int(trials().size()), std::move(*x));
-  }
+  std::optional<Trial> ask();
 
   /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or not finite.
   void tell(int id, std::vector<double> outputs) { log_.tell(id, std::move(outputs)); }
@@ -10624,90 +11429,26 @@ class Optimizer {
   int pending() const { return log_.count(Trial::State::pending); }
 
   /// Told trials that no other dominates, from the best in the first objective on.
-  std::vector<Outcome> front() const {
-    std::vector<int> ids;
-    for (const Trial& t : trials())
-      if (t.state == Trial::State::told) ids.push_back(t.id);
-    const Eigen::MatrixXd y = objectives();
-    std::vector<Outcome> out;
-    for (const Eigen::Index i : pareto_front(y)) {
-      out.push_back({ids[std::size_t(i)], {}});
-      for (Eigen::Index j = 0; j < y.rows(); ++j) out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-    }
-    return out;
-  }
+  std::vector<Outcome> front() const;
 
   /// What the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const {
-    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-    for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-    return lumo::hypervolume(objectives(), reference);
-  }
+  double hypervolume() const;
 
   /// Models of the told outputs as they are in evidence(). Empty before two trials are told.
-  const std::vector<GaussianProcess<Kernel>>& models() {
-    if (told() < 2 || modelled_ == told()) return models_;
-    const Evidence e = evidence();
-    models_.clear();
-    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-    modelled_ = told();
-    return models_;
-  }
+  const std::vector<GaussianProcess<Kernel>>& models();
 
   /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in units of the spread of
   /// their objective.
-  Evidence evidence() const {
-    Evidence e;
-    e.x = log_.designs(Trial::State::told);
-    e.pending = log_.designs(Trial::State::pending);
-    e.outputs = log_.told_outputs();
-    for (int j = 0; j < int(problem().objectives.size()); ++j) {
-      std::vector<Eigen::Index> rows;
-      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-      Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
-      const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
-      if (largest > 0.0) {
-        y /= largest;
-        const double spread = std::sqrt((y - y.mean()).square().mean());
-        if (spread > 1e-14) y /= spread;
-      }
-      e.outputs(rows, Eigen::all) = y.matrix();
-    }
-    const auto& variables = problem().space.variables;
-    e.lower.resize(Eigen::Index(variables.size()));
-    e.upper.resize(Eigen::Index(variables.size()));
-    for (std::size_t i = 0; i < variables.size(); ++i) {
-      e.lower[Eigen::Index(i)] = variables[i].lower;
-      e.upper[Eigen::Index(i)] = variables[i].upper;
-    }
-    e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
-    return e;
-  }
+  Evidence evidence() const;
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const {
-    Eigen::MatrixXd y = log_.told_outputs();
-    for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
-  }
+  Eigen::MatrixXd objectives() const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
-  std::optional<Design> chosen() {
-    const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
-    if (models().empty()) {
-      auto fresh = log_.sampler().fresh(1, key, log_.taken());
-      return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
-    }
-    std::vector<Design> standing;
-    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
-    const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
-    return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
-  }
+  std::optional<Design> chosen();
 
   Config config_;
   TrialLog log_;
@@ -10715,6 +11456,105 @@ class Optimizer {
   std::vector<GaussianProcess<Kernel>> models_;
   int modelled_ = 0;  ///< told trials that the models know
 };
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<Trial> Optimizer<K, A, S, R>::ask() {
+  if (told() + pending() >= problem().evaluations) return std::nullopt;
+  auto x = log_.scheduled();
+  if (!x) x = chosen();
+  exhausted_ = !x;
+  if (!x) return std::nullopt;
+  return log_.open(int(trials().size()), std::move(*x));
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
+  std::vector<int> ids;
+  for (const Trial& t : trials())
+    if (t.state == Trial::State::told) ids.push_back(t.id);
+  const Eigen::MatrixXd y = objectives();
+  std::vector<Outcome> out;
+  for (const Eigen::Index i : pareto_front(y)) {
+    out.push_back({ids[std::size_t(i)], {}});
+    for (Eigen::Index j = 0; j < y.rows(); ++j) out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
+  }
+  return out;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+double Optimizer<K, A, S, R>::hypervolume() const {
+  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+  for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+  return lumo::hypervolume(objectives(), reference);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
+  if (told() < 2 || modelled_ == told()) return models_;
+  const Evidence e = evidence();
+  models_.clear();
+  for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+    models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+  modelled_ = told();
+  return models_;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+Evidence Optimizer<K, A, S, R>::evidence() const {
+  Evidence e;
+  e.x = log_.designs(Trial::State::told);
+  e.pending = log_.designs(Trial::State::pending);
+  e.outputs = log_.told_outputs();
+  for (int j = 0; j < int(problem().objectives.size()); ++j) {
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+      if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+    const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+    if (largest > 0.0) {
+      y /= largest;
+      const double spread = std::sqrt((y - y.mean()).square().mean());
+      if (spread > 1e-14) y /= spread;
+    }
+    e.outputs(rows, Eigen::all) = y.matrix();
+  }
+  const auto& variables = problem().space.variables;
+  e.lower.resize(Eigen::Index(variables.size()));
+  e.upper.resize(Eigen::Index(variables.size()));
+  for (std::size_t i = 0; i < variables.size(); ++i) {
+    e.lower[Eigen::Index(i)] = variables[i].lower;
+    e.upper[Eigen::Index(i)] = variables[i].upper;
+  }
+  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+  return e;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
+  Eigen::MatrixXd y = log_.told_outputs();
+  for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
+  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<Design> Optimizer<K, A, S, R>::chosen() {
+  const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
+  if (models().empty()) {
+    auto fresh = log_.sampler().fresh(1, key, log_.taken());
+    return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
+  }
+  std::vector<Design> standing;
+  for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+  const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
+  return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
+}
 
 }  // namespace lumo
 
@@ -10761,7 +11601,7 @@ struct Image {
 /// One picture of a camera and how it was taken.
 struct Frame {
   ImageView image;
-  std::int64_t stamp_ns = 0;  ///< middle of the exposure where the driver tells it, on the clock that the session names
+  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is after the exposure's middle is the session's frame delay
   double exposure_s = 0.0;    ///< 0: not known
   double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
   std::int64_t index = 0;     ///< counted by the source
@@ -10849,6 +11689,7 @@ struct JointSample {
   JointVector velocity_rad_per_s;
   JointVector effort;  ///< of the motor on the joint, positive along the joint's axis
   Effort unit = Effort::current_A;
+  bool saturated = false;  ///< the driver says that a value stands at the end of its range: it may be more
 };
 
 }  // namespace lumo
@@ -10886,6 +11727,104 @@ class RecordedActuator {
 };
 
 static_assert(Actuator<RecordedActuator>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/alignment.hpp
+
+namespace lumo {
+
+/// Stamps lie within ±this [ns], 146 years, so that the difference of any two is one of 64 bits.
+inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
+
+/// From one clock to another: to = from + offset + drift · (from − origin).
+struct ClockMap {
+  std::int64_t origin_ns = 0;
+  double offset_s = 0.0;
+  double drift = 0.0;         ///< seconds per second
+  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
+  bool operator==(const ClockMap&) const = default;
+
+  /// Ends at the limit of stamps.
+  std::int64_t operator()(std::int64_t from_ns) const {
+    constexpr double limit = double(stamp_limit_ns);
+    const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
+    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
+  }
+
+  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
+    if (from_ns.empty() || from_ns.size() != to_ns.size())
+      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+    for (std::size_t i = 0; i < from_ns.size(); ++i)
+      for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(detail::text("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
+    ClockMap map;
+    map.origin_ns = from_ns[from_ns.size() / 2];
+    const double n = double(from_ns.size());
+    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) {
+      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
+      st += t, sd += d, stt += t * t, std_ += t * d;
+    }
+    const double det = n * stt - st * st;
+    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
+    map.offset_s = (sd - map.drift * st) / n;
+    double squares = 0.0;
+    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
+    map.residual_s = std::sqrt(squares / n);
+    return map;
+  }
+};
+
+/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
+class TimeSeries {
+ public:
+  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    for (std::size_t i = 1; i < stamp_.size(); ++i)
+      if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
+        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+    if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
+      throw InvalidArgument(detail::text("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+  }
+
+  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
+    if (after == stamp_.end()) return std::nullopt;
+    const auto j = Eigen::Index(after - stamp_.begin());
+    if (*after == stamp_ns) return Eigen::VectorXd(value_.col(j));
+    if (after == stamp_.begin()) return std::nullopt;
+    const double gap = double(*after - *(after - 1));
+    if (1e-9 * gap > max_gap_s) return std::nullopt;
+    const double share = double(stamp_ns - *(after - 1)) / gap;
+    return Eigen::VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+  }
+
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
+  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  Eigen::VectorXd interpolation_residual() const {
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
+    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
+      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
+      const auto k = Eigen::Index(i);
+      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
+    }
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+  }
+  double largest_gap_s() const {
+    std::int64_t gap = 0;
+    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
+    return 1e-9 * double(gap);
+  }
+  std::size_t size() const { return stamp_.size(); }
+
+ private:
+  std::vector<std::int64_t> stamp_;
+  Eigen::MatrixXd value_;
+};
 
 }  // namespace lumo
 
@@ -11071,10 +12010,11 @@ class StampColumn {
     std::int64_t stamp = 0;
     if (seconds_) {
       const double s = csv.number(column_);
-      if (std::abs(s) > 9.2e9) csv.fail(column_, "s is beyond the range of stamps");
+      if (std::abs(s) > 1e-9 * double(stamp_limit_ns)) csv.fail(column_, "s is beyond the range of stamps");
       stamp = std::llround(s * 1e9);
     } else {
       stamp = csv.integer(column_);
+      if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) csv.fail(column_, "is beyond the range of stamps");
     }
     if (last_ && stamp <= *last_) csv.fail(column_, "does not exceed the stamp before it");
     last_ = stamp;
@@ -11086,6 +12026,21 @@ class StampColumn {
   bool seconds_;
   std::optional<std::int64_t> last_;
 };
+
+/// A path below a log's frames/ that a table can hold.
+inline bool is_below_frames(std::string_view file) {
+  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
+         file.find('\\') == std::string_view::npos;
+}
+
+/// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
+inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
+  if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
+    throw InvalidArgument(text("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? text(" and exceed the one before it, ", *last, " ns") : std::string()));
+  last = stamp_ns;
+  return std::to_string(stamp_ns);
+}
 
 inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s"; }
 
@@ -11112,8 +12067,7 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
     FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
     if (file >= 0) {
       f.file = csv.text(file);
-      const bool below = !f.file.empty() && f.file.front() != '/' && f.file.find("..") == std::string::npos && f.file.find('\\') == std::string::npos;
-      if (!below) csv.fail(file, "is no path below frames/");
+      if (!detail::is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
     }
     if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
@@ -11198,10 +12152,15 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
-/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse in a number.
+/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
   std::string t = video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
-  for (const FrameRecord& f : frames) t += std::to_string(f.stamp_ns) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  std::optional<std::int64_t> last;
+  for (const FrameRecord& f : frames) {
+    if (!video && !detail::is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+    if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(detail::text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+    t += detail::stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  }
   return t;
 }
 
@@ -11212,10 +12171,11 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
   for (int j = 0; j < int(joints); ++j)
     for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
   t += '\n';
+  std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += std::to_string(s.stamp_ns);
+    t += detail::stamp_text(s.stamp_ns, last);
     for (Eigen::Index j = 0; j < joints; ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
     t += '\n';
   }
@@ -11224,8 +12184,9 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
 
 inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
   std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
+  std::optional<std::int64_t> last;
   for (const WrenchSample& w : samples) {
-    t += std::to_string(w.stamp_ns);
+    t += detail::stamp_text(w.stamp_ns, last);
     for (const Vec3& v : {w.force_N, w.torque_Nm})
       for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
     t += '\n';
@@ -11235,7 +12196,8 @@ inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
 
 inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
   std::string t = "stamp_ns,displacement_m\n";
-  for (const MarkerSample& m : samples) t += std::to_string(m.stamp_ns) + ',' + csv_number(m.displacement_m) + '\n';
+  std::optional<std::int64_t> last;
+  for (const MarkerSample& m : samples) t += detail::stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
   return t;
 }
 
@@ -11349,13 +12311,86 @@ inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samp
   const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
   for (Eigen::Index i = 0; i < n; ++i) t += ',' + detail::numbered("signal_V", int(i));
   t += '\n';
+  std::optional<std::int64_t> last;
   for (const PhotodiodeSample& s : samples) {
     if (s.signal_V.size() != n) throw InvalidArgument("photodiode log: samples must have the same number of diodes");
-    t += std::to_string(s.stamp_ns);
+    t += detail::stamp_text(s.stamp_ns, last);
     for (Eigen::Index i = 0; i < n; ++i) t += ',' + csv_number(s.signal_V[i]);
     t += '\n';
   }
   return t;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/mini_cheetah.hpp
+
+namespace lumo {
+
+/// A number as an unsigned integer of some bits over a symmetric range: 0 is −limit, all ones is +limit.
+struct FixedRange {
+  double low, high;
+  int bits;
+
+  double step() const { return (high - low) / double((1u << bits) - 1u); }
+  std::uint32_t pack(double v) const { return std::uint32_t(std::lround((std::clamp(v, low, high) - low) / step())); }
+  double unpack(std::uint32_t n) const { return low + step() * double(n); }
+};
+
+/// The CAN protocol of the MIT mini-cheetah actuators and of the drivers that follow it (source: B. Katz's public firmware and its documentation;
+/// widths and byte order are common, ranges differ by make and firmware and must be set to those of the motor at hand).
+/// Command, 8 bytes: position 16 bits, velocity 12, kp 12, kd 12, feed-forward torque 12, most significant first.
+/// Reply, 6 bytes (later firmware appends temperature and error, which are not read): number of the motor 8 bits, position 16, velocity 12, torque or current 12.
+struct MiniCheetahProtocol {
+  double position_rad = 12.5;
+  double velocity_rad_per_s = 65.0;
+  double kp_max = 500.0;  ///< N·m/rad
+  double kd_max = 5.0;    ///< N·m·s/rad
+  double torque_Nm = 18.0;
+  double effort = 18.0;  ///< range of the reply's last field: N·m, or A (40 in Katz's first firmware)
+
+  struct Command {
+    double position_rad = 0.0, velocity_rad_per_s = 0.0, kp = 0.0, kd = 0.0, torque_Nm = 0.0;
+  };
+  struct Reply {
+    int motor = 0;
+    double position_rad = 0.0, velocity_rad_per_s = 0.0, effort = 0.0;
+    bool saturated = false;  ///< a field stands at the end of its range
+  };
+  using Bytes = std::array<std::uint8_t, 8>;
+
+  static constexpr Bytes enter{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfc};  ///< motor on
+  static constexpr Bytes leave{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfd};  ///< motor off
+  static constexpr Bytes zero{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe};   ///< here is position 0
+
+  /// Values beyond a range are clamped to it. Throws InvalidArgument for numbers that are not finite.
+  Bytes pack(const Command& c) const {
+    for (const double v : {c.position_rad, c.velocity_rad_per_s, c.kp, c.kd, c.torque_Nm})
+      if (!std::isfinite(v)) throw InvalidArgument("motor command: numbers must be finite");
+    const std::uint32_t p = range(position_rad, 16).pack(c.position_rad), v = range(velocity_rad_per_s, 12).pack(c.velocity_rad_per_s);
+    const std::uint32_t kp = FixedRange{0.0, kp_max, 12}.pack(c.kp), kd = FixedRange{0.0, kd_max, 12}.pack(c.kd), t = range(torque_Nm, 12).pack(c.torque_Nm);
+    return {std::uint8_t(p >> 8), std::uint8_t(p & 0xff), std::uint8_t(v >> 4), std::uint8_t((v & 0xf) << 4 | kp >> 8),
+            std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
+  }
+  /// Nothing for fewer than six bytes.
+  std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
+    if (b.size() < 6) return std::nullopt;
+    const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
+    const bool full = p == 0 || p == 0xffff || v == 0 || v == 0xfff || t == 0 || t == 0xfff;
+    return Reply{int(b[0]), range(position_rad, 16).unpack(p), range(velocity_rad_per_s, 12).unpack(v), range(effort, 12).unpack(t), full};
+  }
+
+  static FixedRange range(double limit, int bits) { return {-limit, limit, bits}; }
+};
+
+/// Throws InvalidArgument for a range that is not positive.
+inline void validate(const MiniCheetahProtocol& p) {
+  require_positive("motor's position range", p.position_rad, "rad");
+  require_positive("motor's velocity range", p.velocity_rad_per_s, "rad/s");
+  require_positive("motor's kp range", p.kp_max, "N·m/rad");
+  require_positive("motor's kd range", p.kd_max, "N·m·s/rad");
+  require_positive("motor's torque range", p.torque_Nm, "N·m");
+  require_positive("motor's effort range", p.effort, "");
 }
 
 }  // namespace lumo
@@ -11399,7 +12434,7 @@ struct AxisMap {
   }
 
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
-  /// residual. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
+  /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
@@ -11437,9 +12472,17 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    const Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
-    map.coefficients -= step;
-    map.coefficients[2] = std::clamp(map.coefficients[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
+      step[2] = map.coefficients[2] - c;
+      map.coefficients[2] = c;
+      linearise();
+      step.head<2>() = (J.leftCols<2>().transpose() * J.leftCols<2>()).ldlt().solve(J.leftCols<2>().transpose() * r);
+      map.coefficients.head<2>() -= step.head<2>();
+    } else {
+      map.coefficients -= step;
+    }
     if (step.norm() < 1e-14) break;
   }
   linearise();
@@ -11545,7 +12588,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
           top = other < c || (other == c && (j > 0 || (j == 0 && i > 0)));  // of equals, the first
         }
       if (!top) continue;
-      // Centroid of what stands above the surroundings, twice, about its own middle: the window must not pull it.
+      // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must not pull it.
       Eigen::Vector2d centre(x, y);
       const double ground = sums.mean(x, y, far);
       for (int pass = 0; pass < 3; ++pass) {
@@ -11561,7 +12604,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
             weight += w;
           }
         if (weight <= 0.0) break;
-        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step twice as far.
+        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as far.
         centre += 1.8 * (moment / weight - centre);
       }
       if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
@@ -11663,21 +12706,18 @@ inline Interval wilson_interval(int right, int all, double z = 1.959963984540054
 
 namespace detail {
 
-/// Whole numbers below a bound from a counter; a pure function of (seed, number of calls).
-class CountedDraws {
+/// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
+class CountedNormals {
  public:
-  explicit CountedDraws(std::uint64_t seed) : state_(seed) {}
-  /// Uniform on 0 … bound − 1 (Lemire's multiplication; the bias is below bound/2³²).
-  std::size_t below(std::size_t bound) {
-    state_ += 0x9e3779b97f4a7c15ull;  // SplitMix64 (Steele, Lea & Flood 2014)
-    std::uint64_t x = state_;
-    x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
-    x = (x ^ (x >> 27)) * 0x94d049bb133111ebull;
-    return std::size_t(((x ^ (x >> 31)) >> 32) * std::uint64_t(bound) >> 32);
+  explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
+  double operator()() {
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))), turn = uniform(combine(seed_, count_ + 1));
+    count_ += 2;
+    return radius * std::cos(6.2831853071795864769 * turn);
   }
 
  private:
-  std::uint64_t state_;
+  std::uint64_t seed_, count_ = 0;
 };
 
 }  // namespace detail
@@ -11715,12 +12755,14 @@ inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eig
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
         " responses, must be the same, at least one re-contact"));
+  if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }
 
 /// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
 inline double reduction_percent(double value, double baseline) {
   require_positive("baseline's value", baseline, "");
+  require_in_range("value", value, -1e300, 1e300, "");
   return 100.0 * (1.0 - value / baseline);
 }
 /// 100 (D/D_base − 1) [%].
@@ -11740,12 +12782,15 @@ struct LabelledResponses {
   int places() const { return int(place_m.size()); }
 };
 
-/// Throws InvalidArgument unless shapes fit, numbers are finite and every place has an observation.
+/// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
         d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
+  for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
+    if (!(d.place_m[i] > d.place_m[i - 1]))
+      throw InvalidArgument(detail::text("labelled responses: place ", i, " lies at ", d.place_m[i], " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
     if (p < 0 || p >= d.places()) throw InvalidArgument(detail::text("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
@@ -11821,15 +12866,20 @@ struct RecontactMetrics {
 struct RecontactQuality {
   RecontactMetrics metrics;
   double Q_low = 0.0, Q_high = 0.0;                      ///< least and greatest with one re-contact left out everywhere, and of all
-  double bootstrap_low = 0.0, bootstrap_high = 0.0;      ///< percentile interval, re-contacts drawn anew at each place
+  /// Interval of the Q that infinitely many re-contacts at these places would give. Few re-contacts make Q too large, for their median lies among them;
+  /// the interval makes up for that and so need not hold the sample's own Q.
+  double bootstrap_low = 0.0, bootstrap_high = 0.0;
 };
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
 RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 
-/// At least two re-contacts at each place, as many everywhere. `confidence` of the bootstrap interval. Bootstrap samples in which W is 0 (one
-/// re-contact drawn alone) are drawn again. Throws InvalidArgument where Q is not defined.
+/// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
+/// of log Q: re-contacts are drawn about each place's median from a Gaussian with the covariance that the place's own re-contacts have (channels scatter
+/// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
+/// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
+/// Throws InvalidArgument where Q is not defined.
 RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
 inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
@@ -11851,15 +12901,16 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
 }
 
 inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
-  require_in_range("bootstrap resamples", resamples, 1, 1e7, "");
+  require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
   q.metrics = recontact_metrics(slope);
   const Eigen::Index repeats = slope.front().cols();
   for (const Eigen::MatrixXd& p : slope)
-    if (p.cols() != repeats || repeats < 2)
-      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 2; has ", p.cols(), " and ", repeats));
+    if (p.cols() != repeats || repeats < 3)
+      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
+  if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
   std::vector<Eigen::MatrixXd> some(slope.size());
   for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
@@ -11869,106 +12920,57 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
     }
     if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
   }
-  detail::CountedDraws draws(seed);
-  std::vector<double> drawn;
-  for (int k = 0, tries = 0; k < resamples && tries < 10 * resamples; ++tries) {
-    for (std::size_t i = 0; i < slope.size(); ++i) {
-      some[i].resize(slope[i].rows(), repeats);
-      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = slope[i].col(Eigen::Index(draws.below(std::size_t(repeats))));
-    }
-    if (const auto again = recontact_metrics(some).Q) drawn.push_back(*again), ++k;
+  std::vector<Eigen::VectorXd> middle;
+  std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
+  for (const Eigen::MatrixXd& p : slope) {
+    middle.push_back(pointwise_median(p));
+    scatter.push_back((p.colwise() - p.rowwise().mean()) / std::sqrt(double(repeats) - 1.0));
   }
-  q.bootstrap_low = drawn.empty() ? q.Q_low : quantile(drawn, 0.5 * (1.0 - confidence));
-  q.bootstrap_high = drawn.empty() ? q.Q_high : quantile(drawn, 0.5 * (1.0 + confidence));
+  detail::CountedNormals normal(seed);
+  Eigen::VectorXd numbers(repeats);
+  const auto deviation = [&](std::size_t place) {
+    for (double& z : numbers) z = normal();
+    return Eigen::VectorXd(scatter[place] * numbers);
+  };
+  std::vector<double> sizes, error;
+  for (int k = 0; k < resamples; ++k)
+    for (std::size_t i = 0; i < slope.size(); ++i) sizes.push_back(rms(deviation(i)));
+  const double W = median(sizes);  // of the model
+  some = slope;
+  for (int k = 0; k < resamples && W > 0.0; ++k) {
+    for (std::size_t i = 0; i < slope.size(); ++i)
+      for (Eigen::Index r = 0; r < repeats; ++r) some[i].col(r) = middle[i] + deviation(i);
+    if (const auto drawn = recontact_metrics(some).Q; drawn && *drawn > 0.0) error.push_back(std::log(*drawn * W / q.metrics.D_neighbor));
+  }
+  if (error.empty()) throw InvalidArgument("re-contact quality has no interval: at most places all re-contacts are the same");
+  // The scatter itself is known from so many re-contacts only: wider by √(n/(n − 1)) about the middle.
+  const double centre = median(error), wider = std::sqrt(double(repeats) / (double(repeats) - 1.0));
+  const auto limit = [&](double p) { return *q.metrics.Q * std::exp(-centre - wider * (quantile(error, p) - centre)); };
+  q.bootstrap_low = limit(0.5 * (1.0 + confidence));
+  q.bootstrap_high = limit(0.5 * (1.0 - confidence));
   return q;
 }
 
 }  // namespace lumo
 
-// ---- lumo/sense/alignment.hpp
+// ---- lumo/sense/golden_section.hpp
 
 namespace lumo {
 
-/// From one clock to another: to = from + offset + drift · (from − origin).
-struct ClockMap {
-  std::int64_t origin_ns = 0;
-  double offset_s = 0.0;
-  double drift = 0.0;         ///< seconds per second
-  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
-  bool operator==(const ClockMap&) const = default;
-
-  std::int64_t operator()(std::int64_t from_ns) const {
-    return from_ns + std::llround(1e9 * offset_s + drift * double(from_ns - origin_ns));
+/// Where a function of one number is least between a and b, if it has one minimum there: `steps` sections, each of which leaves 0.618 of the stretch.
+/// Source: Kiefer 1953.
+template <class Function>
+double golden_section(Function function, double a, double b, int steps) {
+  constexpr double golden = 0.61803398874989484820;
+  for (int k = 0; k < steps; ++k) {
+    const double c = b - golden * (b - a), d = a + golden * (b - a);
+    if (function(c) <= function(d))
+      b = d;
+    else
+      a = c;
   }
-
-  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
-  static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
-    if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
-    ClockMap map;
-    map.origin_ns = from_ns[from_ns.size() / 2];
-    const double n = double(from_ns.size());
-    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) {
-      const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      st += t, sd += d, stt += t * t, std_ += t * d;
-    }
-    const double det = n * stt - st * st;
-    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
-    map.offset_s = (sd - map.drift * st) / n;
-    double squares = 0.0;
-    for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
-    map.residual_s = std::sqrt(squares / n);
-    return map;
-  }
-};
-
-/// A recorded quantity of some channels over time, and what linear interpolation makes of it.
-class TimeSeries {
- public:
-  /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
-  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
-    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
-    for (std::size_t i = 1; i < stamp_.size(); ++i)
-      if (stamp_[i] <= stamp_[i - 1])
-        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
-  }
-
-  /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
-    const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
-    if (after == stamp_.end()) return std::nullopt;
-    const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return Eigen::VectorXd(value_.col(j));
-    if (after == stamp_.begin()) return std::nullopt;
-    const double gap = double(*after - *(after - 1));
-    if (1e-9 * gap > max_gap_s) return std::nullopt;
-    const double share = double(stamp_ns - *(after - 1)) / gap;
-    return Eigen::VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
-  }
-
-  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
-  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  Eigen::VectorXd interpolation_residual() const {
-    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
-    for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
-      const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
-      const auto k = Eigen::Index(i);
-      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
-    }
-    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
-  }
-  double largest_gap_s() const {
-    std::int64_t gap = 0;
-    for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
-    return 1e-9 * double(gap);
-  }
-  std::size_t size() const { return stamp_.size(); }
-
- private:
-  std::vector<std::int64_t> stamp_;
-  Eigen::MatrixXd value_;
-};
+  return 0.5 * (a + b);
+}
 
 }  // namespace lumo
 
@@ -12063,6 +13065,18 @@ struct TorqueModel {
   double magnitude(double velocity) const { return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2)); }
 };
 
+/// Throws InvalidArgument for numbers that make no sense.
+inline void validate(const TorqueModel& m) {
+  if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
+    throw InvalidArgument(detail::text("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+  for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
+    require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
+  require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
+  require_in_range("Stribeck velocity", m.stribeck_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
+  require_in_range("velocity below which a joint may stand", m.rest_velocity_rad_per_s, 1e-9, 1e6, "rad/s");
+  require_in_range("noise of the torque", m.noise_Nm, 0.0, 1e3, "N·m");
+}
+
 /// A torque model from an unloaded run, and what that run could not tell.
 struct TorqueIdentification {
   static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
@@ -12100,19 +13114,12 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   double smallest = 1e300;
   for (int k = 0; k < looks; ++k)
     if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) smallest = r, least = k;
-  double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
-  constexpr double golden = 0.61803398874989484820;
-  for (int k = 0; k < 24; ++k) {
-    const double c = b - golden * (b - a), d = a + golden * (b - a);
-    if (fit(std::exp(c)).residual <= fit(std::exp(d)).residual)
-      b = d;
-    else
-      a = c;
-  }
-  TorqueIdentification result{start, fit(std::exp(0.5 * (a + b)))};
+  const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
+  const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
+  TorqueIdentification result{start, fit(best)};
   const Eigen::VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
-  m.stribeck_velocity_rad_per_s = std::exp(0.5 * (a + b));
+  m.stribeck_velocity_rad_per_s = best;
   m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
   m.noise_Nm = result.linear.residual;
   return result;
@@ -12166,9 +13173,25 @@ inline void validate(const Session& s, const std::string& name) {
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
-  for (std::size_t i = 0; i < s.segments.size(); ++i)
-    require(s.segments[i].to_ns >= s.segments[i].from_ns,
-            detail::text("segment ", i, " ends at ", s.segments[i].to_ns, " ns, before it begins at ", s.segments[i].from_ns, " ns"));
+  require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, detail::text("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+  require(std::abs(s.joint_to_origin_m) <= 10.0, detail::text("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+  for (const double k : s.torque_constant_Nm_per_A)
+    require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, detail::text("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+  for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
+  for (const double delay : {s.frame_delay_s, s.joint_delay_s}) require(std::abs(delay) <= 10.0, detail::text("delay is ", delay, " s, must lie within 10 s"));
+  const auto stamp = [&](std::int64_t ns) { require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, detail::text("stamp ", ns, " ns is beyond the range of stamps")); };
+  for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
+    stamp(map.origin_ns);
+    require(std::abs(map.offset_s) <= 4e9, detail::text("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+    require(std::abs(map.drift) <= 0.1, detail::text("drift of a clock is ", map.drift, ", must lie within 0.1"));
+    require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), detail::text("residual of a clock is ", map.residual_s, " s, must not be negative"));
+  }
+  for (std::size_t i = 0; i < s.segments.size(); ++i) {
+    const Segment& g = s.segments[i];
+    stamp(g.from_ns), stamp(g.to_ns);
+    require(g.to_ns >= g.from_ns, detail::text("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm}) require(std::isfinite(v), detail::text("numbers of segment ", i, " must be finite"));
+  }
 }
 
 }  // namespace lumo
@@ -12217,19 +13240,61 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
   return list;
 }
 
-/// Slope profiles p_{i,r} over all loads of each re-contact: for each place, channels × re-contacts. Places without re-contacts are left out.
-inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
-  std::map<int, std::map<int, std::vector<const HoldResponse*>>> by_place;
+/// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
+  std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
-    if (h.segment.kind == "hold" && h.segment.place >= 0 && h.segment.repetition >= 0) by_place[h.segment.place][h.segment.repetition].push_back(&h);
-  std::vector<Eigen::MatrixXd> slopes;
+    if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
+  return list;
+}
+
+namespace detail {
+
+/// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
+/// places, numbered along the finger, ascend in y.
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
+  std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
+  const Segment* first = nullptr;
+  for (const HoldResponse& h : holds) {
+    const Segment& s = h.segment;
+    if (s.kind != "hold" || s.place < 0 || s.repetition < 0) continue;
+    if (!first) first = &s;
+    if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
+      throw InvalidArgument(text("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg, "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
+          "°, must be of one: take each by itself"));
+    if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
+      throw InvalidArgument(text("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
+  }
+  const Segment* before = nullptr;
   for (const auto& place : by_place) {
+    const Segment& s = place.second.begin()->second.begin()->second->segment;
+    for (const auto& recontact : place.second)
+      for (const auto& hold : recontact.second)
+        if (hold.second->segment.y_mm != s.y_mm) throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
+    if (before && !(s.y_mm > before->y_mm))
+      throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ", before->place, ", ", before->y_mm, " mm"));
+    before = &s;
+  }
+  return by_place;
+}
+
+}  // namespace detail
+
+/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
+/// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
+inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+  std::vector<Eigen::MatrixXd> slopes;
+  int next = -1;
+  for (const auto& place : detail::recontacts(holds)) {
+    if (next >= 0 && place.first != next) throw InvalidArgument(detail::text("place ", next, " has no re-contacts, but places before and after it have"));
+    next = place.first + 1;
     Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
     for (const auto& recontact : place.second) {
       Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
       Eigen::VectorXd load(response.cols());
-      for (Eigen::Index k = 0; k < load.size(); ++k) response.col(k) = recontact.second[std::size_t(k)]->response, load[k] = recontact.second[std::size_t(k)]->segment.load_N;
+      Eigen::Index k = 0;
+      for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
       m.col(column++) = intensity_force_slope(response, load);
     }
     slopes.push_back(std::move(m));
@@ -12244,23 +13309,28 @@ struct DecodingTask {
 };
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
-/// them are left out. Throws InvalidArgument when fewer than two places are left.
+/// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
-  std::map<std::pair<int, int>, std::vector<const HoldResponse*>> contacts;  // place, repetition
+  struct Contact {
+    int place, repetition;
+    std::vector<const HoldResponse*> at;  // the loads
+  };
+  std::vector<Contact> contacts;
   std::map<int, double> place_m;
-  for (const HoldResponse& h : holds) {
-    if (h.segment.kind != "hold" || h.segment.place < 0 || h.segment.repetition < 0) continue;
-    auto& at = contacts[{h.segment.place, h.segment.repetition}];
-    at.resize(load_N.size());
-    for (std::size_t k = 0; k < load_N.size(); ++k)
-      if (std::abs(h.segment.load_N - load_N[k]) < 1e-6) at[k] = &h;
-  }
-  std::erase_if(contacts, [](const auto& c) { return std::find(c.second.begin(), c.second.end(), nullptr) != c.second.end(); });
-  for (const auto& c : contacts) place_m[c.first.first] = 1e-3 * c.second.front()->segment.y_mm;
+  for (const auto& place : detail::recontacts(holds))
+    for (const auto& recontact : place.second) {
+      Contact c{place.first, recontact.first, {}};
+      for (const double load : load_N)
+        for (const auto& hold : recontact.second)
+          if (std::abs(hold.first - load) < 1e-6) c.at.push_back(hold.second);
+      if (c.at.size() != load_N.size()) continue;
+      place_m[c.place] = 1e-3 * c.at.front()->segment.y_mm;
+      contacts.push_back(std::move(c));
+    }
   if (place_m.size() < 2) throw InvalidArgument(detail::text("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
   DecodingTask task;
-  const Eigen::Index channels = contacts.begin()->second.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
+  const Eigen::Index channels = contacts.front().at.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
   task.data.response.resize(channels * steps, Eigen::Index(contacts.size()));
   task.data.place_m.resize(Eigen::Index(place_m.size()));
   std::map<int, int> number;
@@ -12269,22 +13339,21 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
     task.data.place_m[next] = p.second;
     number[p.first] = next;
   }
-  Eigen::Index column = 0;
-  for (const auto& c : contacts) {
+  for (std::size_t i = 0; i < contacts.size(); ++i) {
+    const Contact& c = contacts[i];
     for (Eigen::Index k = 0; k < steps; ++k)
-      task.data.response.block(k * channels, column, channels, 1) = c.second[std::size_t(k) + 1]->response - c.second[std::size_t(k)]->response;
-    task.data.place.push_back(number[c.first.first]);
-    task.fold.push_back(c.first.second);
-    ++column;
+      task.data.response.block(k * channels, Eigen::Index(i), channels, 1) = c.at[std::size_t(k) + 1]->response - c.at[std::size_t(k)]->response;
+    task.data.place.push_back(number[c.place]);
+    task.fold.push_back(c.repetition);
   }
   return task;
 }
 
-/// Runs of cycles within maintained contact: one for each place, angle and repetition, with its matched loads.
+/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
-  std::map<std::tuple<int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
+  std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
-    if (h.segment.kind == "cycle") runs[{h.segment.place, h.segment.angle_deg, h.segment.repetition}][h.segment.load_N].push_back(&h);
+    if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
   std::vector<CycleRun> list;
   for (const auto& run : runs) {
     CycleRun r;
@@ -12345,11 +13414,11 @@ namespace lumo {
 namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
-/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it.
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage) {
+/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
-  const double level = std::max(s.trace() / double(d), 1e-300);
+  const double level = std::max(s.trace() / double(d), floor);
   const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
   if (shrinkage < 0.0) {
     double scatter = 0.0;
@@ -12373,7 +13442,7 @@ struct LinearDecoder {
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
       Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage);
+      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean_);
@@ -12553,6 +13622,9 @@ struct OnsetDetector {
 inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
   require_in_range("samples without contact", baseline, 2, 1e9, "");
   require_in_range("samples above the threshold", hold, 1, 1e6, "");
+  require_in_range("threshold of the onset", threshold, 0.0, 1e6, "standard deviations");
+  require_in_range("least force of the onset", min_force_N, 0.0, 1e6, "N");
+  require_in_range("samples of the onset's line", fit, 0, 1e6, "");
   const auto n = std::ptrdiff_t(force_N.size());
   if (n <= baseline) throw InvalidArgument(detail::text("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
   for (const double f : force_N)
@@ -12607,6 +13679,7 @@ inline std::optional<double> displacement_from_onset(std::span<const double> for
 /// Progressive-Constraint Gain [%]: by how much less the indenter sinks in from onset to the load than into the baseline (paper, contact cycling).
 inline double progressive_constraint_gain_percent(double displacement_m, double baseline_m) {
   require_positive("baseline's displacement", baseline_m, "m");
+  require_in_range("displacement", displacement_m, 0.0, 1e3, "m");
   return 100.0 * (1.0 - displacement_m / baseline_m);
 }
 
@@ -12619,9 +13692,20 @@ namespace lumo {
 /// Where the finger is touched, and how sure that is.
 struct ContactLocation {
   double y_m = 0.0;
-  double variance_m2 = 0.0;
-  double amplitude = 0.0;  ///< of the response there, in the readout's unit
+  double variance_m2 = 0.0;  ///< of all errors
+  double amplitude = 0.0;    ///< of the response there, in the readout's unit
+  double bias_variance_m2 = 0.0;   ///< what of it stays the same from profile to profile
+  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that takes estimates as independent
 };
+
+/// Throws InvalidArgument unless positions of a profile are finite and ascend.
+inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
+  for (Eigen::Index i = 0; i < position_m.size(); ++i) {
+    require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
+    if (i > 0 && !(position_m[i] > position_m[i - 1]))
+      throw InvalidArgument(detail::text("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+  }
+}
 
 /// What one profile (and those before it) says about contacts. Always finite.
 struct LocationEstimate {
@@ -12666,6 +13750,7 @@ class PeakLocalizer {
     if (n < 3 || config_.noise.size() != n)
       throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+    require_ascending_positions(config_.position_m);
     require_positive("time constant of the localiser", config_.time_constant_s, "s");
     require_positive("gap of the localiser", config_.gap_s, "s");
     require_in_range("release threshold", config_.release, 0.0, config_.threshold, "noises");
@@ -12683,7 +13768,7 @@ class PeakLocalizer {
     if (fresh_ || step_s > config_.gap_s) {
       filtered_ = response.value;
       share_ = 1.0;
-      fresh_ = false;
+      fresh_ = touching_ = false;
     } else {
       const double weight = -std::expm1(-step_s / config_.time_constant_s);
       filtered_ += weight * (response.value - filtered_);
@@ -12712,17 +13797,18 @@ class PeakLocalizer {
     const auto& x = config_.position_m;
     const double bias2 = config_.bias_sigma_m * config_.bias_sigma_m, peak = filtered_[top];
     const double width = top == 0 ? x[1] - x[0] : x[top] - x[top - 1];
-    if (top == 0 || top + 1 == x.size()) return {x[top], width * width / 3.0 + bias2, peak};
+    const auto at = [&](double y, double variance) { return ContactLocation{y, variance + bias2, peak, bias2, variance / share_}; };  // white noise: of one profile
+    if (top == 0 || top + 1 == x.size()) return at(x[top], width * width / 3.0);
     const double left = x[top - 1] - x[top], right = x[top + 1] - x[top];
     const double a = (filtered_[top - 1] - peak) / left, b = (filtered_[top + 1] - peak) / right;
     const double curvature = (b - a) / (right - left);  // ≤ 0 at a peak
-    if (!(curvature < 0.0)) return {x[top], width * width / 12.0 + bias2, peak};
+    if (!(curvature < 0.0)) return at(x[top], width * width / 12.0);
     const double slope = a - curvature * left;  // at the peak's own place
     const double y = std::clamp(-0.5 * slope / curvature, 0.5 * left, 0.5 * right);
     // Noise moves the vertex by its error of the slope over the curvature; beyond the bin, by no more than the bin tells.
     const double slope_sigma = sigma * std::sqrt(2.0) / (right - left);
     const double moved = std::min(0.5 * slope_sigma / -curvature, 0.5 * (right - left));
-    return {x[top] + y, moved * moved + bias2, peak};
+    return at(x[top] + y, moved * moved);
   }
 
   Config config_;
@@ -12735,6 +13821,32 @@ class PeakLocalizer {
 static_assert(LocationEstimator<PeakLocalizer>);
 
 }  // namespace lumo
+
+// ---- lumo/sense/grid_moments.hpp
+
+namespace lumo::detail {
+
+/// Mean and variance of a distribution over places, and the number of its most probable one.
+struct GridMoments {
+  double mean, variance;
+  Eigen::Index mode;
+};
+
+/// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
+inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
+  GridMoments m{0.0, 0.0, 0};
+  const double most = weight.maxCoeff(&m.mode);
+  double sum = 0.0, first = 0.0, second = 0.0;
+  for (Eigen::Index j = 0; j < weight.size(); ++j) {
+    const double w = weight[j] > 1e-4 * most ? weight[j] : 0.0, d = place[j] - place[m.mode];
+    sum += w, first += w * d, second += w * d * d;
+  }
+  m.mean = place[m.mode] + first / sum;
+  m.variance = std::max(second / sum - first * first / (sum * sum), 0.0);
+  return m;
+}
+
+}  // namespace lumo::detail
 
 // ---- lumo/sense/bayes_localizer.hpp
 
@@ -12777,6 +13889,7 @@ class BayesLocalizer {
 
  private:
   static constexpr Eigen::Index widths = 4;
+  static constexpr double most_cells = 1024.0;  ///< pairs of places are looked up in tables of cells²
 
   /// Two bumps of one width, the higher one first.
   struct Pair {
@@ -12800,7 +13913,7 @@ class BayesLocalizer {
   Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
   std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
   Eigen::VectorXd energy_;     ///< diagonal of it, all widths
-  Eigen::VectorXd score_, place_, likelihood_, spread_;
+  Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
   Eigen::Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
   std::int64_t stamp_ns_ = 0;
@@ -12813,13 +13926,22 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
     throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
         " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+  require_ascending_positions(config_.position_m);
+  if (config_.unloaded.size() && !config_.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
+  require_in_range("relative change of the lamps", config_.lamp_sigma, 0.0, 1e3, "");
+  require_in_range("change of ambient light", config_.ambient_sigma, 0.0, 1e6, "");
   require_positive("grid spacing", config_.spacing_m, "m");
-  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + 4096.0 * config_.spacing_m, "m");
+  require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
   require_positive("height of a bump", config_.amplitude_sigma, "");
   require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
+  require_in_range("bias of a bump", config_.bias_sigma_m, 0.0, 1.0, "m");
+  require_in_range("separation of two contacts", config_.min_separation_m, 0.0, 10.0, "m");
+  require_in_range("creep of a contact", config_.creep_m_per_sqrt_s, 0.0, 10.0, "m/sqrt(s)");
+  require_positive("gap of the localiser", config_.gap_s, "s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
   grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
@@ -12835,7 +13957,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
   place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
-  likelihood_ = spread_ = place_;
+  likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
 
@@ -12904,9 +14026,10 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   const auto h = heights(p, tempering, det);
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
   const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
-  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace), as wide as a bump's error of place.
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace): √(2π) times a bump's error of place, width/√L of the log
+  // likelihood L = fit/2 that it explains, for L falls off as L (1 − d²/(2 width²)) does when the bump is moved by d.
   const double width = config_.width_m[std::size_t(p.width)];
-  const double sharp = std::max(1.0, 2.5 * width / std::sqrt(std::max(2.0 * fit, 1.0)) / config_.spacing_m);
+  const double sharp = std::max(1.0, 2.5066282746310002 * width / std::sqrt(std::max(0.5 * fit, 1.0)) / config_.spacing_m);
   const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
@@ -12916,11 +14039,13 @@ inline void BayesLocalizer::predict(double step_s) {
   number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
   const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
-  const auto reach = std::min<Eigen::Index>(place_.size() - 1, Eigen::Index(std::ceil(3.0 * walk)));
+  // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
+  const bool narrow = walk <= 1.0;
+  const auto reach = std::min<Eigen::Index>(place_.size() - 1, narrow ? 1 : Eigen::Index(std::ceil(4.0 * walk)));
   spread_.setZero();
   double whole = 0.0;
   for (Eigen::Index k = -reach; k <= reach; ++k) {
-    const double w = std::exp(-0.5 * double(k * k) / std::max(walk * walk, 1e-12));
+    const double w = !narrow ? std::exp(-0.5 * double(k * k) / (walk * walk)) : k == 0 ? 1.0 - walk * walk : 0.5 * walk * walk;
     whole += w;
     const Eigen::Index n = place_.size() - std::abs(k);
     spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
@@ -12943,6 +14068,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
     predict(step_s);
   }
   stamp_ns_ = response.stamp_ns;
+  expected_ = place_;
 
   score_.noalias() = matched_.transpose() * response.value;
   // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
@@ -12984,19 +14110,15 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
-/// Mean and variance of the posterior about its mode; the flat part that new contacts leave does not count.
 inline ContactLocation BayesLocalizer::one() const {
-  Eigen::Index top = 0;
-  const double most = place_.maxCoeff(&top);
-  double sum = 0.0, first = 0.0, second = 0.0;
-  for (Eigen::Index j = 0; j < place_.size(); ++j) {
-    const double p = place_[j] > 1e-4 * most ? place_[j] : 0.0, d = grid_[j] - grid_[top];
-    sum += p, first += p * d, second += p * d * d;
-  }
-  const double mean = first / sum, cell2 = config_.spacing_m * config_.spacing_m / 12.0;
-  const double variance = std::max(second / sum - mean * mean, 0.0) + cell2 + config_.bias_sigma_m * config_.bias_sigma_m;
-  const Eigen::Index k = grid_.size() + top;  // of the second width, a middling one
-  return {grid_[top] + mean, variance, std::max(0.0, score_[k] / energy_[k])};
+  const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
+  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
+  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
+  // nothing to what was known.
+  const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
+  const double noise = moved * moved > 9.0 * (prior + posterior) ? posterior : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
+  const Eigen::Index k = grid_.size() + now.mode;  // of the second width, a middling one
+  return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
 inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
@@ -13009,9 +14131,10 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   if (n == 2) {
     double det = 1.0;
     const auto h = heights(pair_, 1.0, det);
-    const double variance = config_.spacing_m * config_.spacing_m / 12.0 + 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;  // each bends the other
-    e.contact[0] = {grid_[pair_.first], variance, std::max(0.0, h[0])};
-    e.contact[1] = {grid_[pair_.second], variance, std::max(0.0, h[1])};
+    // Each bends the other. Places of pairs are not followed in time.
+    const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;
+    e.contact[0] = {grid_[pair_.first], cell2 + bias2, std::max(0.0, h[0]), bias2, cell2};
+    e.contact[1] = {grid_[pair_.second], cell2 + bias2, std::max(0.0, h[1]), bias2, cell2};
   }
   return e;
 }
@@ -13069,6 +14192,9 @@ class SerialChain {
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
       if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
+      for (const Eigen::Isometry3d& pose : {l.joint, l.finger})
+        if ((pose.linear().transpose() * pose.linear() - Mat3::Identity()).norm() > 1e-6 || pose.linear().determinant() < 0.0)
+          throw InvalidArgument("serial chain: poses must turn and move, not stretch or mirror");
       require_positive("length of a joint's axis", l.axis.norm(), "");
       l.axis.normalize();
     }
@@ -13203,14 +14329,23 @@ class ContactFilter {
   /// Throws InvalidArgument for numbers that make no sense.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});
 
-  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored.
+  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored. Throws InvalidArgument,
+  /// as add_location does, for numbers that are not finite or belong to no finger.
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
       throw InvalidArgument(detail::text("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
+    for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
+      require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
+      require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
+    }
     return add({stamp_ns, Kind::torque, torque_Nm, variance, 0.0, 0.0, {}});
   }
   /// Location with the variance of its noise, without the localiser's offset.
-  bool add_location(std::int64_t stamp_ns, double y_m, double variance_m2) { return add({stamp_ns, Kind::location, {}, {}, y_m, variance_m2, {}}); }
+  bool add_location(std::int64_t stamp_ns, double y_m, double variance_m2) {
+    require_in_range("place of a contact", y_m, -10.0, 10.0, "m");
+    require_in_range("variance of a place", variance_m2, 1e-18, 100.0, "m²");
+    return add({stamp_ns, Kind::location, {}, {}, y_m, variance_m2, {}});
+  }
   /// Nothing touches the finger.
   bool add_no_contact(std::int64_t stamp_ns) { return add({stamp_ns, Kind::no_contact, {}, {}, 0.0, 0.0, {}}); }
 
@@ -13393,8 +14528,8 @@ enum class Fault : std::uint32_t {
   joint_not_finite,   ///< a value is not a number, or the number of joints is another
   torque_stuck,       ///< the very same effort for too long
   torque_spike,
-  torque_saturated,   ///< beyond the motor's range
-  position_jump,      ///< faster than the joint can turn
+  torque_saturated,   ///< beyond the motor's range, or at the end of what its driver can say
+  position_jump,      ///< faster, or farther, than the joint can turn
   actuator_lost,
   count
 };
@@ -13449,7 +14584,7 @@ struct ContactForce {
   std::optional<double> y_m;
   std::optional<double> force_N;
   double y_variance_m2 = 0.0;      ///< also where y is empty
-  double force_variance_N2 = 0.0;
+  double force_variance_N2 = 0.0;  ///< what is not told has that of the prior
   double covariance_m_N = 0.0;
 };
 
@@ -13526,15 +14661,8 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
       force_at(from_m + (to_m - from_m) * k / cells, misfit);
       if (misfit < least) least = misfit, best = k;
     }
-    double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
-    constexpr double golden = 0.61803398874989484820;
-    for (int k = 0; k < 40; ++k) {
-      const double c = b - golden * (b - a), d = a + golden * (b - a);
-      double left = 0.0, right = 0.0;
-      force_at(c, left), force_at(d, right);
-      (left <= right ? b : a) = left <= right ? d : c;
-    }
-    s.y_m = 0.5 * (a + b);
+    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
+    s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, 40);
     s.force_N = force_at(s.y_m, misfit);
     local = look();
   }
@@ -13589,6 +14717,7 @@ class FrameMonitor {
   /// Before anything is read of it: the time. A frame that fails is not to be read.
   Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
     Verdict v;
+    if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns) return reject(Fault::frame_time);
     if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s) return reject(Fault::frame_time);
     if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
     if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);
@@ -13687,8 +14816,8 @@ struct LongitudinalBins {
 
 namespace lumo::detail {
 
-/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y are sheared, not turned: they cross the axis
-/// along image columns (or rows, for an axis that is nearer to upright), to the nearest pixel.
+/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
+/// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
 class Strip {
  public:
   Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
@@ -13755,8 +14884,9 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
     place = (along_ ? x : y) + int(std::lround((cross - cross_origin) * shear)) - base;
     return place >= 0 && place < places_;
   };
-  for (int y = 0; y < height; y += row_step)
-    for (int x = 0; x < width; ++x) {
+  // Lines along the axis are left out, so that every place keeps some pixels.
+  for (int y = 0; y < height; y += along_ ? row_step : 1)
+    for (int x = 0; x < width; x += along_ ? 1 : row_step) {
       int place = 0;
       if (!inside(x, y, place)) continue;
       ++count[std::size_t(place)];
@@ -13866,7 +14996,7 @@ class GreenProfile {
     double band_high_m = 8.0_mm;
     int width = 640, height = 480;  ///< of the frames [px]
     PixelFormat format = PixelFormat::bgr;
-    int row_step = 1;  ///< reads every n-th row only
+    int row_step = 1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
@@ -13939,20 +15069,31 @@ class JointMonitor {
     int joints = 1;
     double period_s = 1e-3;
     double max_ahead_s = 0.01;        ///< how far a stamp may lie in the future
-    double stuck_s = 0.1;             ///< the very same effort for this long is stuck; at least 20 samples. Real currents are noisy
+    double stuck_s = 0.1;             ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
+    /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the effort's unit. Where there is a step, as many
+    /// samples more must be the same as noise alone would not make so in 10⁹ trials; noise far below half a step never tells. 0: no step.
+    double quantum = 0.0, noise = 0.0;
     double spike = 0.5;               ///< jump against the median of the last five [A or N·m, as the effort]
     double max_effort = 40.0;         ///< of the motor, same unit
     double max_velocity_rad_per_s = 65.0;
+    double max_position_rad = 1e4;    ///< beyond, the encoder is out of its mind
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
-    require_positive("period of the joint samples", config.period_s, "s");
+    require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
     require_positive("time after which an effort is stuck", config.stuck_s, "s");
     require_positive("spike", config.spike, "");
-    require_positive("largest effort", config.max_effort, "");
-    require_positive("largest velocity", config.max_velocity_rad_per_s, "rad/s");
+    require_in_range("largest effort", config.max_effort, 1e-9, 1e4, "");
+    require_in_range("largest velocity", config.max_velocity_rad_per_s, 1e-6, 1e4, "rad/s");
+    require_in_range("largest position", config.max_position_rad, 1e-3, 1e9, "rad");
+    require_in_range("step of the effort", config.quantum, 0.0, config.max_effort, "");
+    require_in_range("noise of the effort", config.noise, 0.0, config.max_effort, "");
+    if (config.quantum > 0.0) {
+      const double same = config.noise > 0.0 ? std::erf(config.quantum / (2.8284271247461901 * config.noise)) : 1.0;  // share of samples on a step's middle
+      least_same_ = std::max(least_same_, same < 1.0 ? std::log(1e-9) / std::log(same) : std::numeric_limits<double>::infinity());
+    }
   }
 
   struct Verdict {
@@ -13963,6 +15104,7 @@ class JointMonitor {
   Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
+    if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
     if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_)) return reject(Fault::joint_time), v;
     const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
     if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
@@ -13971,19 +15113,21 @@ class JointMonitor {
     if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n || !s.effort.allFinite() || !s.position_rad.allFinite() ||
         !s.velocity_rad_per_s.allFinite())
       return seen_ = true, reject(Fault::joint_not_finite), v;
-    if (!filled_) position_ = s.position_rad, changed_ns_ = s.stamp_ns, same_ = 0;
+    if (s.position_rad.cwiseAbs().maxCoeff() > config_.max_position_rad || s.velocity_rad_per_s.cwiseAbs().maxCoeff() > config_.max_velocity_rad_per_s)
+      return seen_ = true, reject(Fault::position_jump), v;
+    if (!filled_) position_ = s.position_rad;
 
     const double reach = config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
     if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
     if (v.usable) position_ = s.position_rad, position_ns_ = s.stamp_ns;
-    if (s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
+    if (s.saturated || s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);
 
-    if (filled_ && s.effort == last_) {
-      ++same_;
-      if (same_ >= 20 && 1e-9 * double(s.stamp_ns - changed_ns_) > config_.stuck_s) reject(Fault::torque_stuck);
-    } else {
-      same_ = 0;
-      changed_ns_ = s.stamp_ns;
+    for (Eigen::Index j = 0; j < n; ++j) {
+      Sameness& same = same_[std::size_t(j)];
+      if (!filled_ || s.effort[j] != last_[j])
+        same = {0, s.stamp_ns};
+      else if (++same.samples >= least_same_ && 1e-9 * double(s.stamp_ns - same.since_ns) > config_.stuck_s)
+        reject(Fault::torque_stuck);
     }
     last_ = s.effort;
 
@@ -14008,8 +15152,14 @@ class JointMonitor {
   std::array<JointVector, window> recent_;
   JointVector position_, last_;
   std::size_t filled_ = 0;
-  int next_ = 0, same_ = 0;
-  std::int64_t stamp_ns_ = 0, position_ns_ = 0, changed_ns_ = 0;
+  struct Sameness {
+    double samples = 0.0;  ///< that repeated the one before
+    std::int64_t since_ns = 0;
+  };
+  std::array<Sameness, std::size_t(max_joints)> same_;
+  double least_same_ = 20.0;
+  int next_ = 0;
+  std::int64_t stamp_ns_ = 0, position_ns_ = 0;
   bool seen_ = false;
 };
 
@@ -14074,7 +15224,8 @@ class UnloadedReference {
 
 namespace lumo {
 
-/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived, checks it, and never waits.
+/// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived and checks it; it waits no
+/// longer than the camera's `next` does.
 /// Whatever the streams do, the answer is finite and says what it rests on; a faulty frame or sample is left out, and `fault_hold_s` after the
 /// last fault the state is ok again.
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
@@ -14085,7 +15236,7 @@ class ForceEstimator {
 
  public:
   struct Config {
-    FrameMonitor::Config frames;  ///< its positions, reference and exposure are filled in where empty
+    FrameMonitor::Config frames;  ///< its positions and unloaded values are filled in where empty; exposure and gain of the reference, where known, are the caller's
     JointMonitor::Config joints;
     typename ContactFilter<Jacobian>::Config filter;
     std::vector<TorqueModel> torque{TorqueModel{}};  ///< one for each joint
@@ -14096,6 +15247,7 @@ class ForceEstimator {
     double fault_hold_s = 0.15;       ///< a fault is reported for this long
     double map_sigma_m = 0.0;         ///< of the map from image to finger (AxisMap::variance_m2); the same in all frames, so no filter lessens it
     double stiction_time_s = 0.5;     ///< how long a joint sticks on one side; assumed
+    double smoothing_s = 0.01;        ///< time constant of the torques that forces of two contacts are from
     double known_location_m = 6.0_mm;  ///< standard deviation up to which y counts as known
     double known_force_N = 5.0;
     int max_frames = 4, max_samples = 256;  ///< taken in one step
@@ -14127,7 +15279,7 @@ class ForceEstimator {
   }
   bool within(bool seen, std::int64_t stamp_ns, double limit_s) const { return seen && 1e-9 * double(now_ns_ - stamp_ns) <= limit_s; }
   void describe_one(ForceEstimate& e) const;
-  void describe_two(ForceEstimate& e) const;
+  void describe_two(ForceEstimate& e, bool with_forces) const;
 
   Camera_* camera_;
   Actuator_* actuator_;
@@ -14140,7 +15292,7 @@ class ForceEstimator {
   ContactFilter<Jacobian> filter_;
   Profile reading_, profile_;
   LocationEstimate location_;
-  JointVector joint_q_, joint_torque_;  ///< newest angles, smoothed contact torque
+  JointVector joint_q_, joint_torque_, joint_variance_;  ///< newest angles, smoothed contact torque and the variance of its noise
   std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
   std::array<bool, std::size_t(Fault::count)> faulty_{};
   std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
@@ -14172,7 +15324,13 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
         " joints to watch"));
   if (unloaded_.mean().size() != readout_.positions_m().size())
     throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
-  joint_q_ = JointVector::Zero(n);
+  joint_q_ = joint_torque_ = joint_variance_ = JointVector::Zero(n);
+  for (const TorqueModel& m : config_.torque) validate(m);
+  require_in_range("delay of the frames", config_.frame_delay_s, -10.0, 10.0, "s");
+  require_in_range("delay of the joint samples", config_.joint_delay_s, -10.0, 10.0, "s");
+  require_in_range("time for which a fault is reported", config_.fault_hold_s, 0.0, 1e6, "s");
+  require_in_range("time for which a joint sticks", config_.stiction_time_s, 0.0, 1e3, "s");
+  require_positive("time over which torques are smoothed", config_.smoothing_s, "s");
   require_positive("frame timeout", config_.frame_timeout_s, "s");
   require_positive("joint timeout", config_.joint_timeout_s, "s");
   require_positive("location that counts as known", config_.known_location_m, "m");
@@ -14194,10 +15352,12 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
     const TorqueModel& m = config_.torque[std::size_t(j)];
     torque[j] = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
     const double stick = m.stiction_sigma(s.velocity_rad_per_s[j]);
-    variance[j] = m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s);
+    variance[j] = std::clamp(m.noise_Nm * m.noise_Nm + stick * stick * std::max(1.0, config_.stiction_time_s / config_.joints.period_s), 1e-12, 1e12);
   }
   filter_.add_torque(s.stamp_ns - std::int64_t(1e9 * config_.joint_delay_s), torque, variance);
-  joint_torque_ = joint_seen_ ? JointVector(joint_torque_ + 0.1 * (torque - joint_torque_)) : torque;
+  const double weight = joint_seen_ ? -std::expm1(-1e-9 * double(s.stamp_ns - joint_ns_) / config_.smoothing_s) : 1.0;
+  joint_torque_ += weight * (torque - joint_torque_);
+  joint_variance_ = (1.0 - weight) * (1.0 - weight) * joint_variance_ + weight * weight * variance;
   joint_q_ = s.position_rad;
   joint_ns_ = s.stamp_ns;
   joint_seen_ = true;
@@ -14219,8 +15379,9 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
   const std::int64_t taken = f.stamp_ns - std::int64_t(1e9 * config_.frame_delay_s);
   if (location_.contacts == 0) filter_.add_no_contact(taken);
   if (location_.contacts == 1) {
-    const double offset = config_.filter.location_bias_m;  // the filter has it as a state
-    filter_.add_location(taken, location_.contact[0].y_m, std::max(location_.contact[0].variance_m2 - offset * offset, 1e-8));
+    // The filter has the localiser's offset as a state, and takes noises as independent.
+    const ContactLocation& c = location_.contact[0];
+    filter_.add_location(taken, c.y_m, std::clamp(c.noise_variance_m2 > 0.0 ? c.noise_variance_m2 : c.variance_m2 - c.bias_variance_m2, 1e-10, 1.0));
   }
   frame_ns_ = f.stamp_ns;
   frame_seen_ = true;
@@ -14255,8 +15416,8 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
   using enum EstimatorState;
   e.state = frames && joints ? (e.faults.any() ? degraded : ok) : joints ? torque_only : frames ? vision_only : invalid;
   e.contacts = location_.contacts;
-  if (e.contacts == 2 && frames && joints)
-    describe_two(e);
+  if (e.contacts == 2 && frames)
+    describe_two(e, joints);
   else
     describe_one(e);
   return e;
@@ -14287,20 +15448,39 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
 
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
-void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e) const {
+void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e, bool with_forces) const {
+  const int link = config_.filter.link;
+  const double map2 = config_.map_sigma_m * config_.map_sigma_m, force2 = config_.filter.force_prior_N * config_.filter.force_prior_N;
+  std::array<ContactPoint, 2> points;
+  for (std::size_t i = 0; i < 2; ++i) {
+    points[i] = {link, location_.contact[i].y_m};
+    e.contact[i].y_m = location_.contact[i].y_m;
+    e.contact[i].y_variance_m2 = location_.contact[i].variance_m2 + map2;
+    e.contact[i].force_variance_N2 = force2;
+  }
+  e.rank = 0;
+  e.null_directions.setIdentity();
+  if (!with_forces) return;
+
   JointVector torque = joint_torque_;
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
-  const int link = config_.filter.link;
-  const std::array<ContactPoint, 2> points{ContactPoint{link, location_.contact[0].y_m}, ContactPoint{link, location_.contact[1].y_m}};
-  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, config_.filter.torque_bias_Nm);
+  const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
+  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
   e.rank = int(forces.rank);
   e.null_directions.setZero();
   e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
+  // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
+  const Eigen::MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
+  Eigen::Matrix2d by_place;
+  for (Eigen::Index i = 0; i < 2; ++i) by_place.col(i) = -forces.value[i] * (inverse * filter_.jacobian().slope(joint_q_, points[std::size_t(i)]));
+  Eigen::Matrix2d place = Eigen::Matrix2d::Constant(map2);
+  for (Eigen::Index i = 0; i < 2; ++i) place(i, i) += location_.contact[std::size_t(i)].variance_m2;
+  const Eigen::Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
+  const Eigen::Matrix2d mixed = place * by_place.transpose();  // of places with forces
   for (Eigen::Index i = 0; i < 2; ++i) {
     ContactForce& c = e.contact[std::size_t(i)];
-    c.y_m = location_.contact[std::size_t(i)].y_m;
-    c.y_variance_m2 = location_.contact[std::size_t(i)].variance_m2;
-    c.force_variance_N2 = forces.covariance(i, i);
+    c.force_variance_N2 = covariance(i, i);
+    c.covariance_m_N = mixed(i, i);
     if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
   }
 }
@@ -14331,10 +15511,15 @@ struct ForceErrors {
   Error fixed_arm;       ///< at the middle of the tested range
   Error known_location;  ///< at the true place
   Error torque_only;     ///< from the ratio of torques; none where one joint does not tell
-  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %); empty where there is no gap.
+  struct Common {
+    Error optical, fixed_arm, known_location;
+  };
+  Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
+  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
+  /// no gap.
   std::optional<double> recovery() const {
-    const double gap = fixed_arm.mae_N - known_location.mae_N;
-    return optical.samples && gap > 0.0 ? std::optional((fixed_arm.mae_N - optical.mae_N) / gap) : std::nullopt;
+    const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
+    return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
   }
 };
 
@@ -14389,15 +15574,562 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
       const ContactPoint point{link, y};
       const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
       if (f.complete()) count(error, f.value[0], s.true_force_N);
+      return f.complete() ? std::optional(f.value[0]) : std::nullopt;
     };
     if (s.fused_N) count(e.fused, *s.fused_N, s.true_force_N);
-    if (s.estimated_y_m) at(e.optical, *s.estimated_y_m);
-    at(e.fixed_arm, 0.5 * (from_m + to_m));
-    at(e.known_location, s.true_y_m);
+    const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;
+    const auto fixed = at(e.fixed_arm, 0.5 * (from_m + to_m)), known = at(e.known_location, s.true_y_m);
+    if (optical && fixed && known)
+      count(e.common.optical, *optical, s.true_force_N), count(e.common.fixed_arm, *fixed, s.true_force_N), count(e.common.known_location, *known, s.true_force_N);
     const TorqueOnlySolution alone = solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
     if (alone.rank == 2) count(e.torque_only, alone.force_N, s.true_force_N);
   }
   return e;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/calibration.hpp
+
+namespace lumo {
+
+/// Stiffness of one specimen against the nominal one, from a press curve.
+struct StiffnessFit {
+  Interval factor;         ///< of the nominal shear modulus (λ/μ kept), 95 %
+  double onset_m = 0.0;    ///< of the marker, where the nominal curve begins
+  double residual_N = 0.0;  ///< RMS
+};
+
+/// Fits force = factor · nominal(depth − onset). `nominal_N`: force of the nominal pad at a depth [m], 0 below 0, increasing: with the ratio of moduli kept, force is
+/// proportional to the modulus at given depth. Samples of one press are not independent (the silicone creeps, the servo swings), so that the
+/// interval counts `independent` of them (0: all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not tell both.
+StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
+
+/// Photon transfer of a camera (EMVA 1288): temporal variance of pixels over their signal. Row offsets and common changes of the lamps are taken out of each
+/// pair of frames, fixed patterns fall out of their difference.
+class PhotonTransfer {
+ public:
+  struct Result {
+    Interval gain_DN_per_electron;   ///< slope, 95 %
+    double dark_sigma_DN = 0.0;      ///< at no signal: read-out and the steps of 8 bits
+  };
+
+  /// One frame; the next one makes a pair with it. Throws InvalidArgument for another size or format.
+  void add(const ImageView& v);
+  /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
+  /// or signals that are all alike.
+  Result result(double black_DN = 0.0, double full_DN = 230.0) const;
+  int pairs() const { return std::max(0, frames_ - 1); }
+
+ private:
+  Image last_;
+  int frames_ = 0;
+  std::vector<double> sum_, squares_;  ///< of the values; of the differences
+};
+
+/// Light of the lamps alone, from pictures with and without them: mean difference over pixels that are lit at all [DN], and what that is in electrons.
+struct LampLevel {
+  double level_DN = 0.0;
+  Interval electrons;  ///< a pixel and exposure, 95 %; flux, lens and exposure in one: a picture does not tell them apart
+};
+
+/// `lit` and `dark` are mean pictures of one view. Throws InvalidArgument for sizes that differ, or no light.
+inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const Interval& gain_DN_per_electron) {
+  if (lit.empty() || lit.width != dark.width || lit.height != dark.height) throw InvalidArgument("lamp level: the lit and the dark picture must have one size");
+  std::vector<double> difference;
+  for (int y = 0; y < lit.height; ++y)
+    for (int x = 0; x < lit.width; ++x) difference.push_back(double(lit.green(x, y)) - dark.green(x, y));
+  const double half = 0.5 * quantile(difference, 0.98);
+  double sum = 0.0;
+  int count = 0;
+  for (const double d : difference)
+    if (d > half) sum += d, ++count;
+  if (!(half > 0.5) || count == 0) throw InvalidArgument("lamp level: the lit picture is no brighter than the dark one");
+  const double level = sum / count;
+  return {level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
+}
+
+inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent) {
+  if (depth_m.size() != force_N.size()) throw InvalidArgument(detail::text("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
+  const auto n = Eigen::Index(depth_m.size());
+  StiffnessFit fit{{1.0, 1.0, 1.0}, 0.0, 0.0};
+  constexpr double step_m = 1e-6;
+  Eigen::MatrixXd a(n, 2);
+  Eigen::VectorXd left(n);
+  Identification last;
+  for (int k = 0; k < 30; ++k) {
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double d = depth_m[std::size_t(i)] - fit.onset_m, f = nominal_N(d);
+      a(i, 0) = f, a(i, 1) = -fit.factor.value * (nominal_N(d + step_m) - nominal_N(d - step_m)) / (2.0 * step_m);
+      left[i] = force_N[std::size_t(i)] - fit.factor.value * f;
+    }
+    if ((a.col(0).array() > 0.0).count() < 3) throw InvalidArgument("press curve: fewer than three samples in contact");
+    last = identify(a, left, Eigen::Vector2d(1.0, 1e-4), 0.0, 1e-4);
+    if (!last.complete()) throw InvalidArgument("press curve does not tell stiffness and onset apart");
+    fit.factor.value = std::max(0.01, fit.factor.value + last.value[0]);
+    fit.onset_m += std::clamp(last.value[1], -1e-3, 1e-3);
+    if (std::abs(last.value[0]) < 1e-9 && std::abs(last.value[1]) < 1e-11) break;
+  }
+  fit.residual_N = last.residual;
+  const double alike = independent > 0 ? std::max(1.0, double(n) / independent) : 1.0, sigma = std::sqrt(alike * last.covariance(0, 0));
+  fit.factor.low = fit.factor.value - 1.96 * sigma, fit.factor.high = fit.factor.value + 1.96 * sigma;
+  return fit;
+}
+
+inline void PhotonTransfer::add(const ImageView& v) {
+  if (v.empty()) throw InvalidArgument("photon transfer: a picture is empty");
+  const auto n = std::size_t(v.width) * std::size_t(v.height);
+  if (frames_ == 0) sum_.assign(n, 0.0), squares_.assign(n, 0.0);
+  if (frames_ > 0 && (v.width != last_.width || v.height != last_.height)) throw InvalidArgument("photon transfer: pictures must have one size");
+  const Image before = last_;
+  last_ = Image::black(v.width, v.height, PixelFormat::grey);
+  std::vector<double> difference(std::size_t(v.width));
+  for (int y = 0; y < v.height; ++y) {
+    double mean = 0.0;
+    for (int x = 0; x < v.width; ++x) {
+      const std::uint8_t g = v.green(x, y);
+      last_.row(y)[x] = g;
+      sum_[std::size_t(y) * std::size_t(v.width) + std::size_t(x)] += g;
+      if (frames_ > 0) difference[std::size_t(x)] = double(g) - before.view().row(y)[x], mean += difference[std::size_t(x)] / v.width;
+    }
+    if (frames_ > 0)
+      for (int x = 0; x < v.width; ++x) squares_[std::size_t(y) * std::size_t(v.width) + std::size_t(x)] += 0.5 * std::pow(difference[std::size_t(x)] - mean, 2) * v.width / (v.width - 1.0);
+  }
+  ++frames_;
+}
+
+inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double full_DN) const {
+  if (pairs() < 8) throw InvalidArgument(detail::text("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
+  std::vector<double> signal, variance;
+  for (std::size_t i = 0; i < sum_.size(); ++i)
+    if (const double mean = sum_[i] / frames_; mean < full_DN && mean > black_DN + 1.0) signal.push_back(mean - black_DN), variance.push_back(squares_[i] / pairs());
+  const auto n = Eigen::Index(signal.size());
+  const double low = signal.empty() ? 0.0 : quantile(signal, 0.02), high = signal.empty() ? 0.0 : quantile(signal, 0.98);
+  if (n < 100 || !(high > 1.5 * low + 5.0)) throw InvalidArgument("photon transfer: signals are all alike, they tell no slope");
+  // Variance of a variance is 2 σ⁴/pairs: weights by the signal, from a first look.
+  Eigen::Vector2d line(0.5, 0.02);
+  Identification fit;
+  for (int k = 0; k < 4; ++k) {
+    Eigen::MatrixXd a(n, 2);
+    Eigen::VectorXd b(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double weight = 1.0 / std::max(line[0] + line[1] * signal[std::size_t(i)], 0.05);
+      a.row(i) << weight, weight * signal[std::size_t(i)];
+      b[i] = weight * variance[std::size_t(i)];
+    }
+    // Normal equations: pixels are many, parameters two.
+    const Eigen::Matrix2d normal = a.transpose() * a;
+    line = normal.ldlt().solve(a.transpose() * b);
+    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * normal.inverse();
+  }
+  const double sigma = std::sqrt(fit.covariance(1, 1));
+  return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/finger_view.hpp
+
+namespace lumo {
+
+/// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without one the first half second.
+struct UnloadedStretch {
+  std::int64_t from_ns = 0, to_ns = 0;
+
+  static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
+    const auto known = std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
+    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000} : UnloadedStretch{known->from_ns, known->to_ns};
+  }
+  bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
+};
+
+/// Mean of pictures of one size and format; what differs from the first is left out.
+class MeanImage {
+ public:
+  void add(const ImageView& v) {
+    if (v.empty()) return;
+    const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
+    if (count_ == 0) mean_ = Image::black(v.width, v.height, v.format), sum_.assign(bytes * std::size_t(v.height), 0);
+    if (v.width != mean_.width || v.height != mean_.height || v.format != mean_.format || count_ >= 1 << 16) return;
+    ++count_;
+    for (int y = 0; y < v.height; ++y)
+      for (std::size_t x = 0; x < bytes; ++x) sum_[std::size_t(y) * bytes + x] += v.row(y)[x];
+  }
+  int count() const { return count_; }
+  /// Rounded. Empty when nothing was added.
+  Image image() const {
+    Image m = mean_;
+    for (std::size_t i = 0; i < sum_.size(); ++i) m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
+    return m;
+  }
+
+ private:
+  Image mean_;
+  std::vector<std::uint32_t> sum_;
+  int count_ = 0;
+};
+
+/// How a finger lies in a camera's pictures: the map along it from its LEDs, and the band to both sides that is lit.
+struct FingerView {
+  LedDetection leds;
+  double band_low_m = 0.0, band_high_m = 0.0;  ///< as GreenProfile::Config
+  int width = 0, height = 0;
+  PixelFormat format = PixelFormat::bgr;
+
+  GreenProfile readout(const LongitudinalBins& bins) const { return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format}); }
+};
+
+/// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
+/// the tip's direction in the image, in m at the map's scale.
+inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
+  const double scale = map.scale_m_per_px(map.u_px(0.0));
+  const int reach = std::max(unloaded.width, unloaded.height);
+  std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
+  for (int y = 0; y < unloaded.height; ++y)
+    for (int x = 0; x < unloaded.width; ++x) {
+      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
+      if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
+      const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
+      if (std::abs(across) > reach) continue;
+      sum[std::size_t(across + reach)] += unloaded.green(x, y), count[std::size_t(across + reach)] += 1.0;
+    }
+  const double most = *std::max_element(count.begin(), count.end());
+  double dark = 255.0;
+  for (std::size_t i = 0; i < sum.size(); ++i)
+    if (count[i] > 0.5 * most) dark = std::min(dark, sum[i] / count[i]);
+  // The row itself shines; what is lit beside it is what counts.
+  std::vector<double> near;
+  for (int k = -8; k <= 8; ++k)
+    if (const auto i = std::size_t(k + reach); count[i] > 0.5 * most) near.push_back(sum[i] / count[i]);
+  const double limit = dark + 0.5 * (median(near) - dark);
+  const auto lit = [&](int k) { return count[std::size_t(k + reach)] > 0.5 * most && sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit; };
+  int low = 0, high = 0;
+  while (low > -reach && lit(low - 1)) --low;
+  while (high < reach && lit(high + 1)) ++high;
+  return {scale * (low - 0.5), scale * (high + 0.5)};
+}
+
+/// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
+inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
+  std::optional<LedDetection> leds;
+  if (!unloaded.empty()) leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(unloaded);
+  if (!leds) throw InputError(detail::text(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
+  const auto [low, high] = lit_band(unloaded, leds->map);
+  return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
+}
+
+/// Mean picture of the unloaded stretch, and the finger in it. Throws InputError.
+template <Camera C>
+FingerView view_finger(C& camera, const Session& session, const UnloadedStretch& stretch, const std::string& name) {
+  MeanImage mean;
+  for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
+    if (stretch.holds(f->stamp_ns)) mean.add(f->image);
+  if (mean.count() == 0) throw InputError(detail::text(name, ": has no picture of the unloaded finger"));
+  return view_finger(mean.image().view(), session, name);
+}
+
+/// Profiles of all frames that the readout can read.
+template <Camera C>
+std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
+  std::vector<Profile> list;
+  Profile p;
+  for (auto f = camera.next(); f; f = camera.next())
+    if (readout.read(*f, p)) list.push_back(p);
+  return list;
+}
+
+/// Of the profiles in the unloaded stretch. Throws InputError when there are none.
+inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
+  UnloadedReference reference;
+  for (const Profile& p : profiles)
+    if (stretch.holds(p.stamp_ns)) reference.add(p);
+  if (reference.count() == 0) throw InputError(detail::text(name, ": has no picture of the unloaded finger"));
+  return reference;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/log_truth.hpp
+
+namespace lumo {
+
+/// What a log says of the contacts that its estimates are compared with. Only whoever compares reads it.
+class LogTruth {
+ public:
+  struct Touch {
+    std::optional<double> y_m, force_N;
+  };
+
+  /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
+  static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
+    LogTruth t;
+    t.segments_ = session.segments;
+    double tare = 0.0;
+    long count = 0;
+    for (const WrenchSample& w : wrenches) t.force_.push_back({session.wrench_clock(w.stamp_ns), -w.force_N.z()});
+    for (const auto& f : t.force_)
+      for (const Segment& s : t.segments_)
+        if (s.kind == "unloaded" && f.first >= s.from_ns && f.first <= s.to_ns) tare += f.second, ++count;
+    if (count > 0)
+      for (auto& f : t.force_) f.second -= tare / double(count);
+    return t;
+  }
+  /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
+  static LogTruth from_table(std::istream& in, const std::string& name) {
+    CsvReader csv(in, name);
+    detail::StampColumn stamp(csv);
+    const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
+    LogTruth t;
+    t.tabled_ = true;
+    while (csv.next()) {
+      const std::int64_t at = stamp.read(csv);
+      t.force_.push_back({at, csv.number(force)});
+      t.place_m_.push_back(csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)));
+    }
+    return t;
+  }
+
+  /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
+  Touch at(std::int64_t stamp_ns) const {
+    Touch touch;
+    const auto after = std::lower_bound(force_.begin(), force_.end(), stamp_ns, [](const auto& f, std::int64_t t) { return f.first < t; });
+    if (tabled_) {
+      if (after != force_.end() && after->first == stamp_ns) touch = {place_m_[std::size_t(after - force_.begin())], after->second};
+      return touch;
+    }
+    if (after != force_.end() && after != force_.begin()) {
+      const auto& b = *after;
+      const auto& a = *(after - 1);
+      if (b.first - a.first < 100'000'000) touch.force_N = a.second + (b.second - a.second) * double(stamp_ns - a.first) / double(b.first - a.first);
+    }
+    for (const Segment& s : segments_)
+      if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
+        touch.y_m = 1e-3 * s.y_mm;
+        if (!touch.force_N) touch.force_N = s.load_N;
+      }
+    return touch;
+  }
+
+ private:
+  bool tabled_ = false;
+  std::vector<std::pair<std::int64_t, double>> force_;
+  std::vector<std::optional<double>> place_m_;  ///< of a table, row by row
+  std::vector<Segment> segments_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/replay.hpp
+
+namespace lumo {
+
+/// A recorded stream given as it came: nothing is there before its time. One item is read ahead, so that reading a picture does not count to whoever asks for it.
+template <class Source>
+class Replay {
+ public:
+  explicit Replay(Source source) : source_(std::move(source)), ahead_(source_.next()) {}
+
+  /// Lets all up to this time through.
+  void until(std::int64_t now_ns) {
+    now_ns_ = now_ns;
+    if (!ahead_) ahead_ = source_.next();
+  }
+  auto next() {
+    if (!ahead_ || ahead_->stamp_ns > now_ns_) return decltype(ahead_)();
+    auto item = std::move(ahead_);
+    ahead_.reset();
+    if constexpr (Actuator<Source>) ahead_ = source_.next();  // owns what it gives; a picture stays valid until the next one is read
+    return item;
+  }
+  StreamState state() const { return ahead_ ? StreamState::open : source_.state(); }
+
+ private:
+  Source source_;
+  decltype(std::declval<Source&>().next()) ahead_;
+  std::int64_t now_ns_ = INT64_MIN;
+};
+
+}  // namespace lumo
+
+// ---- lumo/sense/standstill.hpp
+
+namespace lumo {
+
+/// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean [N·m]. What sticks is another at each
+/// rest, and under a contact it adds to the contact's torque unseen. Rests count from 0.1 s on. Nothing for fewer than three.
+inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint, const TorqueModel& model) {
+  double squares = 0.0, sum = 0.0;
+  int rests = 0, count = 0;
+  std::int64_t from = 0, last = 0;
+  const auto close = [&] {
+    if (count >= 3 && 1e-9 * double(last - from) >= 0.1) squares += std::pow(sum / count, 2), ++rests;
+    sum = 0.0, count = 0;
+  };
+  for (const JointSample& s : samples) {
+    if (std::abs(s.velocity_rad_per_s[joint]) > 1.5 * model.rest_velocity_rad_per_s) {
+      close();
+      continue;
+    }
+    if (count == 0) from = s.stamp_ns;
+    last = s.stamp_ns;
+    sum += model.motor_torque(s.effort[joint], s.unit) - model.unloaded(s.position_rad[joint], 0.0);
+    ++count;
+  }
+  close();
+  return rests >= 3 ? std::optional(std::sqrt(squares / rests)) : std::nullopt;
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/log_estimates.hpp
+
+namespace lumo {
+
+/// An estimate at one frame of a log, and later what was true there.
+struct LogEstimate {
+  std::int64_t stamp_ns = 0;
+  LocationEstimate location;                 ///< of the localiser
+  ForceEstimate force;                       ///< of the filter
+  std::optional<Eigen::VectorXd> joints;     ///< positions, then contact torques, interpolated
+  double seconds = 0.0;                      ///< from decoded picture to estimate
+};
+
+/// Knowledge of a log's finger from its unloaded stretch: what estimators start from.
+struct LogReference {
+  FingerView view;
+  UnloadedReference unloaded;
+  std::vector<TorqueModel> torque;           ///< of each joint; none without joint samples
+  std::vector<double> standstill_Nm;         ///< what may stick unseen
+};
+
+/// Localises in profiles of a log. Frames that cannot be read are left out.
+template <LocationEstimator L>
+std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const UnloadedReference& unloaded, L localizer) {
+  std::vector<LogEstimate> list;
+  for (Profile p : profiles) {
+    unloaded.subtract(p);
+    LogEstimate e;
+    e.stamp_ns = p.stamp_ns;
+    e.location = localizer.update(p);
+    list.push_back(std::move(e));
+  }
+  return list;
+}
+
+/// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
+/// what rests of what sticks. `start`: what such a run does not tell.
+inline void identify_joints(LogReference& reference, const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+  std::vector<JointSample> free, moving;
+  for (const JointSample& s : samples)
+    if (s.stamp_ns <= until_ns) {
+      free.push_back(s);
+      if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > 0.05) moving.push_back(s);
+    }
+  if (free.empty()) return;
+  const auto joints = int(free.front().effort.size());
+  for (int j = 0; j < joints; ++j) {
+    TorqueModel start;
+    start.torque_constant_Nm_per_A = session.torque_constant_Nm_per_A[std::size_t(j)];
+    reference.torque.push_back(identify_unloaded(moving.size() >= 100 ? moving : free, j, start).model);
+    reference.standstill_Nm.push_back(standstill_scatter(free, j, reference.torque.back()).value_or(0.02));
+  }
+}
+
+/// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
+/// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
+template <class MakeCamera, LocationEstimator L, ContactJacobian J>
+std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
+                                         const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0) {
+  if (samples.size() < 2 || reference.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
+  using Source = decltype(make_camera());
+  Replay<Source> camera(make_camera());
+  Replay<RecordedActuator> actuator{RecordedActuator(samples)};
+  using Estimator = ForceEstimator<Replay<Source>, Replay<RecordedActuator>, L, GreenProfile, J>;
+  typename Estimator::Config config;
+  config.torque = reference.torque;
+  config.joints.joints = int(reference.torque.size());
+  config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
+  config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
+  if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
+  config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
+  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
+  config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
+  config.frame_timeout_s = std::max(0.2, 4.0 * config.frames.period_s), config.joint_timeout_s = std::max(0.05, 10.0 * config.joints.period_s);
+  config.map_sigma_m = map_sigma_m;
+  Estimator estimator(camera, actuator, reference.view.readout(bins), localizer, jacobian, reference.unloaded, config);
+  const ContactTorques torques(samples, reference.torque);
+  std::vector<LogEstimate> list;
+  for (const std::int64_t now : frame_ns) {
+    camera.until(now);
+    actuator.until(now);
+    LogEstimate e;
+    e.stamp_ns = now;
+    const auto from = std::chrono::steady_clock::now();
+    e.force = estimator.step(now);
+    e.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
+    e.location = estimator.location();
+    e.joints = torques.at(now, std::max(0.02, 5.0 * config.joints.period_s));
+    list.push_back(std::move(e));
+  }
+  return list;
+}
+
+/// How well places agree with the truth, over frames with a true force of at least `from_N` where the truth tells the place.
+struct LocationScore {
+  int samples = 0;       ///< frames to be located
+  int located = 0;       ///< of them, those with exactly one contact found
+  double mae_m = 0.0;    ///< over the located ones
+  double coverage_90 = 0.0;  ///< share of the located ones whose 90 % interval holds the truth
+};
+
+template <class PlaceOf>
+LocationScore location_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
+  LocationScore s;
+  int covered = 0;
+  for (const LogEstimate& e : estimates) {
+    const LogTruth::Touch t = truth.at(e.stamp_ns);
+    if (!t.y_m || !t.force_N || *t.force_N < from_N) continue;
+    ++s.samples;
+    const std::optional<ContactLocation> at = place_of(e);
+    if (!at) continue;
+    ++s.located;
+    const double off = std::abs(at->y_m - *t.y_m);
+    s.mae_m += off;
+    covered += off <= 1.6448536269514722 * std::sqrt(at->variance_m2);
+  }
+  if (s.located > 0) s.mae_m /= s.located, s.coverage_90 = double(covered) / s.located;
+  return s;
+}
+
+/// Errors of forces over the frames with a true force of at least `from_N`. Where the localiser saw no single contact the optical way takes the middle of the
+/// tested range, so that all ways stand on the same samples.
+struct ForceScore {
+  ForceErrors errors;
+  int samples = 0;
+  double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
+};
+
+template <ContactJacobian J>
+ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5) {
+  std::vector<ForceSample> samples;
+  int given = 0, covered = 0;
+  for (const LogEstimate& e : estimates) {
+    const LogTruth::Touch t = truth.at(e.stamp_ns);
+    if (!t.y_m || !t.force_N || *t.force_N < from_N || !e.joints) continue;
+    ForceSample s;
+    const Eigen::Index n = e.joints->size() / 2;
+    s.stamp_ns = e.stamp_ns, s.position_rad = e.joints->head(n), s.contact_torque_Nm = e.joints->tail(n), s.true_y_m = *t.y_m, s.true_force_N = *t.force_N;
+    s.estimated_y_m = e.location.contacts == 1 ? e.location.contact[0].y_m : 0.5 * (from_m + to_m);
+    const ContactForce& fused = e.force.contact[0];
+    s.fused_N = fused.force_N;
+    if (fused.force_N) ++given, covered += std::abs(*fused.force_N - *t.force_N) <= 1.6448536269514722 * std::sqrt(fused.force_variance_N2);
+    samples.push_back(std::move(s));
+  }
+  ForceScore score;
+  score.samples = int(samples.size());
+  if (!samples.empty()) score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), 0, from_m, to_m, torque_sigma_Nm);
+  score.coverage_90 = given > 0 ? double(covered) / given : 0.0;
+  return score;
 }
 
 }  // namespace lumo
@@ -14432,15 +16164,18 @@ inline Ensemble curved_ensemble() {
   return e;
 }
 
+/// A scenario as the mirror image of one that is solved.
+struct ScenarioImage {
+  std::size_t solve;           ///< which solve it comes from
+  bool mirror_x, mirror_y;     ///< by which reflections
+};
+
 /// Which scenarios have to be solved when mirror images are solved once.
+template <Indenter Tool = Sphere>
 struct ContactPlan {
   struct Solve {
-    Scenario<Sphere> scenario;   ///< with angle ≥ 0 and y ≥ 0 where the body is symmetric
+    Scenario<Tool> scenario;     ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
     std::size_t place;           ///< index into `places`
-  };
-  struct Image {
-    std::size_t solve;           ///< which solve it comes from
-    bool mirror_x, mirror_y;     ///< by which reflections
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
@@ -14448,21 +16183,22 @@ struct ContactPlan {
     std::vector<std::size_t> solves;
   };
   std::vector<Solve> solves;
-  std::vector<Image> images;     ///< one per scenario of the ensemble
+  std::vector<ScenarioImage> images;  ///< one per scenario
   std::vector<Place> places;
 };
 
-/// `mirror_once` false: every scenario is solved for itself.
-inline ContactPlan plan_contacts(const std::vector<Scenario<Sphere>>& scenarios, Symmetry symmetry, bool mirror_once = true) {
-  ContactPlan plan;
-  for (const Scenario<Sphere>& s : scenarios) {
+/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are symmetric.
+template <Indenter Tool>
+ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
+  ContactPlan<Tool> plan;
+  for (const Scenario<Tool>& s : scenarios) {
     validate(s);
-    const bool mx = mirror_once && symmetry.x && s.angle_rad < 0.0, my = mirror_once && symmetry.y && s.y_m < 0.0;
-    Scenario<Sphere> canonical = s;
+    const bool mx = once.x && symmetry.x && s.angle_rad < 0.0 && is_symmetric(s.indenter, 0), my = once.y && symmetry.y && s.y_m < 0.0 && is_symmetric(s.indenter, 1);
+    Scenario<Tool> canonical = s;
     canonical.angle_rad = mx ? -s.angle_rad : s.angle_rad;
     canonical.y_m = my ? -s.y_m : s.y_m;
     std::size_t k = 0;
-    while (k < plan.solves.size() && !(mirror_once && plan.solves[k].scenario == canonical)) ++k;
+    while (k < plan.solves.size() && !(plan.solves[k].scenario == canonical)) ++k;
     if (k == plan.solves.size()) {
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const double angle = symmetry.x ? std::abs(canonical.angle_rad) : canonical.angle_rad, y = symmetry.y ? std::abs(canonical.y_m) : canonical.y_m;
@@ -14487,13 +16223,13 @@ namespace lumo {
 struct StateRecord {
   Status status = Status::non_finite;
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and region: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × regions, both traced on the scenario's own mesh
+  std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
 };
 
 /// One scenario of an ensemble.
 struct ScenarioRecord {
-  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;
+  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
   Status status = Status::non_finite;    ///< of the last state that was tried
   ContactTerms terms;
   std::vector<StateRecord> states;
@@ -14507,7 +16243,7 @@ struct Timing {
 /// All states and responses of one body under an ensemble.
 struct Observations {
   std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and region, mean over the meshes
+  std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
   EnergyLedger ledger;                          ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;
@@ -14524,19 +16260,23 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
 
 namespace detail {
 
+/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
+using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
+
 /// The record of a scenario from that of its mirror image.
-inline ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Sphere>& scenario, const Body& body, const ContactPlan::Image& image) {
+template <Indenter Tool>
+ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
-  const auto renumber = [&](const std::vector<int>& region) {
-    if (region.empty()) return;
+  const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
+    if (!channel || channel->empty()) return;
     for (StateRecord& s : record.states) {
       const Eigen::MatrixXd change = s.change;
-      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col(region[std::size_t(k)]) = change.col(k);
+      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };
-  if (image.mirror_x) renumber(body.region_image_x);
-  if (image.mirror_y) renumber(body.region_image_y);
+  if (image.mirror_x) renumber(channels[0]);
+  if (image.mirror_y) renumber(channels[1]);
   return record;
 }
 
@@ -14567,7 +16307,7 @@ namespace lumo {
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Symmetry unloaded = symmetry_of(body, mesh);
-  return {unloaded.x && scenario.angle_rad == 0.0, unloaded.y && scenario.y_m == 0.0};
+  return {unloaded.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0), unloaded.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
 }
 
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
@@ -14587,11 +16327,11 @@ struct SolvedScenario {
 };
 
 /// Light in the states of all solved scenarios.
-template <class Light, class Pad>
+template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
@@ -14677,7 +16417,7 @@ class Lighting {
 
  private:
   const Body& body_;
-  const ContactPlan& plan_;
+  const ContactPlan<Tool>& plan_;
   const Light& light_;
   const std::vector<Pad>& places_;
   std::vector<SolvedScenario>& solved_;
@@ -14712,19 +16452,19 @@ using ProgressReport = std::function<void(std::string_view stage, int done, int 
 
 /// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
 /// executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
-template <class P, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 
 namespace detail {
 
-template <class P, class Pad>
-SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario, const P& pipeline, const Pad& pad) {
+template <class P, Indenter Tool, class Pad>
+SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, const P& pipeline, const Pad& pad) {
   SolvedScenario out;
   const Stopwatch watch;
   out.states = pad.press(scenario);
   ScenarioRecord& record = out.record;
-  record = {scenario.indenter.diameter_m, scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
-  record.terms = contact_terms(body, pad.mesh(), out.states, scenario.indenter.radius_m(), pipeline.mechanical_error);
+  record = {2.0 * contact_radius(scenario.indenter), scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
+  record.terms = contact_terms(body, pad.mesh(), out.states, contact_radius(scenario.indenter), pipeline.mechanical_error);
   for (const MechanicalState& s : out.states)
     record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}});
   out.seconds = watch.seconds();
@@ -14732,7 +16472,8 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Sphere>& scenario
 }
 
 /// Scenarios without a second symmetry plane take longest: they go first, so that threads end together.
-inline std::vector<std::size_t> longest_first(const ContactPlan& plan) {
+template <Indenter Tool>
+std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
   std::vector<std::size_t> order(plan.solves.size());
   std::iota(order.begin(), order.end(), std::size_t(0));
   const auto halves = [&](std::size_t k) { return (plan.solves[k].scenario.y_m == 0.0) + (plan.solves[k].scenario.angle_rad == 0.0); };
@@ -14740,10 +16481,12 @@ inline std::vector<std::size_t> longest_first(const ContactPlan& plan) {
   return order;
 }
 
-/// Records of all scenarios of the ensemble from those that were solved.
-inline std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Sphere>>& scenarios, const Body& body, const ContactPlan& plan, const std::vector<SolvedScenario>& solved) {
+/// Records of all scenarios from those that were solved.
+template <Indenter Tool>
+std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels, const ContactPlan<Tool>& plan,
+                                   const std::vector<SolvedScenario>& solved) {
   std::vector<ScenarioRecord> records;
-  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], body, plan.images[k]));
+  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], channels, plan.images[k]));
   return records;
 }
 
@@ -14758,12 +16501,15 @@ inline std::vector<double> mean_per_emitted(const std::vector<Response>& respons
 
 }  // namespace detail
 
-template <class P, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
   using Prepared = decltype(pipeline.simulator.prepare(body, std::declval<TetMesh>()));
   const detail::Stopwatch clock;
   Observations out;
-  const ContactPlan plan = plan_contacts(scenarios, body.symmetry, pipeline.mirror_once);
+  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
+  const detail::ChannelImages images = channels > 0 ? detail::ChannelImages{pipeline.tracer.image_channels(body, 0), pipeline.tracer.image_channels(body, 1)}
+                                                    : detail::ChannelImages{std::vector<int>{}, std::vector<int>{}};
+  const ContactPlan plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
   std::mutex reporting;
   int done = 0;
   const auto report = [&](std::string_view stage, std::size_t total) {
@@ -14777,7 +16523,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   std::vector<double> meshing(places.size());
   executor.for_each(places.size(), [&](std::size_t k) {
     const detail::Stopwatch watch;
-    std::vector<Scenario<Sphere>> here;
+    std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
     places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus)));
     meshing[k] = watch.seconds();
@@ -14789,7 +16535,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
   std::vector<detail::SolvedScenario> solved(plan.solves.size());
   done = 0;
   executor.for_each(order.size(), [&](std::size_t i) {
-    const ContactPlan::Solve& s = plan.solves[order[i]];
+    const auto& s = plan.solves[order[i]];
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
     report("press", order.size());
   });
@@ -14797,19 +16543,19 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
 
   // Light, first for all states, then with more and more rays for those that decide.
   detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
-  if (body.regions > 0) {
+  if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), body.regions);
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), channels);
     for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(detail::unfold(scenarios, body, plan, solved), pipeline.rays.tolerance);
+      const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
       lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", 1 << round, " times the rays"), n); });
     }
   }
 
-  out.scenarios = detail::unfold(scenarios, body, plan, solved);
+  out.scenarios = detail::unfold(scenarios, images, plan, solved);
   for (ScenarioRecord& record : out.scenarios)
     for (StateRecord& s : record.states)
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
@@ -14831,6 +16577,37 @@ Observations observe(const Body& body, const std::vector<Scenario<Sphere>>& scen
 
 namespace lumo {
 
+/// A number to optimise, with its error, from all that was observed of a body; nothing where that does not define it.
+/// Laws: a pure function; never NaN.
+template <class O>
+concept ObservedObjective = requires(const O& objective, const Observations& all) {
+  { objective(all) } -> std::same_as<std::optional<Estimate>>;
+};
+
+/// What an evaluation of any body gives. Where a scenario did not converge all objectives are empty.
+struct Scores {
+  bool converged = false;
+  std::vector<std::optional<Estimate>> objectives;
+  Observations observations;
+};
+
+/// Body → meshes → equilibria → responses → objectives, for any body, tool and objectives (ObservedObjective). Mirror images are solved once; scenarios
+/// run side by side. Throws MeshError when the body cannot be meshed, InvalidArgument.
+template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives>
+Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const std::tuple<Objectives...>& objectives,
+                const ProgressReport& progress = {}) {
+  Scores scores;
+  scores.observations = observe(body, scenarios, pipeline, executor, progress);
+  scores.converged = true;
+  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && s.status == Status::converged;
+  const auto score = [&](const auto&... objective) {
+    // A numerical failure is a status, never a score.
+    (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);
+  };
+  std::apply(score, objectives);
+  return scores;
+}
+
 /// What one evaluation of a design gives. An objective is empty when a scenario did not converge, or when its terms are not defined by the loads.
 struct Evaluation {
   std::optional<Estimate> J_contact, J_obs;
@@ -14843,7 +16620,7 @@ struct Evaluation {
 /// The worst scenario's contact progression (paper Eq. 3), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
-/// θ → body → meshes → equilibria → responses → objectives. Mirror images are solved once; scenarios run side by side.
+/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
 /// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
 template <class P, Executor E>
 Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
@@ -14851,12 +16628,11 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   const Body body = finger(design, silicone, options);
 
   Evaluation result;
-  result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
+  Scores scores = evaluate(body, ensemble.scenarios(), pipeline, executor, std::tuple<>{}, progress);
+  result.observations = std::move(scores.observations);
+  if (!scores.converged) return result;
 
   const std::vector<ScenarioRecord>& scenarios = result.observations.scenarios;
-  for (const ScenarioRecord& s : scenarios)
-    if (s.status != Status::converged) return result;  // a numerical failure is a status, never a score
-
   if (const auto worst = contact_progression(scenarios)) {
     result.J_contact = worst->first;
     result.worst_contact = worst->second;
@@ -15505,6 +17281,1031 @@ struct GaussianProcessDecoder {
 };
 
 static_assert(Decoder<GaussianProcessDecoder>);
+
+}  // namespace lumo
+
+// ---- lumo/lab/draws.hpp
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
+/// up to its mathematical functions' last bit.
+class Draws {
+ public:
+  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  Draws draws_;
+  double time_s_, value_, t_s_ = 0.0;
+};
+
+}  // namespace lumo
+
+// ---- lumo/lab/pad_responses.hpp
+
+namespace lumo {
+
+/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per emitted power; of one side, with both sides'
+/// numbers used. Places are y ≥ 0; those below are mirror images.
+struct PadResponses {
+  std::vector<double> theta_mm;      ///< design
+  std::string material;
+  double diameter_m = 0.0;           ///< of the sphere
+  Eigen::VectorXd position_m;        ///< middles of the bins, ascending, symmetric about 0
+  Eigen::VectorXd unloaded;          ///< power through each bin
+  Eigen::VectorXd place_m;           ///< ascending from 0
+  Eigen::VectorXd load_N;            ///< ascending, > 0
+  Eigen::MatrixXd depth_m;           ///< loads × places
+  std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
+  Eigen::VectorXd tilt_place_m;      ///< places at which a tilted approach was computed, ascending from 0
+  std::vector<Eigen::MatrixXd> tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
+  Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+};
+
+/// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
+inline void validate(const PadResponses& r, const std::string& name) {
+  const auto require = [&](bool good, const char* what) {
+    if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
+  };
+  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
+  const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
+  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
+  require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
+  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
+  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
+  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
+  require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
+  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
+  for (const auto* list : {&r.change, &r.tilt})
+    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+}
+
+/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
+class PadLight {
+ public:
+  /// Throws InputError for responses that do not fit together.
+  explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
+    validate(r_, "responses");
+    for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
+    for (const Eigen::MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
+    depth_slope_ = slopes(r_.depth_m.transpose());
+  }
+
+  const PadResponses& responses() const { return r_; }
+  double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
+  double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
+
+  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
+  /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
+    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
+    if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
+    if (tilt_rad != 0.0) {
+      const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
+      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+      if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+    }
+    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+  }
+  double depth_m(double y_m, double load_N) const {
+    const auto [k, t] = between(r_.place_m, std::abs(y_m));
+    const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
+    return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
+  }
+  /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
+  double load_N(double y_m, double depth_m) const {
+    const double most = max_load_N(), end = this->depth_m(y_m, most);
+    if (!(depth_m > 0.0)) return 0.0;
+    if (depth_m >= end) return most + (depth_m - end) * 0.05 * most / (end - this->depth_m(y_m, 0.95 * most));
+    double low = 0.0, high = most;
+    for (int k = 0; k < 50; ++k) {
+      const double middle = 0.5 * (low + high);
+      (this->depth_m(y_m, middle) < depth_m ? low : high) = middle;
+    }
+    return 0.5 * (low + high);
+  }
+
+ private:
+  /// Interval of ascending `x` and the share of it; clamped.
+  static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
+    if (x.size() == 1 || at <= x[0]) return {0, 0.0};
+    const Eigen::Index last = x.size() - 1;
+    if (at >= x[last]) return {std::size_t(last), 0.0};
+    const auto k = Eigen::Index(std::upper_bound(x.begin(), x.end(), at) - x.begin()) - 1;
+    return {std::size_t(k), (at - x[k]) / (x[k + 1] - x[k])};
+  }
+
+  double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
+
+  /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
+  Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
+    const Eigen::Index n = value.cols();
+    Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
+    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
+    for (Eigen::Index k = 1; k < n; ++k) {
+      const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
+      for (Eigen::Index i = 0; i < value.rows(); ++i) {
+        const double left = secant(i, k - 1), right = secant(i, k);
+        slope(i, k) = left * right > 0.0 ? left * right / (wa * right + (1.0 - wa) * left) : 0.0;
+      }
+    }
+    return slope;
+  }
+  Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
+    const Eigen::Index n = value.cols();
+    if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
+    if (at >= load(n)) return value.col(n - 1);
+    Eigen::Index k = 0;
+    while (at >= load(k + 1)) ++k;
+    const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
+    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
+    return v;
+  }
+  /// v += share · f(y − shift), f linear between bins and 0 beyond.
+  void add_moved(Eigen::VectorXd& v, double share, const Eigen::VectorXd& f, double shift_m) const {
+    const double width = r_.position_m[1] - r_.position_m[0];
+    const Eigen::Index n = v.size();
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double at = double(i) - shift_m / width, whole = std::floor(at);
+      const auto k = Eigen::Index(whole);
+      const double t = at - whole;
+      v[i] += share * ((k >= 0 && k < n ? (1.0 - t) * f[k] : 0.0) + (k + 1 >= 0 && k + 1 < n ? t * f[k + 1] : 0.0));
+    }
+  }
+
+  PadResponses r_;
+  std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
+  Eigen::MatrixXd depth_slope_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/lab/rig.hpp
+
+namespace lumo {
+
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does). They were fixed before any decoder, localiser
+// or force estimator was run on a log of the lab; `noise` in LabRun multiplies all that is marked σ.
+
+/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is recorded. The picture is its green plane.
+struct CameraRig {
+  int width = 192, height = 80;       ///< of the window [px]
+  double focal_px = 616.0;            ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
+  double distance_m = 0.25;           ///< from the facing side; assumed, 0.41 mm/px
+  double aim_sigma_rad = 1.5_deg;     ///< σ of yaw, pitch and roll of one placing by hand; assumed
+  double aim_sigma_m = 1.0_mm;        ///< σ of the place along y and z; assumed
+  double frames_per_s = 30.0;
+  double exposure_s = 1.0e-3;         ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;                 ///< device setting (paper)
+  double level_DN = 70.0;             ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double gamma = 1.0;                 ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;              ///< assumed
+  double full_DN = 255.0;
+  double shot_DN = 0.03;              ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
+  double read_DN = 0.6;               ///< σ, assumed
+  double row_DN = 0.35;               ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
+  double pixel_gain = 0.01;           ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
+  double blur_px = 0.8;               ///< standard deviation of the lens's point spread; assumed
+  double stamp_sigma_s = 0.2e-3;      ///< σ of a stamp; assumed
+};
+
+/// The finger's lamps and the room's.
+struct LightRig {
+  double lamp_drift = 3.0e-3;         ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up (memory: assumed)
+  double lamp_drift_s = 20.0;         ///< its time
+  double lamp_white = 1.0e-3;         ///< σ frame by frame; assumed
+  double ambient_DN = 5.0;            ///< mean; assumed
+  double ambient_slope = 0.2;         ///< relative, from end to end of the window; assumed
+  double ambient_drift = 0.02;        ///< σ relative; assumed
+  double ambient_drift_s = 5.0;
+  double flicker = 0.1;               ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
+  double flicker_hz = 100.0;
+  double spot_DN = 80.0;              ///< a LED's package seen through the side, on top of the side's light; assumed (the paper detects five LEDs)
+  double spot_sigma_m = 0.7_mm;       ///< half of the package's 1.6 mm, blurred; assumed
+};
+
+/// The indenter and how well it comes back.
+struct ContactRig {
+  double place_sigma_m = 0.25_mm;     ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
+  double tilt_sigma_rad = 0.5_deg;    ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double load_sigma = 0.005;          ///< σ of a hold's load, relative; assumed
+  double sensor_sigma_N = 0.05;       ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
+  double sensor_bias_N = 0.05;        ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
+  double sensor_hz = 100.0;
+  double marker_sigma_m = 0.02_mm;    ///< σ of the followed marker on the indenter; assumed
+};
+
+/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes suggest for Dragon Skin; assumed.
+struct SiliconeRig {
+  std::array<double, 3> part{0.02, 0.015, 0.015};
+  std::array<double, 3> time_s{0.1, 1.0, 10.0};
+};
+
+/// One joint under local position control, with current for torque.
+struct MotorRig {
+  double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
+  double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
+  double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double stiction_Nm = 0.075;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double white_Nm = 0.065;                  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
+  double weight_Nm = 0.06;                  ///< of the finger, times sin q; assumed
+  double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
+  double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
+  double hold_rad = 0.15;                   ///< where it holds; assumed
+  double stiffness_Nm_per_rad = 200.0;      ///< of the position control; assumed
+  double hz = 250.0;
+};
+
+/// All of it.
+struct Rig {
+  CameraRig camera;
+  LightRig light;
+  ContactRig contact;
+  SiliconeRig silicone;
+  MotorRig motor;
+};
+
+/// Throws InvalidArgument for numbers that make no sense.
+inline void validate(const Rig& r) {
+  require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
+  require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
+  require_positive("focal length", r.camera.focal_px, "px");
+  require_in_range("distance of the camera", r.camera.distance_m, 0.05, 10.0, "m");
+  require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
+  require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
+  require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
+  require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
+  require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
+  require_positive("stiffness of the position control", r.motor.stiffness_Nm_per_rad, "N·m/rad");
+  double sum = 0.0;
+  for (std::size_t k = 0; k < r.silicone.part.size(); ++k) {
+    require_in_range("part of the relaxation", r.silicone.part[k], 0.0, 0.9, "");
+    require_positive("relaxation time", r.silicone.time_s[k], "s");
+    sum += r.silicone.part[k];
+  }
+  require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/side_geometry.hpp
+
+namespace lumo {
+
+/// What a pad's side looks like, apart from the light itself.
+struct SideGeometry {
+  double half_width_m = 14.75_mm;       ///< of the pad: the facing side is taken as the plane x = half_width_m
+  double half_length_m = 30.0_mm;       ///< where the pad ends along y
+  double low_m = 0.0, high_m = 9.0_mm;  ///< heights between which light leaves the visible side
+  double lamp_height_m = 5.0_mm;        ///< z of the LEDs
+  double refractive_index = 1.41;
+  std::vector<double> lamp_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
+};
+
+/// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
+/// without LEDs or visible surface.
+inline SideGeometry side_geometry(const Body& body) {
+  if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
+  SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center.z(), body.medium.refractive_index, {}};
+  for (const Vec3& v : body.vertices) g.half_width_m = std::max(g.half_width_m, v.x()), g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
+  for (const Facet& f : body.facets) {
+    if (f.patch < 0 || !body.patches[std::size_t(f.patch)].contactable) continue;
+    for (std::size_t k = 0; k < f.loop.size(); ++k)
+      for (int part = 0; part <= 64; ++part) {
+        const Vec3 &a = body.vertices[std::size_t(f.loop[k])], &b = body.vertices[std::size_t(f.loop[(k + 1) % f.loop.size()])];
+        Vec3 p = a + part / 64.0 * (b - a);
+        p.y() = 0.0;
+        p = closest_point(body.patches[std::size_t(f.patch)].shape, p);
+        if (body.region(p, outward_normal(body, f.patch, p)) < 0) continue;
+        g.low_m = std::min(g.low_m, p.z()), g.high_m = std::max(g.high_m, p.z());
+      }
+  }
+  if (!(g.high_m > g.low_m)) throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
+  for (const RectangleEmitter& e : body.emitters) g.lamp_m.push_back(e.center.y());
+  std::sort(g.lamp_m.begin(), g.lamp_m.end());
+  return g;
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/side_painter.hpp
+
+namespace lumo {
+
+/// Where the camera stands, from what it should be.
+struct CameraPlace {
+  double yaw_rad = 0.0, pitch_rad = 0.0, roll_rad = 0.0;
+  double along_m = 0.0, height_m = 0.0;
+};
+
+/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel noise, gamma, 8 bits.
+/// The light of a bin fills the height of the visible side evenly (the responses do not tell more). LEDs are spots behind the side: in the pad's middle, as deep as
+/// refraction lets them seem, so that their pitch looks smaller than the side's.
+class SidePainter {
+ public:
+  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
+  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m, std::uint64_t seed);
+
+  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
+  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+
+  /// Pixel of a point on the facing side.
+  Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
+  /// Pixel at which an LED is seen.
+  Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
+
+ private:
+  struct Pixel {
+    int bin;            ///< left one of the two that it lies between; −1: no light of the side
+    float share;        ///< of the right one
+    float side, spot, vignette, gain, room;
+  };
+  Eigen::Vector2d project(const Eigen::Vector3d& p) const {
+    const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
+    return centre_ + camera_.focal_px / d.z() * d.head<2>();
+  }
+
+  CameraRig camera_;
+  SideGeometry side_;
+  Eigen::Vector3d eye_;
+  Eigen::Matrix3d axes_;   ///< columns: right, down, forward
+  Eigen::Vector2d centre_;
+  std::vector<Pixel> pixels_;
+};
+
+inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m,
+                                std::uint64_t seed)
+    : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
+  const double middle = 0.5 * (side.low_m + side.high_m);
+  // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
+  Eigen::Matrix3d level;
+  level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
+  const Eigen::Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
+  const Eigen::Matrix3d turn = (Eigen::AngleAxisd(place.yaw_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(place.pitch_rad, Eigen::Vector3d::UnitY()) *
+                                Eigen::AngleAxisd(place.roll_rad, Eigen::Vector3d::UnitX())).toRotationMatrix();
+  axes_ = turn * level;
+  eye_ = aim - camera.distance_m * axes_.col(2);
+
+  const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px, blur = camera.blur_px * scale;
+  const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
+  const Eigen::Index bins = position_m.size();
+  pixels_.resize(std::size_t(camera.width) * std::size_t(camera.height));
+  Draws sensitivity(seed, 101);
+  for (int v = 0; v < camera.height; ++v)
+    for (int u = 0; u < camera.width; ++u) {
+      Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
+      const Eigen::Vector2d off = (Eigen::Vector2d(u, v) - centre_) / camera.focal_px;
+      const Eigen::Vector3d ray = axes_ * Eigen::Vector3d(off.x(), off.y(), 1.0);
+      const Eigen::Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
+      const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
+      const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
+      p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
+      p.share = float(place_in_bins - std::floor(place_in_bins));
+      p.side = float(cover);
+      double spot = 0.0;
+      for (const double y : side.lamp_m) {
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Eigen::Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
+        spot += light.spot_DN * std::exp(-0.5 * d * d);
+      }
+      p.spot = float(spot);
+      const double cosine = 1.0 / std::sqrt(1.0 + off.squaredNorm());
+      p.vignette = float(cosine * cosine * cosine * cosine);
+      p.gain = float(sensitivity.normal());
+      p.room = float(1.0 + light.ambient_slope * (double(u) / (camera.width - 1) - 0.5));
+    }
+  for (const double y : {-side.half_length_m, side.half_length_m})
+    for (const double z : {side.low_m, side.high_m}) {
+      const Eigen::Vector2d corner = pixel(y, z);
+      if (!(corner.x() >= 1.0 && corner.y() >= 1.0 && corner.x() <= camera.width - 2.0 && corner.y() <= camera.height - 2.0))
+        throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
+    }
+}
+
+inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
+  Image image = Image::black(camera_.width, camera_.height, PixelFormat::grey);
+  const double inverse_gamma = 1.0 / camera_.gamma;
+  for (int v = 0; v < camera_.height; ++v) {
+    std::uint8_t* row = image.row(v);
+    const double row_offset = noise * camera_.row_DN * draws.normal();
+    for (int u = 0; u < camera_.width; ++u) {
+      const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera_.width) + std::size_t(u)];
+      double signal = room_DN * p.room + lamps * p.spot;
+      if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
+      signal *= p.vignette * (1.0 + noise * camera_.pixel_gain * p.gain);
+      signal = std::max(signal, 0.0);
+      signal += noise * std::sqrt(camera_.shot_DN * signal + camera_.read_DN * camera_.read_DN) * draws.normal() + row_offset;
+      double value = std::clamp(signal + camera_.black_DN, 0.0, camera_.full_DN);
+      if (inverse_gamma != 1.0) value = camera_.full_DN * std::pow(value / camera_.full_DN, inverse_gamma);
+      row[u] = std::uint8_t(std::lround(value));
+    }
+  }
+  return image;
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/protocol.hpp
+
+namespace lumo {
+
+/// One load of a contact: reached evenly, then held.
+struct LoadStep {
+  double load_N = 0.0;
+  double ramp_s = 0.3;
+  double hold_s = 1.0;
+  std::string kind = "hold";  ///< of the hold's segment
+  int cycle = -1;
+};
+
+/// One contact from first touch to leaving.
+struct LabContact {
+  int place = 0;
+  double y_m = 0.0;          ///< of the jig
+  int repetition = 0;
+  std::vector<LoadStep> steps;
+  double angle_rad = 0.0;    ///< of approach, small
+  double rest_s = 1.0;       ///< without contact before it
+  int view = 0;              ///< of LabPlan::views
+};
+
+/// A camera's place and the room's and lamps' light, as an experiment sets them on purpose.
+struct LabView {
+  CameraPlace place;
+  double room = 1.0;         ///< ambient light, times the rig's
+  double lamps = 1.0;        ///< 0: off
+};
+
+/// What is done in one log.
+struct LabPlan {
+  std::string title;
+  double free_run_s = 0.0;   ///< the joint sweeps without contact, to get to know its friction and weight
+  std::vector<LabContact> contacts;
+  std::vector<LabView> views{LabView{}};
+};
+
+namespace detail {
+
+inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
+
+inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
+  std::vector<LoadStep> steps;
+  for (const double f : loads_N) steps.push_back({f, ramp_s, hold_s});
+  return steps;
+}
+
+}  // namespace detail
+
+/// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between (paper, re-contact evaluation).
+inline LabPlan recontact_plan(int repetitions = 5) {
+  require_in_range("repetitions", repetitions, 1, 1000, "");
+  LabPlan plan{"re-contacts at six places", 0.0, {}};
+  for (int r = 0; r < repetitions; ++r)
+    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], r, detail::lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
+  return plan;
+}
+
+/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics (paper, contact cycling).
+inline LabPlan cycle_plan(int runs = 3) {
+  require_in_range("runs", runs, 1, 1000, "");
+  LabPlan plan{"cycles within contact at three places", 0.0, {}};
+  for (int r = 0; r < runs; ++r)
+    for (const int p : {0, 2, 4}) {
+      LabContact c{p, detail::lab_places_m[std::size_t(p)], r, {}};
+      for (int k = 0; k < 5; ++k)
+        for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
+      plan.contacts.push_back(std::move(c));
+      // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
+      plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], r, detail::lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
+    }
+  return plan;
+}
+
+/// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper, imaging variation).
+inline LabPlan imaging_plan() {
+  LabPlan plan{"imaging variation", 0.0, {}, {}};
+  plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
+  for (int v = 0; v < int(plan.views.size()); ++v)
+    for (const int p : {0, 2, 4}) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+  return plan;
+}
+
+/// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force estimation).
+inline LabPlan force_plan() {
+  LabPlan plan{"location and force at six places", 9.0, {}};
+  for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], 0, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
+  return plan;
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/relaxation.hpp
+
+namespace lumo {
+
+/// What load would, in equilibrium, give the deformation that a pad has now: it lags behind the load on it (Prony series; generalised Maxwell body).
+/// With the equilibrium modulus for unit, load = e + Σ w_k h_k, where h_k' = e' − h_k/τ_k and w_k = part_k/(1 − Σ part).
+class Relaxation {
+ public:
+  explicit Relaxation(const SiliconeRig& rig) : time_s_(rig.time_s) {
+    double rest = 1.0;
+    for (const double g : rig.part) rest -= g;
+    for (std::size_t k = 0; k < weight_.size(); ++k) weight_[k] = rig.part[k] / rest;
+  }
+
+  /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches are exact. Returns e, never below 0.
+  double step(double load_N, double dt_s) {
+    double lag = 0.0, whole = 1.0;
+    std::array<double, 3> keep{}, gain{};
+    for (std::size_t k = 0; k < weight_.size(); ++k) {
+      keep[k] = std::exp(-dt_s / time_s_[k]);
+      gain[k] = (1.0 - keep[k]) * time_s_[k] / dt_s;
+      lag += weight_[k] * (keep[k] * branch_[k] - gain[k] * equivalent_N_);
+      whole += weight_[k] * gain[k];
+    }
+    const double next = std::max(0.0, (load_N - lag) / whole);
+    for (std::size_t k = 0; k < weight_.size(); ++k) branch_[k] = keep[k] * branch_[k] + gain[k] * (next - equivalent_N_);
+    return equivalent_N_ = next;
+  }
+  double equivalent_N() const { return equivalent_N_; }
+
+ private:
+  std::array<double, 3> time_s_, weight_{}, branch_{};
+  double equivalent_N_ = 0.0;
+};
+
+}  // namespace lumo
+
+// ---- lumo/lab/virtual_rig.hpp
+
+namespace lumo {
+
+/// What was really so at a frame. For whoever compares estimates with it, never for who makes them.
+struct TruthSample {
+  std::int64_t stamp_ns = 0;
+  int contact = -1;            ///< number in the plan; −1: none
+  double y_m = 0.0, force_N = 0.0, tilt_rad = 0.0;
+  double equivalent_N = 0.0;   ///< load that in equilibrium gives the deformation there is
+  double depth_m = 0.0;
+};
+
+/// truth.csv: stamp_ns, contact, y_mm, force_N, tilt_deg, equivalent_N, depth_mm.
+inline std::string truth_text(const std::vector<TruthSample>& truth) {
+  std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
+  for (const TruthSample& s : truth) {
+    t += std::to_string(s.stamp_ns) + ',' + std::to_string(s.contact);
+    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + csv_number(v);
+    t += '\n';
+  }
+  return t;
+}
+
+/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
+/// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
+class VirtualRig {
+ public:
+  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
+  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+
+  const Session& session() const { return session_; }
+  const std::vector<FrameRecord>& frames() const { return frames_; }
+  const std::vector<JointSample>& joints() const { return joints_; }
+  const std::vector<WrenchSample>& wrenches() const { return wrenches_; }
+  const std::vector<MarkerSample>& markers() const { return markers_; }
+  const std::vector<TruthSample>& truth() const { return truth_; }
+  const Rig& rig() const { return rig_; }
+  const LabPlan& plan() const { return plan_; }
+  /// Picture k; the same whenever it is asked for.
+  Image image(std::size_t k) const;
+
+ private:
+  struct Contact {
+    double y_m, tilt_rad, stick_Nm;
+  };
+  /// Load over a stretch of time, linear.
+  struct Phase {
+    double from_s, to_s, from_N, to_N;
+    int contact;
+  };
+  struct Sampled {
+    double load_N, equivalent_N;
+    int contact;
+  };
+
+  void draw_contacts();
+  void lay_out_time();
+  void add_segment(double from_s, double to_s, const char* kind) {
+    Segment s;
+    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    session_.segments.push_back(s);
+  }
+  void deform();
+  void record_joints();
+  void record_forces();
+  void record_frames();
+  Sampled at(double t_s) const;
+  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+  const PadLight* light_;
+  LabPlan plan_;
+  std::uint64_t seed_;
+  double noise_;
+  Rig rig_;
+  SideGeometry side_;
+  Session session_;
+  std::vector<Contact> contacts_;
+  std::vector<Phase> phases_;
+  std::vector<Sampled> sampled_;   ///< at the joint's rate
+  std::vector<SidePainter> painters_;
+  std::vector<FrameRecord> frames_;
+  std::vector<TruthSample> truth_;
+  std::vector<int> view_;          ///< of each frame
+  std::vector<double> lamps_, room_DN_;  ///< at each frame
+  std::vector<JointSample> joints_;
+  std::vector<WrenchSample> wrenches_;
+  std::vector<MarkerSample> markers_;
+  double end_s_ = 0.0, per_DN_ = 1.0;
+};
+
+/// The rig's camera as frames come from it. The rig stays the caller's.
+class VirtualCamera {
+ public:
+  explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
+
+  std::optional<Frame> next() {
+    if (next_ == rig_->frames().size()) return std::nullopt;
+    image_ = rig_->image(next_);
+    const FrameRecord& f = rig_->frames()[next_];
+    return Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
+  }
+  StreamState state() const { return next_ == rig_->frames().size() ? StreamState::ended : StreamState::open; }
+
+ private:
+  const VirtualRig* rig_;
+  Image image_;
+  std::size_t next_ = 0;
+};
+
+static_assert(Camera<VirtualCamera>);
+
+inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
+  validate(rig_);
+  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  for (const LabContact& c : plan_.contacts) {
+    require_in_range("place of a contact", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+    require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
+    require_in_range("place's number", c.place, 0, 1000, "");
+    for (const LoadStep& s : c.steps) {
+      require_in_range("load of a contact", s.load_N, 0.0, light.max_load_N(), "N");
+      require_positive("time to reach a load", s.ramp_s, "s");
+    }
+  }
+  const PadResponses& r = light.responses();
+  double sum = 0.0;
+  int bins = 0;
+  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
+    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
+  per_DN_ = rig_.camera.level_DN * bins / sum;
+
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = r.material;
+  session_.theta_mm = r.theta_mm;
+  session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
+  session_.torque_constant_Nm_per_A = {rig_.motor.torque_constant_Nm_per_A};
+  draw_contacts();
+  lay_out_time();
+  deform();
+  record_joints();
+  record_forces();
+  record_frames();
+}
+
+inline void VirtualRig::draw_contacts() {
+  Draws draws(seed_, 1);
+  const double reach = light_->reach_m();
+  for (LabContact& c : plan_.contacts) {
+    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
+    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal()});
+    for (LoadStep& s : c.steps) s.load_N = std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal()));
+  }
+}
+
+inline void VirtualRig::lay_out_time() {
+  double t = plan_.free_run_s;
+  if (t > 0.0) add_segment(0.0, t, "free");
+  for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
+    const LabContact& c = plan_.contacts[i];
+    phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
+    const double from = t + std::min(0.5, 0.5 * c.rest_s), to = t + c.rest_s - 0.02;
+    add_segment(from, to, "unloaded");
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
+    t += c.rest_s;
+    double load = 0.0;
+    for (const LoadStep& s : c.steps) {
+      phases_.push_back({t, t + s.ramp_s, load, s.load_N, int(i)});
+      t += s.ramp_s, load = s.load_N;
+      phases_.push_back({t, t + s.hold_s, load, load, int(i)});
+      Segment g;
+      g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
+      g.cycle = s.cycle, g.load_N = std::round(10.0 * s.load_N) / 10.0, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
+      session_.segments.push_back(g);
+      t += s.hold_s;
+    }
+    phases_.push_back({t, t + 0.2, load, 0.0, int(i)});
+    t += 0.2;
+  }
+  phases_.push_back({t, t + 1.0, 0.0, 0.0, -1});
+  end_s_ = t + 1.0;
+}
+
+inline void VirtualRig::deform() {
+  int places = 1;
+  for (const LabContact& c : plan_.contacts) places = std::max(places, c.place + 1);
+  std::vector<Relaxation> pad(std::size_t(places), Relaxation(rig_.silicone));  // a place remembers its own contacts
+  const double dt = 1.0 / rig_.motor.hz;
+  std::size_t phase = 0;
+  for (double t = 0.0; t < end_s_; t += dt) {
+    while (phase + 1 < phases_.size() && t >= phases_[phase].to_s) ++phase;
+    Sampled s{0.0, 0.0, -1};
+    if (const Phase& p = phases_[phase]; p.contact >= 0 && t >= p.from_s)
+      s = {p.from_N + (p.to_N - p.from_N) * std::clamp((t - p.from_s) / (p.to_s - p.from_s), 0.0, 1.0), 0.0, p.contact};
+    const int place = s.contact < 0 ? -1 : plan_.contacts[std::size_t(s.contact)].place;
+    for (int k = 0; k < places; ++k) {
+      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N : 0.0, dt);
+      if (k == place) s.equivalent_N = equivalent;
+    }
+    sampled_.push_back(s);
+  }
+}
+
+inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
+  const double index = std::clamp(t_s * rig_.motor.hz, 0.0, double(sampled_.size() - 1));
+  const auto i = std::size_t(index), j = std::min(i + 1, sampled_.size() - 1);
+  const Sampled &a = sampled_[i], &b = sampled_[j];
+  const double share = index - double(i);
+  if (a.contact != b.contact) return share < 0.5 ? a : b;
+  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
+}
+
+inline void VirtualRig::record_joints() {
+  const MotorRig& m = rig_.motor;
+  Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
+  const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+  const double dt = 1.0 / m.hz;
+  double rest_stick = 0.0, last_load = 0.0;
+  int last = -1;
+  bool moving = false;
+  for (std::size_t i = 0; i < sampled_.size(); ++i) {
+    const double t = double(i) * dt;
+    const Sampled& s = sampled_[i];
+    if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+    last = s.contact;
+    const double arm = s.contact < 0 ? 0.0 : m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
+    double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : contacts_[std::size_t(s.contact)].stick_Nm;
+    if (i == 0) v = 0.0;
+    last_load = load;
+    if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
+      const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+      q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+      if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+      moving = phase < 1.0;
+      friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+    }
+    const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+    joints_.push_back({stamp(t), JointVector::Constant(1, q), JointVector::Constant(1, v + noise_ * m.velocity_sigma_rad_per_s * draws.normal()), JointVector::Constant(1, torque / constant),
+                       Effort::current_A});
+  }
+}
+
+inline void VirtualRig::record_forces() {
+  const ContactRig& c = rig_.contact;
+  Draws draws(seed_, 5);
+  const double bias = noise_ * c.sensor_bias_N * draws.normal();
+  for (double t = 0.0; t < end_s_; t += 1.0 / c.sensor_hz) {
+    const Sampled s = at(t);
+    const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
+    const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
+    const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
+    wrenches_.push_back({stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
+    const double sunk = s.contact < 0 ? 0.0 : light_->depth_m(y, s.equivalent_N);
+    markers_.push_back({stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
+  }
+}
+
+inline void VirtualRig::record_frames() {
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  Draws once(seed_, 6), jitter(seed_, 7);
+  CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+                  noise_ * c.aim_sigma_m * once.normal()};
+  for (const LabView& v : plan_.views)
+    painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
+                           light_->responses().position_m, seed_);
+  SlowNoise lamp(Draws(seed_, 8), l.lamp_drift_s), room(Draws(seed_, 9), l.ambient_drift_s);
+  Draws white(seed_, 10);
+  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
+  int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
+  for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
+    const Sampled s = at(t);
+    // The next contact's view is set while nothing touches.
+    for (const Phase& p : phases_)
+      if (p.contact >= 0 && p.to_s > t) {
+        view = plan_.contacts[std::size_t(p.contact)].view;
+        break;
+      }
+    TruthSample truth{stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
+    if (s.contact >= 0) {
+      const Contact& now = contacts_[std::size_t(s.contact)];
+      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+    }
+    char name[32];
+    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
+    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth_.push_back(truth);
+    view_.push_back(view);
+    lamps_.push_back(plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal())));
+    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+  }
+}
+
+inline Image VirtualRig::image(std::size_t k) const {
+  const TruthSample& s = truth_.at(k);
+  Eigen::VectorXd light = light_->responses().unloaded;
+  if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
+  light *= per_DN_ * lamps_[k];
+  return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/pad_file.hpp
+
+namespace lumo {
+
+// Responses of a pad as a text file: a line that names the format, the key of what was computed, blocks "name rows columns" with their numbers row by row, and
+// a last line with a checksum of all before it.
+
+namespace detail {
+
+inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
+
+inline std::uint64_t checksum(std::string_view text) {
+  std::uint64_t sum = text.size();
+  for (const char c : text) sum = mix64(sum ^ std::uint64_t(static_cast<unsigned char>(c))) + 0x9e3779b97f4a7c15ull;
+  return sum;
+}
+
+inline void append_block(std::string& to, const char* name, const Eigen::MatrixXd& m) {
+  to += text(name, ' ', m.rows(), ' ', m.cols(), '\n');
+  char buffer[32];
+  for (Eigen::Index i = 0; i < m.rows(); ++i)
+    for (Eigen::Index j = 0; j < m.cols(); ++j) {
+      const auto [end, error] = std::to_chars(buffer, buffer + sizeof buffer, m(i, j));
+      to.append(buffer, end);
+      to += j + 1 < m.cols() ? ' ' : '\n';
+    }
+}
+
+/// Reads blocks in the order in which they were written. Throws InputError.
+class BlockReader {
+ public:
+  BlockReader(std::string_view text, std::string name) : left_(text), name_(std::move(name)) {}
+
+  std::string_view line() {
+    const auto end = left_.find('\n');
+    if (end == std::string_view::npos) fail("ends too early");
+    const std::string_view l = left_.substr(0, end);
+    left_.remove_prefix(end + 1);
+    return l;
+  }
+  Eigen::MatrixXd block(std::string_view wanted) {
+    const std::string_view head = line();
+    const auto first = head.find(' '), second = head.find(' ', first + 1);
+    long rows = -1, columns = -1;
+    if (first == std::string_view::npos || second == std::string_view::npos || head.substr(0, first) != wanted) fail("a block is missing");
+    std::from_chars(head.data() + first + 1, head.data() + second, rows);
+    std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
+    if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000) fail("a block has no sensible size");
+    Eigen::MatrixXd m(rows, columns);
+    for (long i = 0; i < rows && columns > 0; ++i) {
+      const std::string_view l = line();
+      const char* at = l.data();
+      for (long j = 0; j < columns; ++j) {
+        const auto [end, error] = std::from_chars(at, l.data() + l.size(), m(i, j));
+        if (error != std::errc{}) fail("a number is damaged");
+        at = end + (end < l.data() + l.size());
+      }
+    }
+    return m;
+  }
+  [[noreturn]] void fail(const char* why) const { throw InputError(text(name_, ": ", why)); }
+
+ private:
+  std::string_view left_;
+  std::string name_;
+};
+
+}  // namespace detail
+
+/// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
+inline std::string to_text(const PadResponses& r, const std::string& key) {
+  std::string t(detail::pad_file_head);
+  t += "key " + key + "\nmaterial " + r.material + '\n';
+  const auto add = [&](const char* name, const Eigen::MatrixXd& m) { detail::append_block(t, name, m); };
+  add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
+  add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
+  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N), add("depth_m", r.depth_m);
+  for (const auto& m : r.change) add("change", m);
+  add("tilt_place_m", r.tilt_place_m);
+  for (const auto& m : r.tilt) add("tilt", m);
+  add("error", r.error);
+  return t + detail::text("checksum ", detail::checksum(t), '\n');
+}
+
+/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
+inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
+  detail::BlockReader reader(text, name);
+  if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
+  const auto last = text.rfind("checksum ");
+  if (last == std::string_view::npos || text.substr(last) != detail::text("checksum ", detail::checksum(text.substr(0, last)), '\n')) reader.fail("is damaged, its checksum is wrong");
+  reader.line();
+  const std::string_view made_for = reader.line();
+  if (key && made_for != "key " + *key) reader.fail("was made for another pad or with other settings");
+  PadResponses r;
+  const std::string_view material = reader.line();
+  r.material = material.substr(std::min<std::size_t>(material.size(), 9));
+  const Eigen::VectorXd theta = reader.block("theta_mm");
+  r.theta_mm.assign(theta.begin(), theta.end());
+  const Eigen::MatrixXd diameter = reader.block("diameter_m");
+  if (diameter.size() != 1) reader.fail("the diameter is missing");
+  r.diameter_m = diameter(0, 0);
+  r.position_m = reader.block("position_m"), r.unloaded = reader.block("unloaded"), r.place_m = reader.block("place_m"), r.load_N = reader.block("load_N");
+  r.depth_m = reader.block("depth_m");
+  for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
+  r.tilt_place_m = reader.block("tilt_place_m");
+  for (Eigen::Index k = 0; k < r.tilt_place_m.size(); ++k) r.tilt.push_back(reader.block("tilt"));
+  r.error = reader.block("error");
+  validate(r, name);
+  return r;
+}
+
+/// Nothing when there is no such file. Throws InputError for one that cannot be used.
+inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return std::nullopt;
+  std::ifstream in(path, std::ios::binary);
+  const std::string text((std::istreambuf_iterator<char>(in)), {});
+  if (!in) throw InputError(detail::text(path, ": cannot be read"));
+  return pad_responses_from_text(text, key, path);
+}
+
+/// The whole file or none: written beside its place, then renamed. Throws InputError.
+inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) {
+  const std::string part = path + ".part";
+  std::ofstream out(part, std::ios::binary);
+  out << to_text(r, key);
+  out.close();
+  std::error_code error;
+  if (out) std::filesystem::rename(part, path, error);
+  if (!out || error) {
+    std::filesystem::remove(part, error);
+    throw InputError(detail::text(path, ": cannot be written"));
+  }
+}
 
 }  // namespace lumo
 

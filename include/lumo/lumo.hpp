@@ -11,6 +11,9 @@
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "lumo/morphology/disc_emitter.hpp"
+#include "lumo/morphology/point_emitter.hpp"
+#include "lumo/morphology/measured_lobe.hpp"
 
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
@@ -34,6 +37,9 @@
 #include "lumo/mechanics/simulator.hpp"
 
 #include "lumo/optics/tracer.hpp"
+#include "lumo/optics/scattering_medium.hpp"
+#include "lumo/optics/photodiode.hpp"
+#include "lumo/optics/pinhole_camera.hpp"
 
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
@@ -44,6 +50,7 @@
 #include "lumo/sense/recorded_camera.hpp"
 #include "lumo/sense/recorded_actuator.hpp"
 #include "lumo/sense/photodiode_log.hpp"
+#include "lumo/sense/mini_cheetah.hpp"
 #include "lumo/sense/led_detector.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "lumo/sense/nearest_template.hpp"
@@ -55,6 +62,9 @@
 #include "lumo/sense/serial_chain.hpp"
 #include "lumo/sense/force_estimator.hpp"
 #include "lumo/sense/force_baselines.hpp"
+#include "lumo/sense/calibration.hpp"
+#include "lumo/sense/log_estimates.hpp"
+#include "lumo/sense/log_truth.hpp"
 
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/campaign/finger_campaign.hpp"
@@ -62,3 +72,8 @@
 #include "lumo/campaign/matched_study.hpp"
 #include "lumo/campaign/paired_differences.hpp"
 #include "lumo/campaign/gaussian_process_decoder.hpp"
+#include "lumo/campaign/observe_pad.hpp"
+
+#include "lumo/lab/virtual_rig.hpp"
+#include "lumo/lab/pad_responses.hpp"
+#include "lumo/lab/pad_file.hpp"
