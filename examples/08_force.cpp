@@ -1,5 +1,4 @@
 // 08 Force: where and how hard, from pictures and motor current, as they would come live; then compared with what was true. Reads the log of example 06.
-#include "lumo/sense/bayes_localizer.hpp"
 #include "lumo/sense/log_estimates.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
@@ -25,10 +24,8 @@ int main(int argc, char** argv) {
   std::printf("friction %.0f mN·m, sticks %.0f mN·m\n", 1e3 * reference.torque[0].coulomb_Nm, 1e3 * reference.standstill_Nm[0]);
 
   // No labels, no training: the localiser knows what noise is and that contacts are bright bumps.
-  BayesLocalizer::Config config;
-  config.position_m = readout.positions_m(), config.noise = reference.unloaded.noise(), config.unloaded = reference.unloaded.mean();
   const MomentArm arm{log.session.joint_to_origin_m};
-  const auto estimates = estimate_forces(camera, log.joints, stamps, reference, bins, BayesLocalizer(config), arm, log.session);
+  const auto estimates = estimate_forces(camera, log.joints, stamps, reference, bins, BayesLocalizer(finger_localizer(readout, reference.unloaded)), arm, log.session);
 
   std::ifstream table(log.path + "/truth.csv");  // opened now that all estimates are made
   const LogTruth truth = LogTruth::from_table(table, "truth.csv");

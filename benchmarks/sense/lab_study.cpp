@@ -4,7 +4,6 @@
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/bayes_localizer.hpp"
 #include "lumo/sense/cross_validation.hpp"
 #include "lumo/sense/log_estimates.hpp"
 #include "lumo/sense/nearest_template.hpp"
@@ -137,13 +136,9 @@ void print(const char* name, double noise, const Totals& t) {
   std::fflush(stdout);
 }
 
-double bias_m = BayesLocalizer::Config{}.bias_sigma_m;
+double bias_m = 1.2_mm;
 
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  BayesLocalizer::Config c;
-  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean(), c.bias_sigma_m = bias_m;
-  return BayesLocalizer(c);
-}
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m)); }
 PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
 
 }  // namespace

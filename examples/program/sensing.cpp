@@ -1,7 +1,6 @@
 #include "program/sensing.hpp"
 
 #include "lumo/campaign/gaussian_process_decoder.hpp"
-#include "lumo/sense/bayes_localizer.hpp"
 #include "lumo/sense/constraint_gain.hpp"
 #include "lumo/sense/cross_validation.hpp"
 #include "lumo/sense/linear_decoder.hpp"
@@ -150,11 +149,7 @@ std::string metrics(const Options& o, Output& files) {
 
 // locate and force
 
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  BayesLocalizer::Config c;
-  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
-  return BayesLocalizer(c);
-}
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded)); }
 PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
 
 /// Calls `use` with the localiser that was asked for.

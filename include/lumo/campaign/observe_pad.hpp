@@ -19,7 +19,7 @@ struct PadGrid {
   double spacing_m = 1.0_mm;    ///< of the places; those at y < 0 are mirror images
   int places = 27;              ///< 0, 1, …, 26 mm
   double tilt_rad = 4.0_deg;    ///< of an approach from the side, from which follows what small angles do
-  std::vector<double> tilt_place_m{0.0, 13.0_mm, 25.0_mm};
+  std::vector<double> tilt_place_m{0.0, 22.0_mm};
 };
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must

@@ -64,6 +64,7 @@ class VirtualRig {
  private:
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
+    std::vector<double> load_N;  ///< of each step, as it came out
   };
   /// Load over a stretch of time, linear.
   struct Phase {
@@ -168,10 +169,10 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
 inline void VirtualRig::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
-  for (LabContact& c : plan_.contacts) {
+  for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
-    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal()});
-    for (LoadStep& s : c.steps) s.load_N = std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal()));
+    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -186,13 +187,14 @@ inline void VirtualRig::lay_out_time() {
     if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
     t += c.rest_s;
     double load = 0.0;
-    for (const LoadStep& s : c.steps) {
-      phases_.push_back({t, t + s.ramp_s, load, s.load_N, int(i)});
-      t += s.ramp_s, load = s.load_N;
+    for (std::size_t k = 0; k < c.steps.size(); ++k) {
+      const LoadStep& s = c.steps[k];
+      phases_.push_back({t, t + s.ramp_s, load, contacts_[i].load_N[k], int(i)});
+      t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
       Segment g;
       g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
-      g.cycle = s.cycle, g.load_N = std::round(10.0 * s.load_N) / 10.0, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
+      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
       t += s.hold_s;
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/sense/bayes_localizer.hpp"
 #include "lumo/sense/finger_view.hpp"
 #include "lumo/sense/force_baselines.hpp"
 #include "lumo/sense/force_estimator.hpp"
@@ -36,6 +37,16 @@ struct LogReference {
   std::vector<TorqueModel> torque;           ///< of each joint; none without joint samples
   std::vector<double> standstill_Nm;         ///< what may stick unseen
 };
+
+/// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
+/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen on logs of the virtual lab (seeds from 1001).
+inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
+  BayesLocalizer::Config c;
+  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
+  c.from_m = -27.5_mm, c.to_m = 27.5_mm;
+  c.bias_sigma_m = bias_m;
+  return c;
+}
 
 /// Localises in profiles of a log. Frames that cannot be read are left out.
 template <LocationEstimator L>
