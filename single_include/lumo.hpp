@@ -16002,6 +16002,16 @@ struct LogReference {
   std::vector<double> standstill_Nm;         ///< what may stick unseen
 };
 
+/// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
+/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen on logs of the virtual lab (seeds from 1001).
+inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
+  BayesLocalizer::Config c;
+  c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
+  c.from_m = -27.5_mm, c.to_m = 27.5_mm;
+  c.bias_sigma_m = bias_m;
+  return c;
+}
+
 /// Localises in profiles of a log. Frames that cannot be read are left out.
 template <LocationEstimator L>
 std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const UnloadedReference& unloaded, L localizer) {
@@ -17284,51 +17294,6 @@ static_assert(Decoder<GaussianProcessDecoder>);
 
 }  // namespace lumo
 
-// ---- lumo/lab/draws.hpp
-
-namespace lumo {
-
-/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
-/// up to its mathematical functions' last bit.
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
-
-  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
-  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
-  double normal() {
-    if (spare_) return spare_ = false, second_;
-    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
-    second_ = r * std::sin(a);
-    spare_ = true;
-    return r * std::cos(a);
-  }
-
- private:
-  std::uint64_t key_, count_ = 0;
-  double second_ = 0.0;
-  bool spare_ = false;
-};
-
-/// First-order Gauss–Markov noise of standard deviation 1.
-class SlowNoise {
- public:
-  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
-  /// At a time not before the last one.
-  double at(double t_s) {
-    const double keep = std::exp(-(t_s - t_s_) / time_s_);
-    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
-    t_s_ = t_s;
-    return value_;
-  }
-
- private:
-  Draws draws_;
-  double time_s_, value_, t_s_ = 0.0;
-};
-
-}  // namespace lumo
-
 // ---- lumo/lab/pad_responses.hpp
 
 namespace lumo {
@@ -17467,6 +17432,174 @@ class PadLight {
   PadResponses r_;
   std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
   Eigen::MatrixXd depth_slope_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/lab/side_sight.hpp
+
+namespace lumo {
+
+/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not where it was). By default all light that
+/// leaves a visible side counts, whatever its direction, which is how the paper's own model reads an image (r_b). A real lens sees a narrow cone: one that
+/// looks level or down on a pad that does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
+/// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
+struct SideSight {
+  int bins = 60;
+  double half_range_m = 30.0_mm;
+  double pitch_rad = 0.0;      ///< of the line of sight above the base plane: the camera looks down on the pad by so much
+  double cone_rad = pi;        ///< half angle of the cone about the line of sight; π: all directions
+
+  int channels(const Body&) const { return 2 * bins; }
+  int channel(const Escape& e) const {
+    if (e.region < 0) return -1;
+    const bool right = e.reference.x() > 0.0;
+    const double sideways = right ? e.direction.x() : -e.direction.x();
+    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad)) return -1;
+    const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
+    return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
+  }
+  /// Middles of the bins of one side [m].
+  std::vector<double> positions_m() const {
+    std::vector<double> y;
+    for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
+    return y;
+  }
+};
+
+static_assert(ExitReadout<SideSight>);
+
+/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
+/// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
+inline Body seen_from_sides(Body body, const SideSight& sight, double min_abs_nx = 0.5) {
+  require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
+  require_positive("range of the side's sight", sight.half_range_m, "m");
+  require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
+  const int n = sight.bins;
+  body.regions = 2 * n;
+  body.region_image_x.resize(std::size_t(2 * n));
+  body.region_image_y.resize(std::size_t(2 * n));
+  for (int b = 0; b < n; ++b) {
+    body.region_image_x[std::size_t(b)] = b + n, body.region_image_x[std::size_t(b + n)] = b;
+    body.region_image_y[std::size_t(b)] = n - 1 - b, body.region_image_y[std::size_t(b + n)] = 2 * n - 1 - b;
+  }
+  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3& p, const Vec3& normal) {
+    if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
+    const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
+    return p.x() > 0.0 ? b : b + n;
+  };
+  return body;
+}
+
+}  // namespace lumo
+
+// ---- lumo/campaign/observe_pad.hpp
+
+namespace lumo {
+
+/// Where and how hard a pad is pressed for the virtual lab.
+struct PadGrid {
+  double diameter_m = 10.0_mm;
+  std::vector<double> load_N{1.0, 2.0, 5.0, 10.0, 15.0, 20.0};
+  double spacing_m = 1.0_mm;    ///< of the places; those at y < 0 are mirror images
+  int places = 27;              ///< 0, 1, …, 26 mm
+  double tilt_rad = 4.0_deg;    ///< of an approach from the side, from which follows what small angles do
+  std::vector<double> tilt_place_m{0.0, 22.0_mm};
+};
+
+/// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
+/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and InputError when a press does not converge.
+template <class P, Executor E>
+PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
+  if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
+  require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
+  require_positive("spacing of the virtual lab's places", grid.spacing_m, "m");
+  require_in_range("tilt of the virtual lab", grid.tilt_rad, 0.001, 0.5, "rad");
+  std::vector<Scenario<Sphere>> scenarios;
+  for (int k = 0; k < grid.places; ++k) scenarios.push_back({Sphere{grid.diameter_m}, 0.0, grid.spacing_m * k, grid.load_N});
+  for (const double y : grid.tilt_place_m) scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
+  const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
+  for (const ScenarioRecord& s : seen.scenarios)
+    if (s.status != Status::converged) throw InvalidArgument(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
+
+  const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
+  PadResponses r;
+  r.diameter_m = grid.diameter_m;
+  const std::vector<double> at = sight.positions_m();
+  r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
+  const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
+  r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
+  r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
+  r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
+  r.place_m.resize(grid.places);
+  r.depth_m.resize(loads, grid.places);
+  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
+  r.error = Eigen::VectorXd::Zero(loads);
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    const bool straight = k < std::size_t(grid.places);
+    Eigen::MatrixXd part(bins, loads);
+    for (Eigen::Index l = 0; l < loads; ++l) {
+      const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
+      const Eigen::MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? Eigen::MatrixXd(0.5 * (right + left)) : Eigen::MatrixXd(0.5 * (right - left) / grid.tilt_rad);
+      part.col(l) = wanted.colwise().mean().transpose();
+      if (!straight) continue;
+      double squares = 0.0;
+      for (const double e : standard_error(wanted)) squares += e * e;
+      r.error[l] += squares / double(bins * grid.places);
+      r.depth_m(l, Eigen::Index(k)) = s.depth_m;
+    }
+    // At y = 0 the pad is its own mirror image; only the rays are not.
+    if (scenarios[k].y_m == 0.0) part = (0.5 * (part + part.colwise().reverse())).eval();
+    (straight ? r.change : r.tilt).push_back(std::move(part));
+    if (straight) r.place_m[Eigen::Index(k)] = scenarios[k].y_m;
+  }
+  r.error = r.error.cwiseSqrt().eval();
+  return r;
+}
+
+}  // namespace lumo
+
+// ---- lumo/lab/draws.hpp
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
+/// up to its mathematical functions' last bit.
+class Draws {
+ public:
+  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  Draws draws_;
+  double time_s_, value_, t_s_ = 0.0;
 };
 
 }  // namespace lumo
@@ -17913,6 +18046,7 @@ class VirtualRig {
  private:
   struct Contact {
     double y_m, tilt_rad, stick_Nm;
+    std::vector<double> load_N;  ///< of each step, as it came out
   };
   /// Load over a stretch of time, linear.
   struct Phase {
@@ -18017,10 +18151,10 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
 inline void VirtualRig::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
-  for (LabContact& c : plan_.contacts) {
+  for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
-    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal()});
-    for (LoadStep& s : c.steps) s.load_N = std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal()));
+    contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -18035,13 +18169,14 @@ inline void VirtualRig::lay_out_time() {
     if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
     t += c.rest_s;
     double load = 0.0;
-    for (const LoadStep& s : c.steps) {
-      phases_.push_back({t, t + s.ramp_s, load, s.load_N, int(i)});
-      t += s.ramp_s, load = s.load_N;
+    for (std::size_t k = 0; k < c.steps.size(); ++k) {
+      const LoadStep& s = c.steps[k];
+      phases_.push_back({t, t + s.ramp_s, load, contacts_[i].load_N[k], int(i)});
+      t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
       Segment g;
       g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
-      g.cycle = s.cycle, g.load_N = std::round(10.0 * s.load_N) / 10.0, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
+      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
       t += s.hold_s;
     }
