@@ -140,6 +140,12 @@ class InputError : public Error {
 
 namespace detail {
 
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks.
+inline std::string exact(double value) {
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+}
+
 /// Joins its arguments into one line of text.
 template <class... Args>
 std::string text(const Args&... args) {
@@ -154,7 +160,7 @@ std::string text(const Args&... args) {
 /// Throws InvalidArgument unless `value` is finite and lies in [low, high].
 inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
   if (std::isfinite(value) && value >= low && value <= high) return;
-  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+  throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
 /// Throws InvalidArgument unless `value` is finite and positive.
@@ -236,13 +242,13 @@ inline void DesignSpace::check(std::span<const double> x) const {
       throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " is ", x[i], ", must be a finite number"));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is below its lower bound ", v.lower, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is above its upper bound ", v.upper, unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", x[i], unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
@@ -722,6 +728,7 @@ struct Patch {
   bool contactable = false;               ///< the indenter may touch it
   bool meets_carrier = false;             ///< may come to rest on the carrier
   SurfaceOptics optics = Dielectric{};
+  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
 };
 
 /// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
@@ -814,6 +821,9 @@ struct FingerOptions {
   double carrier_albedo = 0.8;
 };
 
+/// Throws InvalidArgument for an option that is out of range.
+void validate(const FingerOptions& options);
+
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
@@ -828,9 +838,9 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
     case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3::UnitZ()}, true, false, false, wall};
     case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3::UnitX()}, true, false, false, wall};
     case SectionTag::base: return {"base", Plane{Vec3::Zero(), -Vec3::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}, false};
     case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3::UnitX()}, false, true, false, Dielectric{}};
     default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
   }
@@ -873,11 +883,29 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
-inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
   require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+}
+
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+  validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
@@ -7140,7 +7168,7 @@ inline void OpticalScene::add_carrier(const Config& config) {
 }
 
 inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
-  if (!body_->region) return -1;
+  if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
@@ -8571,7 +8599,7 @@ struct ContactTerms {
   std::optional<Estimate> score() const;
 };
 
-/// Relative errors of depth, areas and overlap at the default mesh, from the refinement study (benchmarks/refinement/results.md).
+/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study (benchmarks/refinement/results.md).
 struct MechanicalError {
   double area = 0.03;         ///< relative, of A
   double overlap = 0.015;     ///< absolute, of an intersection over union
@@ -8589,6 +8617,16 @@ ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vec
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
 inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
+
+namespace detail {
+
+/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
+inline Estimate clipped(const Estimate& e) {
+  const double value = std::clamp(e.value, 0.0, 1.0);
+  return {value, std::max(0.0, e.error - std::abs(e.value - value))};
+}
+
+}  // namespace detail
 
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
@@ -8612,7 +8650,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   ContactTerms q;
   if (two) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
-    q.form = form >= 1.0 ? Estimate{1.0, 0.0} : Estimate{form, 0.5 * error.area * form};
+    q.form = detail::clipped({form, 0.5 * error.area * form});
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
@@ -8622,7 +8660,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
-    q.stiff = Estimate{std::clamp(1.0 - ratio, 0.0, 1.0), 1.0 - ratio < 0.0 ? 0.0 : std::sqrt(2.0) * error.stiffness * std::abs(ratio)};
+    q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }
@@ -10260,14 +10298,14 @@ struct LogNehvi {
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
     Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
-      const auto m = Eigen::Index(posteriors_.size()), draws = Eigen::Index(improvements_.size());
+      const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
       Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
         for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
-      for (Eigen::Index s = 0; s < draws; ++s)
+      for (Eigen::Index s = 0; s < drawn; ++s)
         for (Eigen::Index i = 0; i < x.cols(); ++i) {
           load(i, s);
           sum[i] += improvements_[std::size_t(s)].value(mean, deviation);
@@ -10275,14 +10313,14 @@ struct LogNehvi {
       std::vector<double> logs(improvements_.size());
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
         if (sum[i] > 1e-280 && std::isfinite(sum[i])) {
-          sum[i] = std::log(sum[i] / double(draws));
+          sum[i] = std::log(sum[i] / double(drawn));
           continue;
         }
-        for (Eigen::Index s = 0; s < draws; ++s) {   // hopeless, but to be ranked
+        for (Eigen::Index s = 0; s < drawn; ++s) {   // hopeless, but to be ranked
           load(i, s);
           logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
         }
-        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(draws));
+        sum[i] = log_sum_exp(logs.begin(), logs.end()) - std::log(double(drawn));
       }
       return sum;
     }
@@ -10589,14 +10627,7 @@ class Optimizer {
       : config_(std::move(config)), log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
   /// The next design to evaluate, now pending; nothing when status() says why.
-  std::optional<Trial> ask() {
-    if (told() + pending() >= problem().evaluations) return std::nullopt;
-    auto x = log_.scheduled();
-    if (!x) x = chosen();
-    exhausted_ = !x;
-    if (!x) return std::nullopt;
-    return log_.open(int(trials().size()), std::move(*x));
-  }
+  std::optional<Trial> ask();
 
   /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or not finite.
   void tell(int id, std::vector<double> outputs) { log_.tell(id, std::move(outputs)); }
@@ -10624,90 +10655,26 @@ class Optimizer {
   int pending() const { return log_.count(Trial::State::pending); }
 
   /// Told trials that no other dominates, from the best in the first objective on.
-  std::vector<Outcome> front() const {
-    std::vector<int> ids;
-    for (const Trial& t : trials())
-      if (t.state == Trial::State::told) ids.push_back(t.id);
-    const Eigen::MatrixXd y = objectives();
-    std::vector<Outcome> out;
-    for (const Eigen::Index i : pareto_front(y)) {
-      out.push_back({ids[std::size_t(i)], {}});
-      for (Eigen::Index j = 0; j < y.rows(); ++j) out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-    }
-    return out;
-  }
+  std::vector<Outcome> front() const;
 
   /// What the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const {
-    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-    for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-    return lumo::hypervolume(objectives(), reference);
-  }
+  double hypervolume() const;
 
   /// Models of the told outputs as they are in evidence(). Empty before two trials are told.
-  const std::vector<GaussianProcess<Kernel>>& models() {
-    if (told() < 2 || modelled_ == told()) return models_;
-    const Evidence e = evidence();
-    models_.clear();
-    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-    modelled_ = told();
-    return models_;
-  }
+  const std::vector<GaussianProcess<Kernel>>& models();
 
   /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in units of the spread of
   /// their objective.
-  Evidence evidence() const {
-    Evidence e;
-    e.x = log_.designs(Trial::State::told);
-    e.pending = log_.designs(Trial::State::pending);
-    e.outputs = log_.told_outputs();
-    for (int j = 0; j < int(problem().objectives.size()); ++j) {
-      std::vector<Eigen::Index> rows;
-      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-      Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
-      const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
-      if (largest > 0.0) {
-        y /= largest;
-        const double spread = std::sqrt((y - y.mean()).square().mean());
-        if (spread > 1e-14) y /= spread;
-      }
-      e.outputs(rows, Eigen::all) = y.matrix();
-    }
-    const auto& variables = problem().space.variables;
-    e.lower.resize(Eigen::Index(variables.size()));
-    e.upper.resize(Eigen::Index(variables.size()));
-    for (std::size_t i = 0; i < variables.size(); ++i) {
-      e.lower[Eigen::Index(i)] = variables[i].lower;
-      e.upper[Eigen::Index(i)] = variables[i].upper;
-    }
-    e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
-    return e;
-  }
+  Evidence evidence() const;
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const {
-    Eigen::MatrixXd y = log_.told_outputs();
-    for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
-  }
+  Eigen::MatrixXd objectives() const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
-  std::optional<Design> chosen() {
-    const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
-    if (models().empty()) {
-      auto fresh = log_.sampler().fresh(1, key, log_.taken());
-      return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
-    }
-    std::vector<Design> standing;
-    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
-    const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
-    return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
-  }
+  std::optional<Design> chosen();
 
   Config config_;
   TrialLog log_;
@@ -10715,6 +10682,105 @@ class Optimizer {
   std::vector<GaussianProcess<Kernel>> models_;
   int modelled_ = 0;  ///< told trials that the models know
 };
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<Trial> Optimizer<K, A, S, R>::ask() {
+  if (told() + pending() >= problem().evaluations) return std::nullopt;
+  auto x = log_.scheduled();
+  if (!x) x = chosen();
+  exhausted_ = !x;
+  if (!x) return std::nullopt;
+  return log_.open(int(trials().size()), std::move(*x));
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
+  std::vector<int> ids;
+  for (const Trial& t : trials())
+    if (t.state == Trial::State::told) ids.push_back(t.id);
+  const Eigen::MatrixXd y = objectives();
+  std::vector<Outcome> out;
+  for (const Eigen::Index i : pareto_front(y)) {
+    out.push_back({ids[std::size_t(i)], {}});
+    for (Eigen::Index j = 0; j < y.rows(); ++j) out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
+  }
+  return out;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+double Optimizer<K, A, S, R>::hypervolume() const {
+  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+  for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+  return lumo::hypervolume(objectives(), reference);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
+  if (told() < 2 || modelled_ == told()) return models_;
+  const Evidence e = evidence();
+  models_.clear();
+  for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+    models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+  modelled_ = told();
+  return models_;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+Evidence Optimizer<K, A, S, R>::evidence() const {
+  Evidence e;
+  e.x = log_.designs(Trial::State::told);
+  e.pending = log_.designs(Trial::State::pending);
+  e.outputs = log_.told_outputs();
+  for (int j = 0; j < int(problem().objectives.size()); ++j) {
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+      if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+    const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+    if (largest > 0.0) {
+      y /= largest;
+      const double spread = std::sqrt((y - y.mean()).square().mean());
+      if (spread > 1e-14) y /= spread;
+    }
+    e.outputs(rows, Eigen::all) = y.matrix();
+  }
+  const auto& variables = problem().space.variables;
+  e.lower.resize(Eigen::Index(variables.size()));
+  e.upper.resize(Eigen::Index(variables.size()));
+  for (std::size_t i = 0; i < variables.size(); ++i) {
+    e.lower[Eigen::Index(i)] = variables[i].lower;
+    e.upper[Eigen::Index(i)] = variables[i].upper;
+  }
+  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+  return e;
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
+  Eigen::MatrixXd y = log_.told_outputs();
+  for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
+  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<Design> Optimizer<K, A, S, R>::chosen() {
+  const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
+  if (models().empty()) {
+    auto fresh = log_.sampler().fresh(1, key, log_.taken());
+    return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
+  }
+  std::vector<Design> standing;
+  for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+  const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
+  return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
+}
 
 }  // namespace lumo
 
