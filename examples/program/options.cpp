@@ -327,7 +327,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   if (!extras.empty()) {
     const std::string& word = extras.front();
     const bool option = word.starts_with('-') && word.size() > 1;
-    const bool misplaced = option && complete && chosen->get_option_no_throw(word) != nullptr && std::find(words.begin(), words.end(), "--") == words.end();
+    const bool after_end = std::any_of(arguments.begin(), arguments.end(), [](const char* a) { return std::string_view(a) == "--"; });
+    const bool misplaced = option && complete && !after_end && chosen->get_option_no_throw(word) != nullptr;
     if (misplaced) throw UsageError("option " + in_quotes(word) + " must follow the command (see " + help + ")");
     throw UsageError((option ? "unknown option " : complete ? "unexpected argument " : "unknown command ") + in_quotes(word) + " (see " + help + ")");
   }
