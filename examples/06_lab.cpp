@@ -44,7 +44,7 @@ int main(int argc, char** argv) {
 
   std::filesystem::create_directories(folder + "/frames");
   for (std::size_t k = 0; k < lab.frames().size(); ++k) write_image(folder + "/frames/" + lab.frames()[k].file, lab.image(k).view());
-  write_log_folder({folder, lab.session(), lab.frames(), lab.joints(), lab.wrenches(), lab.markers()});
+  write_log_folder({folder, lab.session(), lab.frames(), lab.joints(), lab.wrenches(), lab.markers(), {}});
   std::ofstream(folder + "/truth.csv") << truth_text(lab.truth());  // no estimator opens it
   std::printf("%s: %zu pictures, %zu joint samples, %zu contacts\n", folder.c_str(), lab.frames().size(), lab.joints().size(), lab.plan().contacts.size());
   return 0;

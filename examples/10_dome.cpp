@@ -51,7 +51,7 @@ int main() {
     std::printf("ring %4.1f mm, tilt %2.0f deg, gel %3.0f kPa: contrast %.2e ± %.0e\n", ring_mm, tilt_deg, mu_kPa, scores.objectives[0]->value, scores.objectives[0]->error);
     const Observations& o = scores.observations;  // a row of the picture for each design: at rest, under 4 N, and under 1.6 N from aside
     const std::array views{&o.unloaded_response, &o.scenarios[0].states[1].response, &o.scenarios[1].states[1].response};
-    const auto gamma = [white = *std::max_element(views[0]->begin(), views[0]->end())](double light) { return std::uint8_t(255.0 * std::pow(std::clamp(light / white, 0.0, 1.0), 1.0 / 2.2)); };
+    const auto gamma = [white = *std::max_element(views[0]->begin(), views[0]->end())](double power) { return std::uint8_t(255.0 * std::pow(std::clamp(power / white, 0.0, 1.0), 1.0 / 2.2)); };
     for (int y = 0; y < n * zoom; ++y, ++row)
       for (int x = 0; x < 9 * n * zoom; ++x)  // bytes: blue, green, red
         picture.row(row)[x] = gamma((*views[std::size_t(x / (3 * n * zoom))])[std::size_t(((2 - x % 3) * n + y / zoom) * n + x / 3 / zoom % n)]);

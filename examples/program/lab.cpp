@@ -172,7 +172,7 @@ std::string lab(const Options& o, Progress& progress) {
     write_image((folder.path() / "frames" / rig.frames()[k].file).string(), rig.image(k).view());
     progress.step();
   }
-  write_log_folder({folder.path().string(), rig.session(), rig.frames(), rig.joints(), rig.wrenches(), rig.markers()});
+  write_log_folder({folder.path().string(), rig.session(), rig.frames(), rig.joints(), rig.wrenches(), rig.markers(), {}});
   std::ofstream truth(folder.path() / "truth.csv", std::ios::binary);
   truth << truth_text(rig.truth());
   truth.close();

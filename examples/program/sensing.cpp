@@ -116,8 +116,8 @@ std::string metrics(const Options& o, Output& files) {
   std::optional<RecontactQuality> quality;
   std::optional<double> W_cycle, gain;
   const auto holds = about(o.log, [&] { return hold_responses(s.profiles, s.log.session.segments); });
-  const auto slopes = slope_profiles(holds);
-  const bool repeated = slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), [&](const auto& m) { return m.cols() >= 2 && m.cols() == slopes.front().cols(); });
+  const auto slopes = about(o.log, [&] { return slope_profiles(holds); });
+  const bool repeated = slopes.size() >= 2 && std::all_of(slopes.begin(), slopes.end(), [&](const auto& m) { return m.cols() >= 3 && m.cols() == slopes.front().cols(); });
   if (repeated) quality = about(o.log, [&] { return recontact_quality(slopes); });
   if (const auto runs = cycle_runs(holds); !runs.empty()) W_cycle = about(o.log, [&] { return cycle_variation(runs); });
   if (!o.baseline.empty()) {

@@ -12,7 +12,8 @@ inline lumo::PadResponses plain_pad() {
   r.position_m = Eigen::VectorXd::LinSpaced(60, -29.5e-3, 29.5e-3);
   r.unloaded = Eigen::VectorXd::Constant(60, 5e-4);
   r.place_m = Eigen::VectorXd::LinSpaced(27, 0.0, 26e-3);
-  r.load_N = Eigen::Vector3d(5.0, 10.0, 20.0);
+  r.load_N.resize(3);
+  r.load_N << 5.0, 10.0, 20.0;
   r.error = Eigen::Vector3d::Constant(1e-7);
   r.depth_m = Eigen::Vector3d(1e-3, 2e-3, 4e-3).replicate(1, 27);
   for (const double y : r.place_m) {

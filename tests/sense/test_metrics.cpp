@@ -24,7 +24,7 @@ TEST_CASE("medians, quantiles and Wilson's interval", "[metrics]") {
 }
 
 TEST_CASE("slopes over force are those of a line through the responses", "[metrics]") {
-  const Eigen::Vector4d loads(2.0, 5.0, 10.0, 15.0);
+  const Eigen::VectorXd loads = (Eigen::VectorXd(4) << 2.0, 5.0, 10.0, 15.0).finished();
   Eigen::MatrixXd response(2, 4);
   response.row(0) = 3.0 * loads.transpose();
   response.row(0).array() += 7.0;

@@ -13,8 +13,6 @@ using namespace lumo;
 
 namespace {
 
-/
-
 Image picture(int which, PixelFormat format = PixelFormat::bgr) {
   synthetic::View v;
   v.width = 64, v.height = 48;

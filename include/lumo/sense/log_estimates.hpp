@@ -39,7 +39,7 @@ struct LogReference {
 };
 
 /// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
-/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen on logs of the virtual lab (seeds from 1001).
+/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
 inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
