@@ -17,7 +17,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
-  const std::string folder = argc > 1 ? argv[1] : "06_lab";
+  const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;

@@ -16003,7 +16003,7 @@ struct LogReference {
 };
 
 /// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
-/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen on logs of the virtual lab (seeds from 1001).
+/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
 inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
@@ -17732,7 +17732,7 @@ struct SideGeometry {
 /// without LEDs or visible surface.
 inline SideGeometry side_geometry(const Body& body) {
   if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
-  SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center.z(), body.medium.refractive_index, {}};
+  SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};
   for (const Vec3& v : body.vertices) g.half_width_m = std::max(g.half_width_m, v.x()), g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
   for (const Facet& f : body.facets) {
     if (f.patch < 0 || !body.patches[std::size_t(f.patch)].contactable) continue;
@@ -17747,7 +17747,7 @@ inline SideGeometry side_geometry(const Body& body) {
       }
   }
   if (!(g.high_m > g.low_m)) throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
-  for (const RectangleEmitter& e : body.emitters) g.lamp_m.push_back(e.center.y());
+  for (const Emitter& e : body.emitters) g.lamp_m.push_back(e.center().y());
   std::sort(g.lamp_m.begin(), g.lamp_m.end());
   return g;
 }

@@ -59,6 +59,9 @@ MechanicalState press(const Contact& contact, const Element& element) {
   return sim.press(small_finger().body, mesh_for<Element>(), Scenario<Sphere>{Sphere{20e-3}, 0.0, 0.0, {0.2}}).front();
 }
 
+bool is_cured(const LinearTet&) { return false; }
+bool is_cured(const QuadraticTet& e) { return e.mean_dilatation; }
+
 template <class Contact, class Element, class Method>
 void every_material(const std::string& name, const Contact& contact, const Element& element) {
   const std::map<std::string, MechanicalState> states = {{"NeoHookean", press<NeoHookean, Contact, Element, Method>(contact, element)},
@@ -73,7 +76,10 @@ void every_material(const std::string& name, const Contact& contact, const Eleme
     CHECK(s.certified == (s.status == Status::converged));
     // Descent stops at whole steps of 50 µm. A few nodes of quadratic faces can bear the load in more than one way.
     const double step = std::same_as<Method, VertexBlockDescent> ? 6e-5 : 0.0;
-    if (Element::order == 1 || contact_points<Contact>() == ContactPoints::surface) CHECK(s.depth_m == Approx(first.depth_m).epsilon(0.03).margin(step));
+    // The cure leaves volume changes inside an element to the rest of the law, which holds them back in one and not in another: on elements
+    // as wide as the dent is deep this is seen (StableNeoHookean 35 % softer), without the cure and on linear elements it is not.
+    const double alike = is_cured(element) ? 0.4 : 0.03;
+    if (Element::order == 1 || contact_points<Contact>() == ContactPoints::surface) CHECK(s.depth_m == Approx(first.depth_m).epsilon(alike).margin(step));
     CHECK(s.force_N > 0.0);
     if (s.status == Status::held) CHECK(s.met_force_N >= 0.2);
     CHECK(std::isfinite(s.residual_N));

@@ -110,7 +110,8 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(frame("stamp_ns,file\n1,../x.png\n") == "t.csv:2: column file: '../x.png' is no path below frames/");
   CHECK(frame("stamp_ns,file\n1,/etc/x\n") == "t.csv:2: column file: '/etc/x' is no path below frames/");
   CHECK(frame("stamp_ns,file,exposure_s\n1,a.png,-1\n") == "t.csv:2: column exposure_s: '-1' s is negative");
-  CHECK(frame("stamp_ns,file,gain\n1,a\x01.png,x\n") == "t.csv:2: column gain: 'x' is no finite number");
+  CHECK(frame("stamp_ns,file,gain\n1,a.png,x\n") == "t.csv:2: column gain: 'x' is no finite number");
+  CHECK(frame("stamp_ns,file\n1,a\x01.png\n") == "t.csv:2: column file: 'a?.png' is no path below frames/");
   CHECK(message([] { detail::open_text("/nonexistent/joint.csv"); }) == "/nonexistent/joint.csv: cannot be opened");
 }
 
