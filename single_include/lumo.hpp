@@ -17935,13 +17935,14 @@ inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
   for (int r = 0; r < runs; ++r)
-    for (const int p : {0, 2, 4}) {
-      LabContact c{p, detail::lab_places_m[std::size_t(p)], r, {}};
+    for (const int p : {0, 1, 2}) {
+      const double y = detail::lab_places_m[2 * std::size_t(p)];
+      LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
         for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
-      plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], r, detail::lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
+      plan.contacts.push_back({p, y, r, detail::lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
     }
   return plan;
 }
