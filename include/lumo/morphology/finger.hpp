@@ -12,7 +12,7 @@ struct FingerOptions {
   struct Mesh {
     double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
     double coarsest_edge = 5.0e-3;    ///< at depth
-    double growth = 0.6;              ///< edge length gained per length of depth
+    double growth = 0.35;             ///< edge length gained per length of depth
     double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
