@@ -25,8 +25,8 @@ namespace {
 /// The file that a key's responses are kept in; its name tells pads and settings apart.
 std::string cache_file(const Options& o, const std::string& key) {
   std::error_code error;
-  const fs::path out = fs::absolute(o.out ? *o.out : o.log, error).lexically_normal();
-  const fs::path folder = o.cache ? fs::path(*o.cache) : (out.has_filename() ? out : out.parent_path()).parent_path();
+  const fs::path log = fs::absolute(o.log, error).lexically_normal();
+  const fs::path folder = o.cache ? fs::path(*o.cache) : (log.has_filename() ? log : log.parent_path()).parent_path();
   fs::create_directories(folder, error);
   char name[48];
   std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt", static_cast<unsigned long long>(lumo::detail::checksum(key)));
@@ -164,7 +164,7 @@ std::string calibrate(const Options& typed, Progress& progress) {
 }
 
 std::string lab(const Options& o, Progress& progress) {
-  NewFolder folder(*o.out);
+  NewFolder folder(o.log);
   const PadLight light(responses(o, progress));
   const VirtualRig rig(light, plan_of(o.command), std::uint64_t(o.seed), o.noise, {}, side_geometry(finger(FingerDesign::from(o.theta_mm), silicone(o.material))));
   progress.stage("pictures", int(rig.frames().size()));
@@ -176,16 +176,16 @@ std::string lab(const Options& o, Progress& progress) {
   std::ofstream truth(folder.path() / "truth.csv", std::ios::binary);
   truth << truth_text(rig.truth());
   truth.close();
-  if (!truth) throw InputError("cannot write to '" + *o.out + "/truth.csv'");
+  if (!truth) throw InputError("cannot write to '" + o.log + "/truth.csv'");
   folder.keep();
   progress.finish();
 
   int touched = 0;
   for (const TruthSample& s : rig.truth()) touched += s.contact >= 0;
   if (o.json)
-    return Json{{"out", *o.out}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {"contacts", rig.plan().contacts.size()}, {"joint_samples", rig.joints().size()},
+    return Json{{"out", o.log}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {"contacts", rig.plan().contacts.size()}, {"joint_samples", rig.joints().size()},
                 {"seed", o.seed}, {"noise", o.noise}}.dump(2) + "\n";
-  return lumo::detail::text(*o.out, ": ", rig.plan().title, "; ", rig.plan().contacts.size(), " contacts, ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
+  return lumo::detail::text(o.log, ": ", rig.plan().title, "; ", rig.plan().contacts.size(), " contacts, ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
                             " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
 }
 

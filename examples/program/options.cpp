@@ -101,13 +101,15 @@ void read(Options& o, const Typed& t) {
   if (command.starts_with("lab ")) {
     if (t.material.empty()) o.material = "Sol";
     if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
+    o.log = t.out;
   }
   if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log's folder is missing (see lumo ", command, " --help)"));
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   o.all_contacts = !t.ensemble.empty();
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
   o.threads = t.threads.empty() ? std::clamp(int(std::thread::hardware_concurrency()), 1, 1024) : whole_number("--threads", t.threads, 1, 1024);
-  if (!t.out.empty()) o.out = t.out;
+  if (o.command == Command::campaign_report && !t.out.empty()) o.page = t.out;
+  else if (!command.starts_with("lab ") && !t.out.empty()) o.out = t.out;
   if (!t.diameter.empty()) o.diameter_mm = number("--diameter", t.diameter, "mm");
   if (!t.angle.empty()) o.angle_deg = number("--angle", t.angle, "deg");
   if (!t.y.empty()) o.y_mm = number("--y", t.y, "mm");

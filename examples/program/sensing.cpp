@@ -258,16 +258,12 @@ std::string force(const Options& o, Output& files) {
 
 std::string sense(const Options& o, Output& files, Progress& progress) {
   progress.stage("reading the log");
-  std::string text;
   switch (o.command) {
-    case Command::decode: text = decode(o, files); break;
-    case Command::metrics: text = metrics(o, files); break;
-    case Command::locate: text = located(o, files); break;
-    default: text = force(o, files);
+    case Command::decode: return decode(o, files);
+    case Command::metrics: return metrics(o, files);
+    case Command::locate: return located(o, files);
+    default: return force(o, files);
   }
-  progress.finish();
-  for (const std::string& path : files.write()) progress.note("wrote " + path);
-  return text;
 }
 
 std::string doctor_camera(int camera, bool as_json) {

@@ -8,7 +8,7 @@
 
 namespace lumo::program {
 
-/// decode, metrics, locate and force on a log's folder: what is to be printed; tables and pictures go into `files` and are written.
+/// decode, metrics, locate and force on a log's folder: what is to be printed; tables and pictures go into `files`.
 /// Throws InputError for a log that cannot be read or lacks what the command needs.
 std::string sense(const Options& options, Output& files, Progress& progress);
 

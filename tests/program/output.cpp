@@ -8,10 +8,12 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <iterator>
+#include <sstream>
 
 namespace fs = std::filesystem;
-using lumo::program::Output;
+using lumo::program::hand_out, lumo::program::Output, lumo::program::Progress;
 
 namespace {
 
@@ -90,4 +92,27 @@ TEST_CASE("when one file cannot be written none is left") {
   files.add("y.txt", "y");
   CHECK_THROWS_AS(files.write(), lumo::InputError);
   CHECK(scratch.entries(scratch.path / "out") == 1);
+}
+
+TEST_CASE("a command hands out its result and its files; the result even where the files cannot be written") {
+  const Scratch scratch;
+  std::ostringstream shown;
+  std::streambuf* const screen = std::cout.rdbuf(shown.rdbuf());
+  Progress progress(true);
+  Output files(scratch.path.string()), hindered(scratch.path.string());
+  files.add("x.txt", "x");
+  hindered.add("x.txt", "y");
+  hindered.add("y.txt", "y");
+  fs::create_directories(scratch.path / "y.txt");
+  std::string why;
+  hand_out("good\n", files, progress);
+  try {
+    hand_out("all the same\n", hindered, progress);
+  } catch (const lumo::InputError& e) {
+    why = e.what();
+  }
+  std::cout.rdbuf(screen);
+  CHECK(shown.str() == "good\nall the same\n");
+  CHECK(why.find("y.txt") != std::string::npos);
+  CHECK(read(scratch.path / "x.txt") == "x");
 }
