@@ -3,7 +3,6 @@
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
 #include "program/interrupt.hpp"
-#include "program/lab.hpp"
 #include "program/optimize.hpp"
 #include "program/options.hpp"
 #include "program/output.hpp"
@@ -55,14 +54,9 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
 }
 
 /// Commands that are not about one design: what is to be printed.
-std::string general(const Options& options, Output& files, Progress& progress) {
+std::string general(const Options& options, Output& files, Progress& progress, char** arguments) {
   switch (options.command) {
-    case Command::doctor: return options.camera ? doctor_camera(*options.camera, options.json) : doctor(options.json);
-    case Command::lab_recontact:
-    case Command::lab_cycle:
-    case Command::lab_imaging:
-    case Command::lab_force: return lab(options, progress);
-    case Command::calibrate: return calibrate(options, progress);
+    case Command::doctor: return options.camera ? sense(options, files, progress, arguments) : doctor(options.json);
     case Command::optimize: optimize(options.space, options.transcript); return "";
     case Command::campaign_run: return campaign_run(options, progress);
     case Command::campaign_status: return campaign_status(options);
@@ -72,11 +66,11 @@ std::string general(const Options& options, Output& files, Progress& progress) {
     case Command::campaign_report: return campaign_report(options, progress);
     case Command::study_carrier:
     case Command::study_void: return study(options, files, progress);
-    default: return sense(options, files, progress);
+    default: return sense(options, files, progress, arguments);
   }
 }
 
-int run(const Options& options) {
+int run(const Options& options, char** arguments) {
   check_design(options);   // the default one, where none was asked for
   Output files(options.out);
   Progress progress(options.quiet);
@@ -95,7 +89,7 @@ int run(const Options& options) {
       const auto result = make_evaluation(options, progress);
       return deliver(options, result, result.scenarios, files, progress);
     }
-    default: hand_out(general(options, files, progress), files, progress); return ok;
+    default: hand_out(general(options, files, progress, arguments), files, progress); return ok;
   }
 }
 
@@ -108,7 +102,7 @@ int main(int argc, char** argv) {
   try {
     std::string text;
     const auto options = parse({argv, std::size_t(argc)}, text);
-    if (options) return run(*options);
+    if (options) return run(*options, argv);
     print(text);
     return ok;
   } catch (const UsageError& e) {

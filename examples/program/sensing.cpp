@@ -10,6 +10,7 @@
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
 #include "program/json.hpp"
+#include "program/lab.hpp"
 #include "program/sensing_log.hpp"
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
@@ -254,19 +255,9 @@ std::string force(const Options& o, Output& files) {
                             cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\n");
 }
 
-}  // namespace
+// doctor --camera
 
-std::string sense(const Options& o, Output& files, Progress& progress) {
-  progress.stage("reading the log");
-  switch (o.command) {
-    case Command::decode: return decode(o, files);
-    case Command::metrics: return metrics(o, files);
-    case Command::locate: return located(o, files);
-    default: return force(o, files);
-  }
-}
-
-std::string doctor_camera(int camera, bool as_json) {
+std::string watched(int camera, bool as_json) {
   V4l2Camera::Config config;
   config.device = "/dev/video" + std::to_string(camera);
   config.wait_s = 0.05;
@@ -292,6 +283,27 @@ std::string doctor_camera(int camera, bool as_json) {
                 {"mean_green_DN", number(light)}, {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)}, {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}.dump(2) + "\n";
   return lumo::detail::text(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
                             " DN\n", leds ? lumo::detail::text("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
+}
+
+}  // namespace
+
+std::string sense(const Options& o, Output& files, Progress& progress, char**) {
+  switch (o.command) {
+    case Command::doctor: return watched(*o.camera, o.json);
+    case Command::lab_recontact:
+    case Command::lab_cycle:
+    case Command::lab_imaging:
+    case Command::lab_force: return lab(o, progress);
+    case Command::calibrate: return calibrate(o, progress);
+    default: break;
+  }
+  progress.stage("reading the log");
+  switch (o.command) {
+    case Command::decode: return decode(o, files);
+    case Command::metrics: return metrics(o, files);
+    case Command::locate: return located(o, files);
+    default: return force(o, files);
+  }
 }
 
 }  // namespace lumo::program

@@ -5,6 +5,7 @@ usage: test_cli.py path/to/lumo
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,7 +13,7 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO = ""
-USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
+FAULT, USAGE, INFEASIBLE, BAD_FILE = 1, 2, 3, 5
 DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
 
 
@@ -182,6 +183,16 @@ class Answers(unittest.TestCase):
             self.assertTrue(component["package"])
             self.assertEqual(component["version"] is not None, component["on"], component)
         self.assertIn("Eigen", run("doctor").stdout)
+
+    def test_without_the_program_beside_it(self):   # that of the commands that need OpenCV; where the build lacks OpenCV, it is that which is missing
+        with tempfile.TemporaryDirectory() as folder:
+            alone = shutil.copy(LUMO, folder)
+            for arguments in [["decode", "log"], ["lab", "force", "--out", "log"], ["doctor", "--camera", "0"]]:
+                done = subprocess.run([alone, *arguments], cwd=folder, capture_output=True, text=True, timeout=60)
+                self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (FAULT, "", 1), done.stderr)
+                self.assertRegex(done.stderr, f"'{folder}/lumo-sensing': No such file|OpenCV")
+            self.assertEqual(subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0)
+            self.assertEqual(os.listdir(folder), [os.path.basename(LUMO)])
 
     def test_section(self):
         done = run("section", "--theta", "5,10,10,6,3")
