@@ -97,6 +97,10 @@ class Lab(unittest.TestCase):
         cycle = self.result("metrics", self.folder / "cycle", "--baseline", self.folder / "cycle")
         self.assertGreater(cycle["W_cycle"], 0.0)
         self.assertAlmostEqual(cycle["gain_percent"], 0.0)   # against itself
+        imaging = self.result("metrics", self.folder / "imaging", "--out", self.folder / "m")
+        self.assertGreater(imaging["Q"], 0.0)
+        with open(self.folder / "m" / "slopes.csv") as table:
+            self.assertEqual({(row["place"], row["repetition"]) for row in csv.DictReader(table)}, {(str(p), str(v)) for p in range(3) for v in range(7)})
 
     def test_locate(self):
         out = self.folder / "l"
