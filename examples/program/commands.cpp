@@ -14,6 +14,7 @@
 #include "program/text.hpp"
 #include "program/version.hpp"
 
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <new>
@@ -67,7 +68,7 @@ void report_terms(ScenarioReport& report, const ContactTerms& terms) {
 template <class State>
 StateReport report_state(const State& s) {
   if (s.status != Status::converged) return {s.load_N};
-  return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
+  return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N, 1e3 * s.penetration_m};
 }
 
 std::vector<double> per_power(const Response& r, const std::vector<double>& watts) {
@@ -96,8 +97,8 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.press(body, result.mesh, scenario);
   report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
-  progress.step();
   result.seconds.mechanics = watch.seconds();
+  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return s.status == Status::converged; })) progress.step();   // else it is not done
 
   result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
   for (const auto& s : result.states) {

@@ -280,6 +280,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
     if (e.command == Command::evaluate) ensemble(c);
+    if (e.command == Command::press)
+      c->footer("press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing is removed.");
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   const auto group = [&](const char* title, const char* help) {
