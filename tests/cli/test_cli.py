@@ -36,6 +36,13 @@ class Refusals(unittest.TestCase):
                 self.assertIn(word, done.stderr)
             self.assertEqual(os.listdir(folder), [])
 
+    def bad_store(self, words, *arguments):   # where the build lacks SQLite, it is the build that is told of
+        on = [c["name"] for c in json.loads(run("doctor", "--json").stdout)["components"] if c["on"]]
+        if "SQLite" in on:
+            self.refused(BAD_FILE, words, *arguments)
+        else:
+            self.refused(FAULT, ["was built without a library", "lumo doctor"], *arguments)
+
     def test_commands(self):
         self.refused(USAGE, ["command"])
         self.refused(USAGE, ["pres", "unknown command"], "pres")
@@ -54,11 +61,11 @@ class Refusals(unittest.TestCase):
             self.refused(USAGE, ["--store is missing", f"lumo campaign {command} --help"], "campaign", command)
             self.refused(USAGE, ["--frobnicate", "unknown option"], "campaign", command, "--store", "s", "--frobnicate")
         for command in ["status", "verify", "export", "select", "report"]:
-            self.refused(BAD_FILE, ["missing"], "campaign", command, "--store", "missing")
+            self.bad_store(["missing"], "campaign", command, "--store", "missing")
             self.refused(USAGE, ["--material"], "campaign", command, "--store", "s", "--material", "DS")
         self.refused(USAGE, ["--evaluations", "1 to 100000"], "campaign", "run", "--store", "s", "--evaluations", "0")
         self.refused(USAGE, ["--source", "default or paper"], "campaign", "run", "--store", "s", "--source", "best")
-        self.refused(BAD_FILE, ["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
+        self.bad_store(["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
         self.refused(USAGE, ["--store", "2 times"], "campaign", "status", "--store", "s", "--store", "t")
         self.refused(USAGE, ["--seeds", "1 to 1000"], "campaign", "select", "--store", "s", "--seeds", "0")
 
@@ -69,7 +76,7 @@ class Refusals(unittest.TestCase):
             self.refused(USAGE, ["--frobnicate", f"lumo study {command} --help"], "study", command, "--frobnicate")
             self.refused(USAGE, ["--designs", "1 to 10000"], "study", command, "--designs", "none")
             self.refused(USAGE, ["--ensemble", "flat or curved"], "study", command, "--ensemble", "middle")
-            self.refused(BAD_FILE, ["no/such/folder"], "study", command, "--store", "no/such/folder/s")
+            self.bad_store(["no/such/folder"], "study", command, "--store", "no/such/folder/s")
             self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")
 
     def test_flags_and_values(self):
