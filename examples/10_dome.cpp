@@ -11,15 +11,15 @@
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include <cstdio>
-
 using namespace lumo;
 
 Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and how far they lean to the axis; the camera looks through a thick window
   const double R = 12.0_mm, tilt = tilt_deg * pi / 180.0, q = 0.5 * pi / 8;  // eight facets along each quarter
   Body b;
   b.symmetry = {true, true}, b.sizing.edge = [](const Vec3&) { return 2.5_mm; }, b.medium = {1.41, 14.5}, b.surroundings = {1.49}, b.vertices = {{0, 0, 0}, {0, 0, R}};
-  b.patches = {{"coat", SphereShape{Vec3::Zero(), R}, false, true, false, Lambertian{0.7}}, {"window", Plane{Vec3::Zero(), -Vec3::UnitZ()}, true, false, false, Dielectric{}}};
-  for (int k = 9, i = 1, j = 0; k < 81; ++k, i = k / 9, j = k % 9) b.vertices.push_back(R * Vec3(std::sin(q * i) * std::cos(q * j), std::sin(q * i) * std::sin(q * j), std::cos(q * i)));
+  b.patches = {{"coat", SphereShape{{0, 0, 0}, R}, false, true, false, Lambertian{0.7}}, {"window", Plane{{0, 0, 0}, -Vec3::UnitZ()}, true, false, false, Dielectric{}}};
+  for (int i = 1; i < 9; ++i)
+    for (int j = 0; j < 9; ++j) b.vertices.push_back(R * Vec3(std::sin(q * i) * std::cos(q * j), std::sin(q * i) * std::sin(q * j), std::cos(q * i)));
   const auto at = [](int i, int j) { return i == 0 ? 1 : 9 * i + j - 7; };
   b.facets = {{{0}, 1}, {{0}, Body::mirror_patch}, {{0}, Body::mirror_patch}};
   for (int i = 0; i < 9; ++i) b.facets[0].loop.push_back(at(8, 8 - i)), b.facets[1].loop.push_back(at(8 - i, 0)), b.facets[2].loop.push_back(at(i, 8));
@@ -41,17 +41,17 @@ int main() {
   constexpr int n = 48, zoom = 6;  // pixels
   const PinholeCamera camera({.position = {0, 0, -20.0_mm}, .field_of_view_rad = 66.0_deg, .columns = n, .rows = n, .aperture_m = 0.3_mm, .focus_m = 28.0_mm});
   const Tracer<BeerLambert, PinholeCamera, Embree> light({.rays_per_emitter = 1 << 16, .carrier_rays = 1 << 15, .exit_rays = 1 << 17}, camera);
-  const auto press = [](double angle, double load_N) { return Scenario<Oriented<Box>>{{Box{{5.0_mm, 3.0_mm, 5.0_mm}, 0.4_mm}, Mat3(Eigen::AngleAxisd(angle, Vec3::UnitY()))}, angle, 0.0, {1.0, load_N}}; };
-  Image picture = Image::black(3 * n * zoom, 2 * n * zoom);
-  const std::array<std::array<double, 3>, 2> designs = {{{6.0, 0.0, 100.0}, {10.0, 40.0, 120.0}}};  // ring, tilt, and the gel's shear modulus [kPa]
-  for (int row = 0; const auto& [ring_mm, tilt_deg, mu_kPa] : designs) {
-    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, decltype(light)> pipeline{{}, {{1e3 * mu_kPa, 99e3 * mu_kPa}}, light, {0.6_mm, 0.4, 1.0}};
-    const Scores scores = evaluate(dome(ring_mm, tilt_deg), std::vector{press(0.0, 4.0), press(25.0_deg, 1.6)}, pipeline, TbbExecutor{2}, std::tuple{&contrast});
-    if (!scores.converged) return 1;
-    std::printf("ring %4.1f mm, tilt %2.0f deg, gel %3.0f kPa: contrast %.2e ± %.0e\n", ring_mm, tilt_deg, mu_kPa, scores.objectives[0]->value, scores.objectives[0]->error);
-    const Observations& o = scores.observations;  // a row of the picture for each design: at rest, under 4 N, and under 1.6 N from aside
-    const std::array views{&o.unloaded_response, &o.scenarios[0].states[1].response, &o.scenarios[1].states[1].response};
-    const auto gamma = [white = *std::max_element(views[0]->begin(), views[0]->end())](double power) { return std::uint8_t(255.0 * std::pow(std::clamp(power / white, 0.0, 1.0), 1.0 / 2.2)); };
+  const Box box{{5.0_mm, 3.0_mm, 5.0_mm}, 0.4_mm};
+  const std::vector<Scenario<Oriented<Box>>> presses{{{box}, 0.0, 0.0, {1.0, 4.0}}, {{box, Mat3(Eigen::AngleAxisd(25.0_deg, Vec3::UnitY()))}, 25.0_deg, 0.0, {1.0, 1.6}}};
+  Image picture = Image::black(3 * n * zoom, 2 * n * zoom);  // a row for each design: at rest, under 4 N, and under 1.6 N from aside
+  for (int row = 0; const auto& [ring_mm, tilt_deg, mu_Pa] : std::vector<std::array<double, 3>>{{6.0, 0.0, 100.0_kPa}, {10.0, 40.0, 120.0_kPa}}) {  // mu: of the gel
+    const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>, decltype(light)> tools{{}, {{mu_Pa, 99.0 * mu_Pa}}, light, {0.6_mm, 0.4, 1.0}};
+    const Scores s = evaluate(dome(ring_mm, tilt_deg), presses, tools, TbbExecutor{2}, std::tuple{&contrast});
+    if (!s.converged) return 1;
+    std::printf("ring %4.1f mm, tilt %2.0f deg, gel %3.0f kPa: contrast %.2e ± %.0e\n", ring_mm, tilt_deg, 1e-3 * mu_Pa, s.objectives[0]->value, s.objectives[0]->error);
+    const std::array views{&s.observations.unloaded_response, &s.observations.scenarios[0].states[1].response, &s.observations.scenarios[1].states[1].response};
+    const double white = *std::max_element(views[0]->begin(), views[0]->end());
+    const auto gamma = [&](double power) { return std::uint8_t(255.0 * std::pow(std::clamp(power / white, 0.0, 1.0), 1.0 / 2.2)); };
     for (int y = 0; y < n * zoom; ++y, ++row)
       for (int x = 0; x < 9 * n * zoom; ++x)  // bytes: blue, green, red
         picture.row(row)[x] = gamma((*views[std::size_t(x / (3 * n * zoom))])[std::size_t(((2 - x % 3) * n + y / zoom) * n + x / 3 / zoom % n)]);

@@ -3,7 +3,6 @@
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
 #include "program/interrupt.hpp"
-#include "program/lab.hpp"
 #include "program/optimize.hpp"
 #include "program/options.hpp"
 #include "program/output.hpp"
@@ -15,7 +14,6 @@
 
 #include <iostream>
 #include <new>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -29,11 +27,6 @@ enum ExitCode { ok = 0, fault = 1, usage = 2, infeasible = 3, numerical = 4, bad
 int complain(const std::string& text, ExitCode code) {
   std::cerr << "lumo: " << one_line(text) << std::endl;
   return code;
-}
-
-void print(const std::string& text) {
-  std::cout << text << std::flush;
-  if (!std::cout) throw lumo::InputError("cannot write to standard output");
 }
 
 std::string_view meaning(std::string_view status) {
@@ -56,74 +49,29 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
                                          " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"),
                       numerical);
     }
-  std::vector<std::string> paths;
-  try {
-    paths = files.write();
-  } catch (const lumo::InputError&) {
-    print(text);   // the work is done, and not to be lost with the files
-    throw;
-  }
-  print(text);
-  for (const auto& path : paths) progress.note("wrote " + one_line(path));
+  hand_out(text, files, progress);
   return ok;
 }
 
-/// Commands that are not about one design.
-std::optional<std::string> general(const Options& options) {
+/// Commands that are not about one design: what is to be printed.
+std::string general(const Options& options, Output& files, Progress& progress, char** arguments) {
   switch (options.command) {
-    case Command::doctor: return options.camera ? doctor_camera(*options.camera, options.json) : doctor(options.json);
-    case Command::lab_recontact:
-    case Command::lab_cycle:
-    case Command::lab_imaging:
-    case Command::lab_force: {
-      check_design(options);
-      Progress progress(options.quiet);
-      return lab(options, progress);
-    }
-    case Command::calibrate: {
-      Progress progress(options.quiet);
-      return calibrate(options, progress);
-    }
-    case Command::decode:
-    case Command::metrics:
-    case Command::locate:
-    case Command::force: {
-      Output files(options.out);
-      Progress progress(options.quiet);
-      return sense(options, files, progress);
-    }
+    case Command::doctor: return options.camera ? sense(options, files, progress, arguments) : doctor(options.json);
     case Command::optimize: optimize(options.space, options.transcript); return "";
-    case Command::campaign_run: {
-      Progress progress(options.quiet);
-      return campaign_run(options, progress);
-    }
+    case Command::campaign_run: return campaign_run(options, progress);
     case Command::campaign_status: return campaign_status(options);
     case Command::campaign_verify: return campaign_verify(options);
     case Command::campaign_export: return campaign_export(options);
-    case Command::campaign_select: {
-      Progress progress(options.quiet);
-      return campaign_select(options, progress);
-    }
-    case Command::campaign_report: {
-      Progress progress(options.quiet);
-      return campaign_report(options, progress);
-    }
+    case Command::campaign_select: return campaign_select(options, progress);
+    case Command::campaign_report: return campaign_report(options, progress);
     case Command::study_carrier:
-    case Command::study_void: {
-      Output files(options.out);
-      Progress progress(options.quiet);
-      return study(options, files, progress);
-    }
-    default: return std::nullopt;
+    case Command::study_void: return study(options, files, progress);
+    default: return sense(options, files, progress, arguments);
   }
 }
 
-int run(const Options& options) {
-  if (const auto text = general(options)) {
-    print(*text);
-    return ok;
-  }
-  check_design(options);
+int run(const Options& options, char** arguments) {
+  check_design(options);   // the default one, where none was asked for
   Output files(options.out);
   Progress progress(options.quiet);
   switch (options.command) {
@@ -137,10 +85,11 @@ int run(const Options& options) {
       const auto result = make_trace(options, progress);
       return deliver(options, result, {result.scenario}, files, progress);
     }
-    default: {
+    case Command::evaluate: {
       const auto result = make_evaluation(options, progress);
       return deliver(options, result, result.scenarios, files, progress);
     }
+    default: hand_out(general(options, files, progress, arguments), files, progress); return ok;
   }
 }
 
@@ -153,7 +102,7 @@ int main(int argc, char** argv) {
   try {
     std::string text;
     const auto options = parse({argv, std::size_t(argc)}, text);
-    if (options) return run(*options);
+    if (options) return run(*options, argv);
     print(text);
     return ok;
   } catch (const UsageError& e) {

@@ -36,6 +36,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -949,7 +950,7 @@ struct FingerOptions {
   struct Mesh {
     double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
     double coarsest_edge = 5.0e-3;    ///< at depth
-    double growth = 0.6;              ///< edge length gained per length of depth
+    double growth = 0.35;             ///< edge length gained per length of depth
     double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
@@ -11989,6 +11990,7 @@ struct WrenchSample {
   std::int64_t stamp_ns = 0;
   Vec3 force_N = Vec3::Zero();
   Vec3 torque_Nm = Vec3::Zero();
+  double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
 };
 
 struct MarkerSample {
@@ -15849,6 +15851,24 @@ inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles
 
 }  // namespace lumo
 
+// ---- lumo/sense/normal_force.hpp
+
+namespace lumo {
+
+/// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`: Session::wrench_clock leads onto the frames'.
+/// Throws InvalidArgument where that leaves two samples at the same time.
+inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {}, double tare_N = 0.0) {
+  std::vector<std::int64_t> stamp_ns;
+  Eigen::MatrixXd force_N(1, Eigen::Index(wrenches.size()));
+  for (const WrenchSample& w : wrenches) {
+    force_N(0, Eigen::Index(stamp_ns.size())) = w.normal_force_N() - tare_N;
+    stamp_ns.push_back(clock(w.stamp_ns));
+  }
+  return {std::move(stamp_ns), std::move(force_N)};
+}
+
+}  // namespace lumo
+
 // ---- lumo/sense/log_truth.hpp
 
 namespace lumo {
@@ -15861,17 +15881,18 @@ class LogTruth {
   };
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
+  /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
     double tare = 0.0;
     long count = 0;
-    for (const WrenchSample& w : wrenches) t.force_.push_back({session.wrench_clock(w.stamp_ns), -w.force_N.z()});
-    for (const auto& f : t.force_)
+    for (const WrenchSample& w : wrenches) {
+      const std::int64_t at = session.wrench_clock(w.stamp_ns);
       for (const Segment& s : t.segments_)
-        if (s.kind == "unloaded" && f.first >= s.from_ns && f.first <= s.to_ns) tare += f.second, ++count;
-    if (count > 0)
-      for (auto& f : t.force_) f.second -= tare / double(count);
+        if (s.kind == "unloaded" && at >= s.from_ns && at <= s.to_ns) tare += w.normal_force_N(), ++count;
+    }
+    t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
@@ -15880,28 +15901,21 @@ class LogTruth {
     detail::StampColumn stamp(csv);
     const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
     LogTruth t;
-    t.tabled_ = true;
     while (csv.next()) {
       const std::int64_t at = stamp.read(csv);
-      t.force_.push_back({at, csv.number(force)});
-      t.place_m_.push_back(csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)));
+      t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
     }
     return t;
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
   Touch at(std::int64_t stamp_ns) const {
+    if (!force_) {
+      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
+      return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
+    }
     Touch touch;
-    const auto after = std::lower_bound(force_.begin(), force_.end(), stamp_ns, [](const auto& f, std::int64_t t) { return f.first < t; });
-    if (tabled_) {
-      if (after != force_.end() && after->first == stamp_ns) touch = {place_m_[std::size_t(after - force_.begin())], after->second};
-      return touch;
-    }
-    if (after != force_.end() && after != force_.begin()) {
-      const auto& b = *after;
-      const auto& a = *(after - 1);
-      if (b.first - a.first < 100'000'000) touch.force_N = a.second + (b.second - a.second) * double(stamp_ns - a.first) / double(b.first - a.first);
-    }
+    if (const auto f = force_->at(stamp_ns, 0.1)) touch.force_N = (*f)[0];
     for (const Segment& s : segments_)
       if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
         touch.y_m = 1e-3 * s.y_mm;
@@ -15911,10 +15925,9 @@ class LogTruth {
   }
 
  private:
-  bool tabled_ = false;
-  std::vector<std::pair<std::int64_t, double>> force_;
-  std::vector<std::optional<double>> place_m_;  ///< of a table, row by row
+  std::optional<TimeSeries> force_;                     ///< of a log's sensor; none of a table
   std::vector<Segment> segments_;
+  std::vector<std::pair<std::int64_t, Touch>> table_;
 };
 
 }  // namespace lumo
@@ -16323,8 +16336,8 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
 /// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.02;   ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 5;            ///< at most this many doublings; 0: everything is traced once
+  double tolerance = 0.01;   ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 8;            ///< at most this many doublings; 0: everything is traced once
 };
 
 namespace detail {
@@ -17912,6 +17925,8 @@ struct LabPlan {
 namespace detail {
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
+/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
+inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
   std::vector<LoadStep> steps;
@@ -17935,8 +17950,8 @@ inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
   for (int r = 0; r < runs; ++r)
-    for (const int p : {0, 1, 2}) {
-      const double y = detail::lab_places_m[2 * std::size_t(p)];
+    for (int p = 0; p < 3; ++p) {
+      const double y = detail::lab_odd_places_m[std::size_t(p)];
       LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
         for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
@@ -17952,7 +17967,7 @@ inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
   plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
-    for (const int p : {0, 2, 4}) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, detail::lab_odd_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
   return plan;
 }
 
@@ -18308,6 +18323,30 @@ inline Image VirtualRig::image(std::size_t k) const {
 
 }  // namespace lumo
 
+// ---- lumo/core/write_whole.hpp
+
+namespace lumo::detail {
+
+/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
+/// line, and leaves what was there.
+inline void write_whole(const std::string& path, std::string_view bytes) {
+  // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
+  const std::string part = text(path, ".part-", std::chrono::steady_clock::now().time_since_epoch().count(), '-', static_cast<const void*>(&bytes));
+  errno = 0;
+  std::ofstream out(part, std::ios::binary);
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  out.close();
+  std::error_code error;
+  if (!out) error = {errno != 0 ? errno : EIO, std::generic_category()};
+  else std::filesystem::rename(part, path, error);
+  if (out && !error) return;
+  const std::string why = error.message();
+  std::filesystem::remove(part, error);
+  throw InputError(text(path, ": cannot be written: ", why));
+}
+
+}  // namespace lumo::detail
+
 // ---- lumo/lab/pad_file.hpp
 
 namespace lumo {
@@ -18429,19 +18468,8 @@ inline std::optional<PadResponses> read_pad_responses(const std::string& path, c
   return pad_responses_from_text(text, key, path);
 }
 
-/// The whole file or none: written beside its place, then renamed. Throws InputError.
-inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) {
-  const std::string part = path + ".part";
-  std::ofstream out(part, std::ios::binary);
-  out << to_text(r, key);
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(part, path, error);
-  if (!out || error) {
-    std::filesystem::remove(part, error);
-    throw InputError(detail::text(path, ": cannot be written"));
-  }
-}
+/// The whole file or none. Throws InputError.
+inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { detail::write_whole(path, to_text(r, key)); }
 
 }  // namespace lumo
 

@@ -14,21 +14,25 @@
 #include "program/text.hpp"
 #include "program/version.hpp"
 
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <new>
+#include <utility>
 
 namespace lumo::program {
 
 namespace {
 
 using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
-using Light = Tracer<BeerLambert, ExitPower, Embree>;
+template <ExitReadout Readout>
+using Light = Tracer<BeerLambert, Readout, Embree>;
 
 /// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
-auto pipeline_for(const Options& o) {
+template <ExitReadout Readout = ExitPower>
+auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
   const Silicone card = silicone(o.material);
-  return Pipeline<TetgenMesher, Simulation, Light>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light{}};
+  return Pipeline<TetgenMesher, Simulation, Light<Readout>>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, std::move(light)};
 }
 
 Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material)); }
@@ -64,7 +68,7 @@ void report_terms(ScenarioReport& report, const ContactTerms& terms) {
 template <class State>
 StateReport report_state(const State& s) {
   if (s.status != Status::converged) return {s.load_N};
-  return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
+  return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N, 1e3 * s.penetration_m};
 }
 
 std::vector<double> per_power(const Response& r, const std::vector<double>& watts) {
@@ -93,8 +97,8 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.press(body, result.mesh, scenario);
   report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
-  progress.step();
   result.seconds.mechanics = watch.seconds();
+  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return s.status == Status::converged; })) progress.step();   // else it is not done
 
   result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
   for (const auto& s : result.states) {
@@ -274,7 +278,7 @@ struct PadSettings {
   SideSight sight;
   FingerOptions finger;
   Focus focus;
-  Tracer<BeerLambert, SideSight, Embree>::Config rays;
+  Light<SideSight>::Config rays;
 
   explicit PadSettings(bool coarse) {
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20 N), in less than half of the time.
@@ -300,12 +304,11 @@ std::string pad_responses_key(const Options& o) {
 
 PadResponses make_pad_responses(const Options& o, Progress& progress) {
   const PadSettings s(o.coarse);
-  const Silicone card = silicone(o.material);
-  using Light = Tracer<BeerLambert, SideSight, Embree>;
-  Pipeline<TetgenMesher, Simulation, Light> pipeline{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light(s.rays, s.sight)};
+  auto pipeline = pipeline_for(o, Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;
-  PadResponses r = observe_pad(finger(FingerDesign::from(o.theta_mm), card, s.finger), s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));
+  const Body body = finger(FingerDesign::from(o.theta_mm), silicone(o.material), s.finger);
+  PadResponses r = observe_pad(body, s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));
   r.theta_mm.assign(o.theta_mm.begin(), o.theta_mm.end());
   r.material = o.material;
   return r;

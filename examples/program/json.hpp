@@ -37,6 +37,7 @@ inline Json json(const StateReport& s) {
           {"contact_area_mm2", number(s.contact_area_mm2)},
           {"reference_area_mm2", number(s.reference_area_mm2)},
           {"residual_N", number(s.residual_N)},
+          {"penetration_mm", number(s.penetration_mm)},
           {"response", s.response.empty() ? Json(nullptr) : numbers(s.response)}};
 }
 

@@ -1,10 +1,13 @@
 #include "program/lab.hpp"
 
+#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/sense/calibration.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "program/commands.hpp"
+#include "program/interrupt.hpp"
 #include "program/json.hpp"
 #include "program/sensing_log.hpp"
 #include "program/text.hpp"
@@ -14,7 +17,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 
 namespace lumo::program {
 
@@ -25,8 +27,8 @@ namespace {
 /// The file that a key's responses are kept in; its name tells pads and settings apart.
 std::string cache_file(const Options& o, const std::string& key) {
   std::error_code error;
-  const fs::path out = fs::absolute(o.out ? *o.out : o.log, error).lexically_normal();
-  const fs::path folder = o.cache ? fs::path(*o.cache) : (out.has_filename() ? out : out.parent_path()).parent_path();
+  const fs::path log = fs::absolute(o.log, error).lexically_normal();
+  const fs::path folder = o.cache ? fs::path(*o.cache) : (log.has_filename() ? log : log.parent_path()).parent_path();
   fs::create_directories(folder, error);
   char name[48];
   std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt", static_cast<unsigned long long>(lumo::detail::checksum(key)));
@@ -41,7 +43,10 @@ PadResponses responses(const Options& o, Progress& progress) {
     progress.note(std::string(e.what()) + "; computed anew");
   }
   PadResponses r = make_pad_responses(o, progress);
-  write_pad_responses(file, r, key);
+  {
+    const FilesBeingWritten whole;
+    write_pad_responses(file, r, key);
+  }
   progress.finish();
   progress.note("kept in " + file);
   return r;
@@ -116,10 +121,7 @@ PressCurve press_curve(const LogFolder& log) {
   const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
   if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, wrench.csv and marker.csv are needed");
   curve.y_m = 1e-3 * first->y_mm;
-  std::vector<std::int64_t> stamp;
-  Eigen::MatrixXd force(1, Eigen::Index(log.wrenches.size()));
-  for (std::size_t i = 0; i < log.wrenches.size(); ++i) stamp.push_back(log.session.wrench_clock(log.wrenches[i].stamp_ns)), force(0, Eigen::Index(i)) = -log.wrenches[i].force_N.z();
-  const TimeSeries series(stamp, force);
+  const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
   for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
     for (const MarkerSample& m : log.markers)
       if (const std::int64_t t = log.session.wrench_clock(m.stamp_ns); 2 * t >= s->from_ns + s->to_ns && t <= s->to_ns)
@@ -164,7 +166,7 @@ std::string calibrate(const Options& typed, Progress& progress) {
 }
 
 std::string lab(const Options& o, Progress& progress) {
-  NewFolder folder(*o.out);
+  NewFolder folder(o.log);
   const PadLight light(responses(o, progress));
   const VirtualRig rig(light, plan_of(o.command), std::uint64_t(o.seed), o.noise, {}, side_geometry(finger(FingerDesign::from(o.theta_mm), silicone(o.material))));
   progress.stage("pictures", int(rig.frames().size()));
@@ -173,19 +175,16 @@ std::string lab(const Options& o, Progress& progress) {
     progress.step();
   }
   write_log_folder({folder.path().string(), rig.session(), rig.frames(), rig.joints(), rig.wrenches(), rig.markers(), {}});
-  std::ofstream truth(folder.path() / "truth.csv", std::ios::binary);
-  truth << truth_text(rig.truth());
-  truth.close();
-  if (!truth) throw InputError("cannot write to '" + *o.out + "/truth.csv'");
+  lumo::detail::write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
   folder.keep();
   progress.finish();
 
   int touched = 0;
   for (const TruthSample& s : rig.truth()) touched += s.contact >= 0;
   if (o.json)
-    return Json{{"out", *o.out}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {"contacts", rig.plan().contacts.size()}, {"joint_samples", rig.joints().size()},
+    return Json{{"out", o.log}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {"contacts", rig.plan().contacts.size()}, {"joint_samples", rig.joints().size()},
                 {"seed", o.seed}, {"noise", o.noise}}.dump(2) + "\n";
-  return lumo::detail::text(*o.out, ": ", rig.plan().title, "; ", rig.plan().contacts.size(), " contacts, ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
+  return lumo::detail::text(o.log, ": ", rig.plan().title, "; ", rig.plan().contacts.size(), " contacts, ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
                             " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
 }
 

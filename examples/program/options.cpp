@@ -101,13 +101,15 @@ void read(Options& o, const Typed& t) {
   if (command.starts_with("lab ")) {
     if (t.material.empty()) o.material = "Sol";
     if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
+    o.log = t.out;
   }
   if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log's folder is missing (see lumo ", command, " --help)"));
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   o.all_contacts = !t.ensemble.empty();
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
   o.threads = t.threads.empty() ? std::clamp(int(std::thread::hardware_concurrency()), 1, 1024) : whole_number("--threads", t.threads, 1, 1024);
-  if (!t.out.empty()) o.out = t.out;
+  if (o.command == Command::campaign_report && !t.out.empty()) o.page = t.out;
+  else if (!command.starts_with("lab ") && !t.out.empty()) o.out = t.out;
   if (!t.diameter.empty()) o.diameter_mm = number("--diameter", t.diameter, "mm");
   if (!t.angle.empty()) o.angle_deg = number("--angle", t.angle, "deg");
   if (!t.y.empty()) o.y_mm = number("--y", t.y, "mm");
@@ -184,8 +186,9 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
   const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
   const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
+  const auto theta = [&](CLI::App* c) { text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N"); };
   const auto design = [&](CLI::App* c) {
-    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    theta(c);
     material(c);
     threads(c);
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
@@ -233,7 +236,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     common(c);
   };
   const auto lab = [&](CLI::App* c) {
-    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    theta(c);
     text_option(c, "--material", t.material, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)", "NAME");
     text_option(c, "--seed", t.seed, "Of everything random, default 1", "N");
     text_option(c, "--noise", t.noise, "Times the rig's noises, default 1", "N");
@@ -277,6 +280,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
     if (e.command == Command::evaluate) ensemble(c);
+    if (e.command == Command::press)
+      c->footer("press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing is removed.");
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   const auto group = [&](const char* title, const char* help) {

@@ -23,7 +23,7 @@ struct Options {
   bool json = false;
   bool quiet = false;
   int threads = 1;
-  std::optional<std::string> out;
+  std::optional<std::string> out;        ///< directory for files
   double diameter_mm = 10.0;
   double angle_deg = 0.0;
   double y_mm = 0.0;
@@ -33,13 +33,14 @@ struct Options {
   std::string transcript;
   std::string store;
   std::vector<std::string> stores;       ///< of a report: one or more; `store` is the first
+  std::string page = "report.html";      ///< of a report
   int evaluations = 160;
   int seed = 1;
   int seeds = 20;
   int designs = 40;
   bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
-  std::string log;                       ///< folder of a log to read
+  std::string log;                       ///< folder of a log: to read, or for the virtual lab to make
   std::string baseline;                  ///< folder of the log to compare with
   std::string decoder = "nearest";
   std::string localizer = "bayes";

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "program/interrupt.hpp"
+#include "program/text.hpp"
 
 #include <unistd.h>
 
@@ -9,6 +10,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 
 namespace lumo::program {
 
@@ -77,6 +79,24 @@ std::vector<std::string> Output::write() {
   }
   files_.clear();
   return paths;
+}
+
+void print(const std::string& text) {
+  std::cout << text << std::flush;
+  if (!std::cout) throw InputError("cannot write to standard output");
+}
+
+void hand_out(const std::string& result, Output& files, Progress& progress) {
+  progress.finish();
+  std::vector<std::string> paths;
+  try {
+    paths = files.write();
+  } catch (const InputError&) {
+    print(result);
+    throw;
+  }
+  print(result);
+  for (const std::string& path : paths) progress.note("wrote " + one_line(path));
 }
 
 }  // namespace lumo::program

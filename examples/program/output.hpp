@@ -1,5 +1,7 @@
 #pragma once
 
+#include "program/progress.hpp"
+
 #include <optional>
 #include <string>
 #include <utility>
@@ -22,5 +24,12 @@ class Output {
   std::optional<std::string> directory_;
   std::vector<std::pair<std::string, std::string>> files_;
 };
+
+/// To standard output. Throws InputError when it does not hold.
+void print(const std::string& text);
+
+/// The end of a command: its files are written, its result is printed, and each file is told of. The result is printed even where the files cannot be
+/// written: the work is done, and not to be lost with them. Throws InputError.
+void hand_out(const std::string& result, Output& files, Progress& progress);
 
 }  // namespace lumo::program

@@ -36,7 +36,7 @@ std::string state_table(const ScenarioReport& s) {
 std::string csv(const std::vector<ScenarioReport>& scenarios) {
   std::ostringstream out;
   out.precision(12);
-  out << "diameter_mm,angle_deg,y_mm,status,load_N,force_N,depth_mm,contact_area_mm2,reference_area_mm2,residual_N";
+  out << "diameter_mm,angle_deg,y_mm,status,load_N,force_N,depth_mm,contact_area_mm2,reference_area_mm2,residual_N,penetration_mm";
   std::size_t regions = 0;
   for (const auto& s : scenarios)
     for (const auto& k : s.states) regions = std::max(regions, k.response.size());
@@ -49,7 +49,7 @@ std::string csv(const std::vector<ScenarioReport>& scenarios) {
   for (const auto& s : scenarios)
     for (const auto& k : s.states) {
       out << s.diameter_mm << "," << s.angle_deg << "," << s.y_mm << "," << s.status;
-      for (const double v : {k.load_N, k.force_N, k.depth_mm, k.contact_area_mm2, k.reference_area_mm2, k.residual_N}) put(v);
+      for (const double v : {k.load_N, k.force_N, k.depth_mm, k.contact_area_mm2, k.reference_area_mm2, k.residual_N, k.penetration_mm}) put(v);
       for (std::size_t b = 0; b < regions; ++b) put(b < k.response.size() ? k.response[b] : undefined);
       out << "\n";
     }

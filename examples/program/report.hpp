@@ -22,6 +22,7 @@ struct StateReport {
   double contact_area_mm2 = undefined;
   double reference_area_mm2 = undefined;
   double residual_N = undefined;
+  double penetration_mm = undefined;      ///< largest overlap of pad and sphere
   std::vector<double> response = {};      ///< per emitted power and region; empty when no light was traced
   std::vector<double> change_error = {};  ///< standard error of the response minus the unloaded one; for the pictures
 };

@@ -6,10 +6,12 @@
 #include "lumo/sense/linear_decoder.hpp"
 #include "lumo/sense/moment_arm.hpp"
 #include "lumo/sense/nearest_template.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
 #include "program/json.hpp"
+#include "program/lab.hpp"
 #include "program/sensing_log.hpp"
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
@@ -41,15 +43,6 @@ namespace {
 
 Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
 
-/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
-LogTruth truth_of(const LogFolder& log) {
-  const std::string file = log.path + "/truth.csv";
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return LogTruth::from_log(log.session, log.wrenches);
-  std::ifstream in(file, std::ios::binary);
-  return LogTruth::from_table(in, file);
-}
-
 /// A command's words on InvalidArgument are about the log, not about the command line.
 template <class Work>
 auto about(const std::string& path, Work work) {
@@ -58,6 +51,15 @@ auto about(const std::string& path, Work work) {
   } catch (const InvalidArgument& e) {
     throw InputError(path + ": " + e.what());
   }
+}
+
+/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
+LogTruth truth_of(const LogFolder& log) {
+  const std::string file = log.path + "/truth.csv";
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return about(log.path, [&] { return LogTruth::from_log(log.session, log.wrenches); });
+  std::ifstream in(file, std::ios::binary);
+  return LogTruth::from_table(in, file);
 }
 
 // decode
@@ -101,10 +103,7 @@ std::string decode(const Options& o, Output& files) {
 /// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
 std::optional<double> displacement(const LogFolder& log) {
   std::vector<double> force, marker;
-  std::vector<std::int64_t> stamp;
-  Eigen::MatrixXd value(1, Eigen::Index(log.wrenches.size()));
-  for (std::size_t i = 0; i < log.wrenches.size(); ++i) stamp.push_back(log.wrenches[i].stamp_ns), value(0, Eigen::Index(i)) = -log.wrenches[i].force_N.z();
-  const TimeSeries series(stamp, value);
+  const TimeSeries series = normal_force(log.wrenches);
   for (const MarkerSample& m : log.markers)
     if (const auto f = series.at(m.stamp_ns, 0.1)) force.push_back((*f)[0]), marker.push_back(m.displacement_m);
   if (int(force.size()) <= OnsetDetector{}.baseline) return std::nullopt;
@@ -140,11 +139,14 @@ std::string metrics(const Options& o, Output& files) {
   const auto of = [&](auto get) { return quality ? std::optional<double>(get(*quality)) : std::nullopt; };
   const auto D = of([](const auto& q) { return q.metrics.D_neighbor; }), W = of([](const auto& q) { return q.metrics.W_recontact; }), Q = of([](const auto& q) { return *q.metrics.Q; });
   const auto low = of([](const auto& q) { return q.Q_low; }), high = of([](const auto& q) { return q.Q_high; });
+  const auto from = of([](const auto& q) { return q.bootstrap_low; }), to = of([](const auto& q) { return q.bootstrap_high; });
   if (o.json)
-    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)}, {"W_cycle", maybe(W_cycle)}, {"gain_percent", maybe(gain)}}.dump(2) + "\n";
+    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)},
+                {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)}, {"W_cycle", maybe(W_cycle)}, {"gain_percent", maybe(gain)}}.dump(2) + "\n";
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
-  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\nQ            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out)\nW_cycle      " +
-         show(W_cycle, 4) + " DN\ngain         " + show(gain, 1) + " %\n";
+  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\n" +
+         "Q            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out; 95 % bootstrap interval " +
+         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(W_cycle, 4) + " DN\ngain         " + show(gain, 1) + " %\n";
 }
 
 // locate and force
@@ -160,6 +162,11 @@ auto with_localizer(const Options& o, const SensedLog& s, const UnloadedReferenc
 }
 
 std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
+
+/// A further column of a table, empty for what is not known.
+std::string field(const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); }
+
+double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
 
 LineChart timeline(const std::string& title, const std::string& quantity) { return {title, "estimate at each frame against the truth", "time [s]", quantity, {}}; }
 
@@ -182,10 +189,9 @@ std::string located(const Options& o, Output& files) {
   for (const LogEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const auto y = seen(e);
-    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
     table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) + field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
              field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) + field(t.y_m, 1e3) + field(t.force_N) + '\n';
-    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    const double seconds = seconds_between(estimates.front(), e);
     if (t.y_m && t.force_N.value_or(0.0) > 0.5) line.push_back({seconds, 1e3 * *t.y_m});
     if (y) points.push_back({seconds, 1e3 * y->y_m});
     if (y && (!strongest || y->amplitude > seen(*strongest)->amplitude)) strongest = &e;
@@ -226,10 +232,9 @@ std::string force(const Options& o, Output& files) {
   for (const LogEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const ContactForce& c = e.force.contact[0];
-    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
     table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
              field(t.force_N) + field(t.y_m, 1e3) + ',' + to_string(e.force.faults) + '\n';
-    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    const double seconds = seconds_between(estimates.front(), e);
     if (t.force_N) line.push_back({seconds, *t.force_N});
     if (c.force_N) points.push_back({seconds, *c.force_N});
     times.push_back(1e3 * e.seconds);
@@ -254,23 +259,9 @@ std::string force(const Options& o, Output& files) {
                             cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\n");
 }
 
-}  // namespace
+// doctor --camera
 
-std::string sense(const Options& o, Output& files, Progress& progress) {
-  progress.stage("reading the log");
-  std::string text;
-  switch (o.command) {
-    case Command::decode: text = decode(o, files); break;
-    case Command::metrics: text = metrics(o, files); break;
-    case Command::locate: text = located(o, files); break;
-    default: text = force(o, files);
-  }
-  progress.finish();
-  for (const std::string& path : files.write()) progress.note("wrote " + path);
-  return text;
-}
-
-std::string doctor_camera(int camera, bool as_json) {
+std::string watched(int camera, bool as_json) {
   V4l2Camera::Config config;
   config.device = "/dev/video" + std::to_string(camera);
   config.wait_s = 0.05;
@@ -296,6 +287,27 @@ std::string doctor_camera(int camera, bool as_json) {
                 {"mean_green_DN", number(light)}, {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)}, {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}.dump(2) + "\n";
   return lumo::detail::text(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
                             " DN\n", leds ? lumo::detail::text("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
+}
+
+}  // namespace
+
+std::string sense(const Options& o, Output& files, Progress& progress, char**) {
+  switch (o.command) {
+    case Command::doctor: return watched(*o.camera, o.json);
+    case Command::lab_recontact:
+    case Command::lab_cycle:
+    case Command::lab_imaging:
+    case Command::lab_force: return lab(o, progress);
+    case Command::calibrate: return calibrate(o, progress);
+    default: break;
+  }
+  progress.stage("reading the log");
+  switch (o.command) {
+    case Command::decode: return decode(o, files);
+    case Command::metrics: return metrics(o, files);
+    case Command::locate: return located(o, files);
+    default: return force(o, files);
+  }
 }
 
 }  // namespace lumo::program

@@ -8,11 +8,12 @@
 
 namespace lumo::program {
 
-/// decode, metrics, locate and force on a log's folder: what is to be printed; tables and pictures go into `files` and are written.
-/// Throws InputError for a log that cannot be read or lacks what the command needs.
-std::string sense(const Options& options, Output& files, Progress& progress);
-
-/// Looks through a live camera for two seconds: rate, exposure, gain, light, LEDs. Throws InputError when there is no such camera.
-std::string doctor_camera(int number, bool as_json);
+/// The commands that need OpenCV: decode, metrics, locate, force and calibrate on a log's folder, lab, which makes one, and doctor with a camera, looked
+/// through for two seconds. Returns what is to be printed; tables and pictures go into `files`.
+///
+/// OpenCV and the fifty libraries below it take a quarter of a second to load. So they are in a program of their own, lumo-sensing: there this runs the
+/// command; in lumo it goes on as that program, which lies beside it, with the same `arguments` as main() got, and does not return.
+/// Throws InputError for a log or a camera that cannot be read or lacks what the command needs, Error where the build lacks OpenCV or lumo-sensing is not there.
+std::string sense(const Options& options, Output& files, Progress& progress, char** arguments);
 
 }  // namespace lumo::program

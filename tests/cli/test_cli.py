@@ -5,6 +5,7 @@ usage: test_cli.py path/to/lumo
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,7 +13,7 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO = ""
-USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
+FAULT, USAGE, INFEASIBLE, BAD_FILE = 1, 2, 3, 5
 DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
 
 
@@ -35,6 +36,13 @@ class Refusals(unittest.TestCase):
                 self.assertIn(word, done.stderr)
             self.assertEqual(os.listdir(folder), [])
 
+    def bad_store(self, words, *arguments):   # where the build lacks SQLite, it is the build that is told of
+        on = [c["name"] for c in json.loads(run("doctor", "--json").stdout)["components"] if c["on"]]
+        if "SQLite" in on:
+            self.refused(BAD_FILE, words, *arguments)
+        else:
+            self.refused(FAULT, ["was built without a library", "lumo doctor"], *arguments)
+
     def test_commands(self):
         self.refused(USAGE, ["command"])
         self.refused(USAGE, ["pres", "unknown command"], "pres")
@@ -53,11 +61,11 @@ class Refusals(unittest.TestCase):
             self.refused(USAGE, ["--store is missing", f"lumo campaign {command} --help"], "campaign", command)
             self.refused(USAGE, ["--frobnicate", "unknown option"], "campaign", command, "--store", "s", "--frobnicate")
         for command in ["status", "verify", "export", "select", "report"]:
-            self.refused(BAD_FILE, ["missing"], "campaign", command, "--store", "missing")
+            self.bad_store(["missing"], "campaign", command, "--store", "missing")
             self.refused(USAGE, ["--material"], "campaign", command, "--store", "s", "--material", "DS")
         self.refused(USAGE, ["--evaluations", "1 to 100000"], "campaign", "run", "--store", "s", "--evaluations", "0")
         self.refused(USAGE, ["--source", "default or paper"], "campaign", "run", "--store", "s", "--source", "best")
-        self.refused(BAD_FILE, ["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
+        self.bad_store(["no/such/folder"], "campaign", "run", "--store", "no/such/folder/s")
         self.refused(USAGE, ["--store", "2 times"], "campaign", "status", "--store", "s", "--store", "t")
         self.refused(USAGE, ["--seeds", "1 to 1000"], "campaign", "select", "--store", "s", "--seeds", "0")
 
@@ -68,7 +76,7 @@ class Refusals(unittest.TestCase):
             self.refused(USAGE, ["--frobnicate", f"lumo study {command} --help"], "study", command, "--frobnicate")
             self.refused(USAGE, ["--designs", "1 to 10000"], "study", command, "--designs", "none")
             self.refused(USAGE, ["--ensemble", "flat or curved"], "study", command, "--ensemble", "middle")
-            self.refused(BAD_FILE, ["no/such/folder"], "study", command, "--store", "no/such/folder/s")
+            self.bad_store(["no/such/folder"], "study", command, "--store", "no/such/folder/s")
             self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")
 
     def test_flags_and_values(self):
@@ -173,7 +181,7 @@ class Answers(unittest.TestCase):
         self.assertEqual(done.returncode, 0)
         report = json.loads(done.stdout)
         names = [c["name"] for c in report["components"]]
-        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "CLI11", "nlohmann-json"]:
+        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "SQLite", "xxHash", "plotly.js", "OpenCV", "CLI11", "nlohmann-json"]:
             self.assertIn(name, names)
         off = [c for c in report["components"] if not c["on"]]
         for component, line in zip(off, report["off"], strict=True):
@@ -182,6 +190,16 @@ class Answers(unittest.TestCase):
             self.assertTrue(component["package"])
             self.assertEqual(component["version"] is not None, component["on"], component)
         self.assertIn("Eigen", run("doctor").stdout)
+
+    def test_without_the_program_beside_it(self):   # that of the commands that need OpenCV; where the build lacks OpenCV, it is that which is missing
+        with tempfile.TemporaryDirectory() as folder:
+            alone = shutil.copy(LUMO, folder)
+            for arguments in [["decode", "log"], ["lab", "force", "--out", "log"], ["doctor", "--camera", "0"]]:
+                done = subprocess.run([alone, *arguments], cwd=folder, capture_output=True, text=True, timeout=60)
+                self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (FAULT, "", 1), done.stderr)
+                self.assertRegex(done.stderr, f"'{folder}/lumo-sensing': No such file|OpenCV")
+            self.assertEqual(subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0)
+            self.assertEqual(os.listdir(folder), [os.path.basename(LUMO)])
 
     def test_section(self):
         done = run("section", "--theta", "5,10,10,6,3")

@@ -49,6 +49,8 @@ struct LabPlan {
 namespace detail {
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
+/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
+inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
   std::vector<LoadStep> steps;
@@ -72,8 +74,8 @@ inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
   for (int r = 0; r < runs; ++r)
-    for (const int p : {0, 1, 2}) {
-      const double y = detail::lab_places_m[2 * std::size_t(p)];
+    for (int p = 0; p < 3; ++p) {
+      const double y = detail::lab_odd_places_m[std::size_t(p)];
       LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
         for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
@@ -89,7 +91,7 @@ inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
   plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
-    for (const int p : {0, 2, 4}) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, detail::lab_odd_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
   return plan;
 }
 
