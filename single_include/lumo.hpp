@@ -538,6 +538,10 @@ inline double HalfSection::exact_area_m2() const {
 
 // ---- lumo/core/types.hpp
 
+// `template <class = void>` stands before functions that need no template parameter. A compiler instantiates whatever an inline function uses, called
+// or not, and Eigen's expressions made up 98 % of what it cost to include lumo; the body of a function template waits for its first call. So a
+// function that computes with matrices, or calls one that does, carries this line. benchmarks/parse_cost measures, tests/repository/check_cost.py guards it.
+
 namespace lumo {
 
 using Vec3 = Eigen::Vector3d;
@@ -644,16 +648,20 @@ struct RectangleEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
+  template <class = void>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
+  template <class = void>
   Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  template <class = void>
   RectangleEmitter mirrored(const Vec3& m) const;
 };
 
 static_assert(EmitterModel<RectangleEmitter>);
 
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+template <class = void>
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
   require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
@@ -681,6 +689,7 @@ class Emitter {
   const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
   bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
   /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  template <class = void>
   void validate() const;
 
  private:
@@ -712,6 +721,7 @@ class Emitter {
 };
 
 /// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+template <class = void>
 void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
@@ -722,6 +732,7 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+template <class>
 inline RectangleEmitter RectangleEmitter::mirrored(const Vec3& m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
@@ -754,6 +765,7 @@ const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<
                                        [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
                                        [](const void* e) { detail::validate_model(model<E>(e)); }};
 
+template <class>
 inline void Emitter::validate() const {
   require_positive("emitter power", power_W(), "W");
   require_in_range("emitter channel", channel(), 0, 255, "");
@@ -763,6 +775,7 @@ inline void Emitter::validate() const {
   if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(detail::text("emitter: its axis has length ", axis().norm(), ", must be 1"));
 }
 
+template <class>
 inline void validate(const std::vector<Emitter>& emitters) {
   if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
@@ -790,6 +803,7 @@ struct Plane {
   Vec3 point = Vec3::Zero();
   Vec3 direction = Vec3::UnitZ();
 
+  template <class = void>
   Vec3 closest_point(const Vec3& p) const { return p - direction.dot(p - point) * direction; }
   Vec3 normal(const Vec3&) const { return direction; }
 };
@@ -801,6 +815,7 @@ struct EllipticCylinder {
   double semi_z = 1.0;
 
   Vec3 closest_point(const Vec3& p) const;
+  template <class = void>
   Vec3 normal(const Vec3& p) const;
 };
 
@@ -809,7 +824,9 @@ struct SphereShape {
   Vec3 center = Vec3::Zero();
   double radius = 1.0;
 
+  template <class = void>
   Vec3 closest_point(const Vec3& p) const { return center + radius * normal(p); }
+  template <class = void>
   Vec3 normal(const Vec3& p) const {
     const Vec3 d = p - center;
     const double r = d.norm();
@@ -864,6 +881,7 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
 }
 
+template <class>
 inline Vec3 EllipticCylinder::normal(const Vec3& p) const {
   const Vec3 foot = closest_point(p) - center;
   return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
@@ -933,6 +951,7 @@ struct Body {
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
+template <class = void>
 inline Vec3 outward_normal(const Body& body, int patch, const Vec3& p) {
   const Vec3 fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
@@ -983,10 +1002,12 @@ void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+template <class = void>
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
+template <class = void>
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
@@ -1061,6 +1082,7 @@ inline void validate(const FingerOptions& o) {
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
 }
 
+template <class>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
@@ -1119,6 +1141,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 namespace lumo::detail {
 
 /// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
+template <class = void>
 inline void tangents(const Vec3& n, Vec3& t1, Vec3& t2) {
   const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
   const double a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
@@ -1136,6 +1159,7 @@ namespace detail {
 
 /// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
 /// Map Between Disk and Square", J. Graphics Tools 2 (1997).
+template <class = void>
 inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
   const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
   if (a == 0.0 && b == 0.0) return Vec3::Zero();
@@ -1145,6 +1169,7 @@ inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
 }
 
 /// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+template <class = void>
 inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
   Vec3 t1, t2;
   tangents(n, t1, t2);
@@ -1162,9 +1187,11 @@ struct DiscEmitter {
   int channel = 0;                 ///< colour channel
 
   Vec3 axis() const { return normal; }
+  template <class = void>
   Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  template <class = void>
   DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
 };
 
@@ -1184,10 +1211,12 @@ struct PointEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
+  template <class = void>
   Vec3 axis() const { return Vec3::UnitZ(); }
   Vec3 point(double, double) const { return center; }
   Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
   double intensity(double) const { return power_W / (4.0 * pi); }
+  template <class = void>
   PointEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), power_W, channel}; }
 };
 
@@ -1224,12 +1253,14 @@ struct MeasuredLobe {
   int channel = 0;                    ///< colour channel
 
   Vec3 axis() const { return direction; }
+  template <class = void>
   Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
+  template <class = void>
   MeasuredLobe mirrored(const Vec3& m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
 };
 
@@ -1398,18 +1429,22 @@ struct MeshQuality {
 
 /// Bernstein coefficients of det(∂x/∂ξ) over one element: 1 (linear) or 20 (quadratic). All positive proves that the map is
 /// invertible at every point, not only at quadrature points. Source: Johnen, Remacle, Geuzaine 2013.
+template <class = void>
 std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& tet);
 
 /// Measures without judging.
+template <class = void>
 MeshQuality measure(const TetMesh& mesh);
 
 /// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the volume is
 /// within `volume_tolerance` of `exact_volume_m3` (0: not checked).
+template <class = void>
 void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
 
 // Symmetric multilinear form whose diagonal is the determinant.
+template <class = void>
 inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
   const auto det = [](const Vec3& u, const Vec3& v, const Vec3& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
@@ -1418,6 +1453,7 @@ inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
 
 }  // namespace detail
 
+template <class>
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
   if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
@@ -1436,6 +1472,7 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
   return coefficients;
 }
 
+template <class>
 inline MeshQuality measure(const TetMesh& mesh) {
   MeshQuality q;
   for (const auto& t : mesh.tets) {
@@ -1457,6 +1494,7 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
+template <class>
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
   using Reason = MeshError::Reason;
   for (const Vec3& x : mesh.nodes)
@@ -1497,6 +1535,7 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
+template <class = void>
 inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double tiny) {
   for (int round = 0; round < 2; ++round)
     for (int patch : patches)
@@ -1506,6 +1545,7 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double ti
   return p;
 }
 
+template <class = void>
 inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
@@ -1586,6 +1626,7 @@ struct Focus {
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
+template <class = void>
 inline Body focused(Body body, const std::vector<Vec3>& points, const Focus& focus = {}) {
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
@@ -1620,6 +1661,7 @@ using Point2 = std::array<double, 2>;
 int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
 /// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
+template <class = void>
 int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d);
 
 namespace detail {
@@ -1635,6 +1677,7 @@ inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
 }
 
 /// The sign where rounding errors cannot change it, else 0.
+template <class = void>
 inline int sure_orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
   const Vec3 u = b - a;
   const Vec3 v = c - a;
@@ -1731,6 +1774,7 @@ inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   return detail::minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
 }
 
+template <class>
 inline int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
   if (const int sure = detail::sure_orient3d(a, b, c, d); sure != 0) return sure;
   std::array<std::array<detail::Expansion, 3>, 3> rows;
@@ -1761,6 +1805,7 @@ struct SurfaceTriangle {
 };
 
 /// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
+template <class = void>
 inline Vec3 polygon_normal(const std::vector<Vec3>& vertices, const std::vector<int>& loop) {
   const Vec3& origin = vertices[static_cast<std::size_t>(loop[0])];
   Vec3 sum = Vec3::Zero();
@@ -1774,6 +1819,7 @@ struct Projection {
   std::size_t first = 0;
   std::size_t second = 1;
 
+  template <class = void>
   explicit Projection(const Vec3& normal) {
     int axis = 0;
     normal.cwiseAbs().maxCoeff(&axis);
@@ -1825,6 +1871,7 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
+template <class = void>
 inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3>& vertices, const std::vector<int>& loop, const Vec3& normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
@@ -1885,6 +1932,7 @@ class SelfIntersection {
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
   /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
+  template <class = void>
   std::optional<std::pair<int, int>> find() const;
 
  private:
@@ -1892,13 +1940,19 @@ class SelfIntersection {
 
   const Vec3& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
   static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
+  template <class = void>
   Vec3 normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
 
+  template <class = void>
   bool clash(const Corners& a, const Corners& b) const;
+  template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
+  template <class = void>
   bool folded(const Corners& a, const Corners& b) const;
+  template <class = void>
   bool meets(int p, int q, const Corners& t) const;
+  template <class = void>
   bool close(const Corners& a, const Corners& b) const;
 
   const std::vector<Vec3>& vertices_;
@@ -1907,6 +1961,7 @@ class SelfIntersection {
 };
 
 /// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
+template <class = void>
 inline double segment_distance2(const Vec3& p1, const Vec3& q1, const Vec3& p2, const Vec3& q2) {
   const Vec3 d1 = q1 - p1;
   const Vec3 d2 = q2 - p2;
@@ -1924,6 +1979,7 @@ inline double segment_distance2(const Vec3& p1, const Vec3& q1, const Vec3& p2, 
 }
 
 /// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
+template <class>
 inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
   int side = 0;
   for (int vertex : b) {
@@ -1952,6 +2008,7 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
 }
 
 /// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
+template <class>
 inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   int apex_a = 0, apex_b = 0;
   std::array<int, 2> edge{};
@@ -1969,6 +2026,7 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
 }
 
 /// Whether the closed segment p q meets the closed triangle t. Exact.
+template <class>
 inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   const int side_p = orient3d(at(t[0]), at(t[1]), at(t[2]), at(p));
   const int side_q = orient3d(at(t[0]), at(t[1]), at(t[2]), at(q));
@@ -1994,6 +2052,7 @@ inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   return inside;
 }
 
+template <class>
 inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
     const Vec3 n = normal(*t).normalized();
@@ -2018,6 +2077,7 @@ inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   return false;
 }
 
+template <class>
 inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
   if (shared == 3) return true;
@@ -2039,6 +2099,7 @@ inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   return false;
 }
 
+template <class>
 inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   struct Box {
     Vec3 low, high;
@@ -2144,6 +2205,7 @@ inline void check_edges(const MeshInput& input) {
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
+template <class = void>
 inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
@@ -2174,6 +2236,7 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
 }
 
 /// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
+template <class = void>
 inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& from_c, const Vec3& point) {
   const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
   const double la = a.norm(), lb = b.norm(), lc = c.norm();
@@ -2181,6 +2244,7 @@ inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& fr
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
+template <class = void>
 inline double winding(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
@@ -2193,6 +2257,7 @@ inline double winding(const std::vector<Vec3>& vertices, const std::vector<Surfa
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
+template <class = void>
 inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3& point, const Shell* without) {
     double sum = 0.0;
@@ -2217,6 +2282,7 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
+template <class = void>
 inline std::vector<Vec3> cavity_points(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3> points;
   const auto at = [&](int vertex) -> const Vec3& { return vertices[static_cast<std::size_t>(vertex)]; };
@@ -2263,6 +2329,7 @@ struct SurfaceReport {
 /// Vertices of no facet are interior points. Several separate solids and cavities are legal.
 /// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
 /// Time about n log n for n triangles, quadratic in the corners of a facet.
+template <class = void>
 SurfaceReport validate_surface(const MeshInput& input);
 
 namespace detail {
@@ -2275,6 +2342,7 @@ inline constexpr double closeness = 1e-8;
 
 inline std::string place(const Vec3& p) { return text("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
 
+template <class = void>
 inline void check_numbers(const MeshInput& input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
@@ -2298,6 +2366,7 @@ inline void check_numbers(const MeshInput& input) {
 }
 
 /// Vertices closer than `tolerance`, found by sorting along a direction in which hardly any two agree by accident.
+template <class = void>
 inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance) {
   const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
   std::vector<std::pair<double, int>> order;
@@ -2314,6 +2383,7 @@ inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance
 }
 
 /// Checks each facet alone and cuts it into triangles.
+template <class = void>
 inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
@@ -2340,6 +2410,7 @@ inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double 
 
 }  // namespace detail
 
+template <class>
 inline SurfaceReport validate_surface(const MeshInput& input) {
   using Reason = MeshError::Reason;
   detail::check_numbers(input);
@@ -2389,6 +2460,7 @@ struct TriangleSurface {
 };
 
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+template <class = void>
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
   MeshInput input;
   input.vertices = surface.vertices;
@@ -2397,6 +2469,7 @@ inline SurfaceReport validate_surface(const TriangleSurface& surface) {
 }
 
 /// How often the surface winds around a point: 1 inside, 0 outside.
+template <class = void>
 inline double winding_number(const TriangleSurface& surface, const Vec3& point) {
   double angle = 0.0;
   const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
@@ -2413,6 +2486,7 @@ namespace lumo {
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
 /// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
 /// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+template <class = void>
 TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
 
 namespace detail {
@@ -2466,6 +2540,7 @@ class SurfaceText {
 
 // Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
 // refused with its surface.
+template <class = void>
 inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
   const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
   Vec3 normal = Vec3::Zero();   // Newell's
@@ -2489,6 +2564,7 @@ inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop
   triangles.push_back({loop[0], loop[1], loop[2]});
 }
 
+template <class = void>
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
@@ -2575,6 +2651,7 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 
 }  // namespace detail
 
+template <class>
 inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
   const std::string name = path.string();
@@ -2769,7 +2846,9 @@ struct Sphere {
 
   double radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return p.norm() - radius_m(); }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     const double r = p.norm();
     const Vec3 n = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::UnitZ());
@@ -3036,6 +3115,7 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 };
 
 /// Derivative of det F by F: the cofactor matrix.
+template <class = void>
 inline Mat3 cofactor(const Mat3& F) {
   Mat3 c;
   c.col(0) = F.col(1).cross(F.col(2));
@@ -3045,6 +3125,7 @@ inline Mat3 cofactor(const Mat3& F) {
 }
 
 /// Second derivative of det F by F, flattened by columns.
+template <class = void>
 inline Mat9 determinant_hessian(const Mat3& F) {
   const auto cross = [](const Vec3& v) {
     Mat3 m;
@@ -3095,12 +3176,15 @@ struct NeoHookean {
 
   double shear_modulus() const { return mu; }
 
+  template <class = void>
   double distortion_energy(const Mat3& F) const {
     const double J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
     return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * std::log(J);
   }
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
@@ -3143,8 +3227,11 @@ struct StableNeoHookean {
   double shear_modulus() const { return mu; }
 
   // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
+  template <class = void>
   double distortion_energy(const Mat3& F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const { return mu * (F - cofactor(F)); }
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const { return mu * (Mat9::Identity() - determinant_hessian(F)); }
   VolumetricSample volumetric(double J) const {
     const double k = lambda + mu;
@@ -3179,9 +3266,11 @@ struct InvariantSample {
 };
 
 /// Ī₁ = J^(−2/3) tr C; det F must be positive.
+template <class = void>
 InvariantSample first_isochoric_invariant(const Mat3& F);
 
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
+template <class = void>
 InvariantSample second_isochoric_invariant(const Mat3& F);
 
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
@@ -3193,6 +3282,7 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
+template <class = void>
 inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
@@ -3205,10 +3295,12 @@ inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full
 
 }  // namespace detail
 
+template <class>
 inline InvariantSample first_isochoric_invariant(const Mat3& F) {
   return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, 2.0 * Mat9::Identity()}, 2.0 / 3.0);
 }
 
+template <class>
 inline InvariantSample second_isochoric_invariant(const Mat3& F) {
   const Mat3 C = F.transpose() * F, B = F * F.transpose();
   const double I1 = C.trace();
@@ -3239,11 +3331,14 @@ struct MooneyRivlin {
 
   double shear_modulus() const { return 2.0 * (c10 + c01); }
 
+  template <class = void>
   double distortion_energy(const Mat3& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
   }
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 };
@@ -3274,15 +3369,18 @@ struct Yeoh {
 
   double shear_modulus() const { return 2.0 * c1; }
 
+  template <class = void>
   double distortion_energy(const Mat3& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
@@ -3330,8 +3428,11 @@ struct Ogden {
     return sum;
   }
 
+  template <class = void>
   double distortion_energy(const Mat3& F) const;
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const;
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
@@ -3341,10 +3442,13 @@ struct Ogden {
     Mat3 U, V;
     Vec3 l, g;
   };
+  template <class = void>
   Principal principal(const Mat3& F) const;
   // ∂gᵢ/∂ln lⱼ
+  template <class = void>
   Mat3 log_slopes(const Vec3& l) const;
   // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
+  template <class = void>
   double divided_difference(const Vec3& l, int i, int j) const;
 };
 
@@ -3357,6 +3461,7 @@ inline void validate(const Ogden& m) {
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
+template <class>
 inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
@@ -3368,6 +3473,7 @@ inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   return p;
 }
 
+template <class>
 inline double Ogden::distortion_energy(const Mat3& F) const {
   const double J = F.determinant();
   if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
@@ -3378,11 +3484,13 @@ inline double Ogden::distortion_energy(const Mat3& F) const {
   return sum;
 }
 
+template <class>
 inline Mat3 Ogden::distortion_stress(const Mat3& F) const {
   const Principal p = principal(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
+template <class>
 inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   Mat3 d = Mat3::Zero();
   for (const Term& t : terms) {
@@ -3393,6 +3501,7 @@ inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   return d;
 }
 
+template <class>
 inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
   const double apart = l[i] - l[j];
   double sum = 0.0;
@@ -3404,6 +3513,7 @@ inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
+template <class>
 inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
   const Principal p = principal(F);
   const Mat3 slopes = log_slopes(p.l);
@@ -3434,6 +3544,7 @@ namespace lumo {
 namespace detail {
 
 /// Signed distance from p to the box |x| ≤ half about the origin.
+template <class = void>
 inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
   const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
   const Vec3 q = p.cwiseAbs() - half;
@@ -3458,10 +3569,14 @@ struct Box {
 
   bool operator==(const Box&) const = default;
 
+  template <class = void>
   double radius_m() const { return 0.5 * size_m.norm(); }
+  template <class = void>
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
     d.distance -= edge_radius_m;
@@ -3469,6 +3584,7 @@ struct Box {
   }
 };
 
+template <class = void>
 inline void validate(const Box& b) {
   for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
   require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
@@ -3492,7 +3608,9 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     const Vec3 foot = nearest(p), out = p - foot;
     const double r = out.norm();
@@ -3531,7 +3649,9 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const;
 };
 
@@ -3542,6 +3662,7 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
+template <class>
 inline DistanceSample Cylinder::sample(const Vec3& p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
   const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();
@@ -3628,6 +3749,7 @@ struct TrianglePoint {
 };
 
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
+template <class = void>
 inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
@@ -3648,11 +3770,13 @@ inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
+template <class = void>
 inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
  public:
+  template <class = void>
   explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
     std::iota(order_.begin(), order_.end(), 0);
     if (!order_.empty()) build(0, int(order_.size()));
@@ -3666,6 +3790,7 @@ class TriangleTree {
   };
 
   /// Looks no farther than `near` [m] from p.
+  template <class = void>
   Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
     Nearest best;
     double least = near * near;
@@ -3675,6 +3800,7 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  template <class = void>
   double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
@@ -3686,6 +3812,7 @@ class TriangleTree {
 
   const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
 
+  template <class = void>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
     nodes_.push_back({{}, begin, end - begin, -1});
@@ -3709,6 +3836,7 @@ class TriangleTree {
     return self;
   }
 
+  template <class = void>
   void search(int at, const Vec3& p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
@@ -3741,6 +3869,7 @@ namespace lumo {
 /// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
 class SignedDistance {
  public:
+  template <class = void>
   explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3::Zero()) {
     for (const auto& t : surface.triangles) {
       const Vec3 n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
@@ -3759,6 +3888,7 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
+  template <class = void>
   Sample sample(const Vec3& p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
@@ -3777,6 +3907,7 @@ class SignedDistance {
   }
 
   /// Distance alone; `near`: a bound [m] that its size is known to keep.
+  template <class = void>
   double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
     const TriangleTree::Nearest n = tree_.nearest(p, near);
     return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
@@ -3811,13 +3942,16 @@ namespace lumo {
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
+  template <class = void>
   DistanceGrid(const TriangleSurface& surface, int cells);
   DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
+  template <class = void>
   DistanceSample sample(const Vec3& p) const;
 
   double spacing_m() const { return h_; }
@@ -3830,12 +3964,17 @@ class DistanceGrid {
 
   double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
+  template <class = void>
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
+  template <class = void>
   void fill();
   void filter();
+  template <class = void>
   void measure();
+  template <class = void>
   DistanceSample spline(const Vec3& p) const;
+  template <class = void>
   DistanceSample exact(const Vec3& p) const;
 
   TriangleSurface surface_;
@@ -3846,6 +3985,7 @@ class DistanceGrid {
   std::vector<double> c_;      // spline coefficients
 };
 
+template <class>
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
   Eigen::AlignedBox3d box;
@@ -3862,6 +4002,7 @@ inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : s
   measure();
 }
 
+template <class>
 inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
@@ -3889,6 +4030,7 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
+template <class>
 inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
@@ -3899,6 +4041,7 @@ inline void DistanceGrid::measure() {
       }
 }
 
+template <class>
 inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
@@ -3931,6 +4074,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   return d;
 }
 
+template <class>
 inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
@@ -3960,6 +4104,7 @@ inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
           near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
+template <class>
 inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};
@@ -3976,6 +4121,7 @@ namespace lumo {
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
+  template <class = void>
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
     Eigen::AlignedBox3d box;
     for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
@@ -3990,7 +4136,9 @@ class MeshIndenter {
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
+  template <class = void>
   double distance(const Vec3& p) const { return grid_->distance(p); }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const { return grid_->sample(p); }
   const DistanceGrid& grid() const { return *grid_; }
 
@@ -4131,11 +4279,13 @@ namespace lumo {
 struct Carrier {
   std::vector<RigidBox> boxes;
 
+  template <class = void>
   double distance(const Vec3& p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
     return least;
   }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
     for (const RigidBox& b : boxes)
@@ -4144,6 +4294,7 @@ struct Carrier {
   }
 
  private:
+  template <class = void>
   static DistanceSample to_box(const RigidBox& b, const Vec3& p) { return detail::distance_to_box(b.half, p - b.center); }
 };
 
@@ -4177,16 +4328,19 @@ class EigenCholesky {
     return *this;
   }
 
+  template <class = void>
   void analyze(const SparseLower& lower) {
     pattern_ = lower;
     solver_.analyzePattern(lower);
   }
+  template <class = void>
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
     if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
+  template <class = void>
   Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
 
  private:
@@ -4299,12 +4453,15 @@ struct Equations {
   SparseLower pattern;      ///< lower triangle; values are scratch
   std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
 
+  template <class = void>
   Equations(const Sector& sector, const Body& body, Parity parity);
 
   /// Position in the pattern's values of an entry of the lower triangle.
+  template <class = void>
   int slot(int row, int column) const;
 };
 
+template <class>
 inline int Equations::slot(int row, int column) const {
   if (row < column) std::swap(row, column);
   const int* begin = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column];
@@ -4312,6 +4469,7 @@ inline int Equations::slot(int row, int column) const {
   return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
 }
 
+template <class>
 inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
   const TetMesh& mesh = sector.mesh;
   const std::size_t n = mesh.nodes.size();
@@ -4404,6 +4562,7 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
+  template <class = void>
   static Vec3 point(int) { return Vec3::Constant(0.25); }
   static double weight(int) { return 1.0 / 6.0; }
 };
@@ -4489,6 +4648,7 @@ namespace lumo {
 /// Deformed node positions, 3 × nodes [m].
 using Positions = Eigen::Matrix3Xd;
 
+template <class = void>
 inline Positions positions_of(const TetMesh& mesh) {
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
@@ -4702,6 +4862,7 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
+  template <class = void>
   Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
     Vec3 at = Vec3::Zero();
     for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
@@ -4709,6 +4870,7 @@ class ContactSurface {
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
+  template <class = void>
   std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
     const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
@@ -4723,6 +4885,7 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
+  template <class = void>
   void add(const BoundaryFace& face);
   void gather_at_vertices(double area_per_vertex);
 
@@ -4739,6 +4902,7 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
+template <class>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -4813,6 +4977,7 @@ struct NoFriction {
     Vec3 traction;
     Mat3 stiffness;
   };
+  template <class = void>
   Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
 };
 
@@ -5482,6 +5647,7 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
+template <class = void>
 inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
@@ -5523,6 +5689,7 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
+template <class = void>
 inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3& p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
@@ -5650,6 +5817,7 @@ struct FrictionHistory {
     Mat3 stiffness;
     Vec3 stretch;
   };
+  template <class = void>
   Answer answer(std::size_t face, std::size_t point, const Vec3& at, const Vec3& rigid_origin, const Vec3& normal, double pressure) const {
     const Mat3 along = Mat3::Identity() - normal * normal.transpose();
     const Vec3 s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
@@ -9881,6 +10049,7 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
 
 namespace detail {
 
+template <class = void>
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
   Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
   for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
@@ -9893,6 +10062,7 @@ inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t r
 struct FreshCandidates {
   std::size_t count = 256;
 
+  template <class = void>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
     const auto pool = request.sampler.fresh(count, request.key, request.taken);
     if (pool.empty()) return std::nullopt;
@@ -9912,9 +10082,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
+  template <class = void>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
+template <class>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
@@ -10159,16 +10331,20 @@ concept CovarianceKernel = requires(const K& kernel, const Eigen::ArrayXXd& r2, 
 
 /// Squared exponential: exp(−r²/2). Samples are smooth.
 struct RbfKernel {
+  template <class = void>
   Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const { return (-0.5 * r2).exp(); }
+  template <class = void>
   Eigen::ArrayXXd slope(const Eigen::ArrayXXd&, const Eigen::ArrayXXd& correlation) const { return -0.5 * correlation; }
 };
 
 /// Matérn with ν = 5/2: (1 + s + s²/3) e⁻ˢ with s = √5 r. Samples have two derivatives. Source: Stein, Interpolation of Spatial Data, 1999.
 struct Matern52Kernel {
+  template <class = void>
   Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const {
     const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
     return (1.0 + s + s.square() / 3.0) * (-s).exp();
   }
+  template <class = void>
   Eigen::ArrayXXd slope(const Eigen::ArrayXXd& r2, const Eigen::ArrayXXd& correlation) const {
     const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
     return -5.0 / 6.0 * (1.0 + s) / (1.0 + s + s.square() / 3.0) * correlation;
@@ -10407,6 +10583,7 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
+template <class = void>
 inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
@@ -10706,6 +10883,7 @@ struct EachOutput {
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
+  template <class = void>
   Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
     Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;
@@ -10818,6 +10996,7 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
 namespace detail {
 
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
+template <class = void>
 inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
   Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
@@ -10851,6 +11030,7 @@ bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
 }
 
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by index.
+template <class = void>
 inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);
@@ -10883,6 +11063,7 @@ struct BoxDecomposition {
 namespace detail {
 
 /// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
+template <class = void>
 inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
                   std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
   const double infinite = std::numeric_limits<double>::infinity();
@@ -10912,6 +11093,7 @@ inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd&
 
 /// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
 /// objectives: one more box than the front has points for two, more than proportional for three and above.
+template <class = void>
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
@@ -10933,6 +11115,7 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
 
 /// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
 /// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
+template <class = void>
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   const Eigen::Index m = reference.size();
   if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", m));
@@ -10973,6 +11156,7 @@ namespace lumo {
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
+  template <class = void>
   ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
@@ -11291,8 +11475,10 @@ class TrialLog {
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id.
+  template <class = void>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
+  template <class = void>
   Eigen::MatrixXd told_outputs() const;
 
  private:
@@ -11359,6 +11545,7 @@ inline void TrialLog::fail(int id, bool retry, std::string why) {
   trial.why = std::move(why);
 }
 
+template <class>
 inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
@@ -11367,6 +11554,7 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   return x;
 }
 
+template <class>
 inline Eigen::MatrixXd TrialLog::told_outputs() const {
   Eigen::MatrixXd y(outputs_, count(Trial::State::told));
   Eigen::Index column = 0;
@@ -11792,6 +11980,7 @@ class TimeSeries {
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  template <class = void>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
@@ -11806,6 +11995,7 @@ class TimeSeries {
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  template <class = void>
   Eigen::VectorXd interpolation_residual() const {
     Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
@@ -12251,6 +12441,7 @@ class PhotodiodeArray {
   };
 
   /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
+  template <class = void>
   explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
@@ -12266,6 +12457,7 @@ class PhotodiodeArray {
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
+  template <class = void>
   bool read(const PhotodiodeSample& sample, Profile& profile) const {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;
@@ -12412,6 +12604,7 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 
+  template <class = void>
   double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
     const double s = u / half_length_px;
@@ -12425,6 +12618,7 @@ struct AxisMap {
     return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
   }
   /// Variance of y at u [m²] that comes from the map itself.
+  template <class = void>
   double variance_m2(double u) const {
     const Eigen::Vector3d g = gradient(u);
     return g.dot(covariance * g);
@@ -12438,9 +12632,11 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
+  template <class = void>
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
 
+template <class>
 inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
@@ -12522,6 +12718,7 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
+  template <class = void>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -12529,6 +12726,7 @@ struct LedDetector {
     Eigen::Vector2d place;
     double contrast;
   };
+  template <class = void>
   std::vector<Spot> spots(const ImageView& image, int radius) const;
 };
 
@@ -12562,6 +12760,7 @@ class IntegralImage {
 
 }  // namespace detail
 
+template <class>
 inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
   const detail::IntegralImage sums(image);
   const int r = radius, far = 4 * radius;
@@ -12616,6 +12815,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
   return found;
 }
 
+template <class>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");
@@ -12686,9 +12886,11 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
+template <class = void>
 inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
 
 /// Median of each row.
+template <class = void>
 inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
   Eigen::VectorXd r(m.rows());
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
@@ -12738,6 +12940,7 @@ struct CycleRun {
 /// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
 /// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
 /// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
+template <class = void>
 inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
@@ -12753,6 +12956,7 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 }
 
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
+template <class = void>
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
@@ -12785,6 +12989,7 @@ struct LabelledResponses {
 };
 
 /// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
+template <class = void>
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
@@ -12819,6 +13024,7 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
 namespace detail {
 
 /// Softmax of log weights, and its mode.
+template <class = void>
 inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
   Decoding d;
   Eigen::Index top = 0;
@@ -12830,6 +13036,7 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 }
 
 /// Mean response of each place, features × places.
+template <class = void>
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
@@ -12847,6 +13054,7 @@ namespace lumo {
 
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+template <class = void>
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
@@ -12875,6 +13083,7 @@ struct RecontactQuality {
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
+template <class = void>
 RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 
 /// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
@@ -12882,8 +13091,10 @@ RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 /// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
 /// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
 /// Throws InvalidArgument where Q is not defined.
+template <class = void>
 RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
+template <class>
 inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
   if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
   std::vector<Eigen::VectorXd> middle;
@@ -12902,6 +13113,7 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   return m;
 }
 
+template <class>
 inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
@@ -12996,6 +13208,7 @@ struct Identification {
 /// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
 /// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
 /// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
+template <class = void>
 inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
                                double known = 0.0) {
   const Eigen::Index n = a.cols();
@@ -13088,6 +13301,7 @@ struct TorqueIdentification {
 
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
 /// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
+template <class = void>
 inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
@@ -13165,6 +13379,7 @@ struct Session {
 };
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
+template <class = void>
 inline void validate(const Session& s, const std::string& name) {
   const auto require = [&](bool good, const std::string& what) {
     if (!good) throw InputError(detail::text(name, ": ", what));
@@ -13211,6 +13426,7 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
+template <class = void>
 inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
@@ -13284,6 +13500,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
+template <class = void>
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
   std::vector<Eigen::MatrixXd> slopes;
   int next = -1;
@@ -13312,6 +13529,7 @@ struct DecodingTask {
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
+template <class = void>
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
@@ -13352,6 +13570,7 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
+template <class = void>
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
@@ -13380,6 +13599,7 @@ namespace lumo {
 struct NearestTemplate {
   class Model {
    public:
+    template <class = void>
     explicit Model(const LabelledResponses& training) : template_(detail::place_means(training)) {
       double squares = 0.0;
       for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - template_.col(training.place[i])).squaredNorm();
@@ -13387,6 +13607,7 @@ struct NearestTemplate {
       variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const {
       if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
       return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
@@ -13399,6 +13620,7 @@ struct NearestTemplate {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     return Model(training);
@@ -13417,6 +13639,7 @@ namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
+template <class = void>
 inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
@@ -13441,6 +13664,7 @@ struct LinearDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
       Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
@@ -13451,8 +13675,10 @@ struct LinearDecoder {
       offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
+    template <class = void>
     Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
       return weight_.transpose() * response + offset_;
@@ -13467,6 +13693,7 @@ struct LinearDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
@@ -13487,11 +13714,13 @@ namespace lumo {
 class PlaceFilter {
  public:
   /// Throws InvalidArgument for fewer than two places or a change that is no probability.
+  template <class = void>
   explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
+  template <class = void>
   const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
     const double n = double(probability_.size());
     probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
@@ -13516,6 +13745,7 @@ struct BayesDecoder {
    public:
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const {
       const auto n = Eigen::Index(steps_.size());
       if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
@@ -13531,6 +13761,7 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
@@ -13762,6 +13993,7 @@ class PeakLocalizer {
 
   void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
 
+  template <class = void>
   LocationEstimate update(const Profile& response) {
     if (response.value.size() != config_.position_m.size())
       throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -13781,6 +14013,7 @@ class PeakLocalizer {
   }
 
  private:
+  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) {
     LocationEstimate e{stamp_ns, 0, {}, 1.0};
     if (fresh_) return e;
@@ -13835,6 +14068,7 @@ struct GridMoments {
 };
 
 /// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
+template <class = void>
 inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
@@ -13878,9 +14112,11 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  template <class = void>
   explicit BayesLocalizer(Config config);
 
   void reset() { fresh_ = true; }
+  template <class = void>
   LocationEstimate update(const Profile& response);
 
   const Eigen::VectorXd& grid_m() const { return grid_; }
@@ -13902,10 +14138,14 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
+  template <class = void>
   bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
+  template <class = void>
   void predict(double step_s);
+  template <class = void>
   ContactLocation one() const;
+  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) const;
 
   Config config_;
@@ -13922,6 +14162,7 @@ class BayesLocalizer {
   bool fresh_ = true;
 };
 
+template <class>
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
@@ -14009,6 +14250,7 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
+template <class>
 inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
@@ -14036,6 +14278,7 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
+template <class>
 inline void BayesLocalizer::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
   number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
@@ -14056,6 +14299,7 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
+template <class>
 inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -14112,6 +14356,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
+template <class>
 inline ContactLocation BayesLocalizer::one() const {
   const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
@@ -14123,6 +14368,7 @@ inline ContactLocation BayesLocalizer::one() const {
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
+template <class>
 inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   LocationEstimate e{stamp_ns, 0, {}, 1.0};
   if (fresh_) return e;
@@ -14189,6 +14435,7 @@ class SerialChain {
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
+  template <class = void>
   explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
@@ -14204,17 +14451,21 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
+  template <class = void>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
   }
+  template <class = void>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
+  template <class = void>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
+  template <class = void>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
 
  private:
@@ -14223,6 +14474,7 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
+  template <class = void>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -14242,6 +14494,7 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
+  template <class = void>
   JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
@@ -14731,6 +14984,7 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
+  template <class = void>
   Verdict check_light(const Profile& p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
@@ -14767,6 +15021,7 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
+  template <class = void>
   double led_ratio(double y) const {
     Eigen::Index i = 0;
     (config_.position_m.array() - y).abs().minCoeff(&i);
@@ -14790,7 +15045,9 @@ struct LongitudinalBins {
   Eigen::VectorXd edges_m;  ///< ascending
 
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
+  template <class = void>
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  template <class = void>
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");
@@ -14801,6 +15058,7 @@ struct LongitudinalBins {
   }
 
   Eigen::Index size() const { return edges_m.size() - 1; }
+  template <class = void>
   Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.
@@ -15002,6 +15260,7 @@ class GreenProfile {
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
+  template <class = void>
   explicit GreenProfile(const Config& config)
       : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
@@ -15032,6 +15291,7 @@ class PositiveGreenProfile {
   using Sample = Frame;
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
+  template <class = void>
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
       : strip_(GreenProfile::strip_of(config)),
         centres_(config.bins.centres_m()),
@@ -15103,6 +15363,7 @@ class JointMonitor {
     bool usable = true;
   };
 
+  template <class = void>
   Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
@@ -15177,7 +15438,9 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
+  template <class = void>
   JointVector column(const JointVector&, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
+  template <class = void>
   JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
 
@@ -15193,6 +15456,7 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
+  template <class = void>
   void add(const Profile& p) {
     if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
     if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
@@ -15207,12 +15471,14 @@ class UnloadedReference {
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
   /// mean's own error is part of it.
+  template <class = void>
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
+  template <class = void>
   void subtract(Profile& p) const { p.value -= mean_; }
 
  private:
@@ -15533,9 +15799,11 @@ class ContactTorques {
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
+  template <class = void>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
   int joints() const { return joints_; }
   /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
+  template <class = void>
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
@@ -15605,6 +15873,7 @@ struct StiffnessFit {
 /// Fits force = factor · nominal(depth − onset). `nominal_N`: force of the nominal pad at a depth [m], 0 below 0, increasing: with the ratio of moduli kept, force is
 /// proportional to the modulus at given depth. Samples of one press are not independent (the silicone creeps, the servo swings), so that the
 /// interval counts `independent` of them (0: all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not tell both.
+template <class = void>
 StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
 
 /// Photon transfer of a camera (EMVA 1288): temporal variance of pixels over their signal. Row offsets and common changes of the lamps are taken out of each
@@ -15620,6 +15889,7 @@ class PhotonTransfer {
   void add(const ImageView& v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
+  template <class = void>
   Result result(double black_DN = 0.0, double full_DN = 230.0) const;
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -15651,6 +15921,7 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   return {level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
+template <class>
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent) {
   if (depth_m.size() != force_N.size()) throw InvalidArgument(detail::text("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
   const auto n = Eigen::Index(depth_m.size());
@@ -15700,6 +15971,7 @@ inline void PhotonTransfer::add(const ImageView& v) {
   ++frames_;
 }
 
+template <class>
 inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double full_DN) const {
   if (pairs() < 8) throw InvalidArgument(detail::text("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
   std::vector<double> signal, variance;
@@ -15778,11 +16050,13 @@ struct FingerView {
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
 
+  template <class = void>
   GreenProfile readout(const LongitudinalBins& bins) const { return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format}); }
 };
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
 /// the tip's direction in the image, in m at the map's scale.
+template <class = void>
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
@@ -15812,6 +16086,7 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 }
 
 /// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
+template <class = void>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   if (!unloaded.empty()) leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(unloaded);
@@ -15841,6 +16116,7 @@ std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
+template <class = void>
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)
@@ -16017,6 +16293,7 @@ struct LogReference {
 
 /// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
 /// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
+template <class = void>
 inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
@@ -16041,6 +16318,7 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
+template <class = void>
 inline void identify_joints(LogReference& reference, const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
@@ -17137,6 +17415,7 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
+template <class = void>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
@@ -17249,6 +17528,7 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
       TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
@@ -17271,13 +17551,17 @@ struct GaussianProcessDecoder {
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
+    template <class = void>
     double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
+    template <class = void>
     Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
+    template <class = void>
     static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Factor>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
       Eigen::VectorXd log_likelihood(mean.cols());
@@ -17295,6 +17579,7 @@ struct GaussianProcessDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");
@@ -17329,6 +17614,7 @@ struct PadResponses {
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
+template <class = void>
 inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
@@ -17350,6 +17636,7 @@ inline void validate(const PadResponses& r, const std::string& name) {
 class PadLight {
  public:
   /// Throws InputError for responses that do not fit together.
+  template <class = void>
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
     for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
@@ -17363,6 +17650,7 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  template <class = void>
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
@@ -17374,12 +17662,14 @@ class PadLight {
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
+  template <class = void>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
+  template <class = void>
   double load_N(double y_m, double depth_m) const {
     const double most = max_load_N(), end = this->depth_m(y_m, most);
     if (!(depth_m > 0.0)) return 0.0;
@@ -17394,6 +17684,7 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
+  template <class = void>
   static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
@@ -17405,6 +17696,7 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
+  template <class = void>
   Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
@@ -17419,6 +17711,7 @@ class PadLight {
     }
     return slope;
   }
+  template <class = void>
   Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
     const Eigen::Index n = value.cols();
     if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
@@ -17743,6 +18036,7 @@ struct SideGeometry {
 
 /// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
 /// without LEDs or visible surface.
+template <class = void>
 inline SideGeometry side_geometry(const Body& body) {
   if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
   SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};
@@ -17783,14 +18077,17 @@ struct CameraPlace {
 class SidePainter {
  public:
   /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
+  template <class = void>
   SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
   Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// Pixel of a point on the facing side.
+  template <class = void>
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
+  template <class = void>
   Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
 
  private:
@@ -17799,6 +18096,7 @@ class SidePainter {
     float share;        ///< of the right one
     float side, spot, vignette, gain, room;
   };
+  template <class = void>
   Eigen::Vector2d project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
     return centre_ + camera_.focal_px / d.z() * d.head<2>();
@@ -17812,6 +18110,7 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
+template <class>
 inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m,
                                 std::uint64_t seed)
     : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
@@ -18046,6 +18345,7 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
 class VirtualRig {
  public:
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
+  template <class = void>
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
@@ -18057,6 +18357,7 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
+  template <class = void>
   Image image(std::size_t k) const;
 
  private:
@@ -18082,8 +18383,11 @@ class VirtualRig {
     session_.segments.push_back(s);
   }
   void deform();
+  template <class = void>
   void record_joints();
+  template <class = void>
   void record_forces();
+  template <class = void>
   void record_frames();
   Sampled at(double t_s) const;
   static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
@@ -18114,6 +18418,7 @@ class VirtualCamera {
  public:
   explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
 
+  template <class = void>
   std::optional<Frame> next() {
     if (next_ == rig_->frames().size()) return std::nullopt;
     image_ = rig_->image(next_);
@@ -18130,6 +18435,7 @@ class VirtualCamera {
 
 static_assert(Camera<VirtualCamera>);
 
+template <class>
 inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
@@ -18232,6 +18538,7 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
   return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+template <class>
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
@@ -18262,6 +18569,7 @@ inline void VirtualRig::record_joints() {
   }
 }
 
+template <class>
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
@@ -18277,6 +18585,7 @@ inline void VirtualRig::record_forces() {
   }
 }
 
+template <class>
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
@@ -18313,6 +18622,7 @@ inline void VirtualRig::record_frames() {
   }
 }
 
+template <class>
 inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   Eigen::VectorXd light = light_->responses().unloaded;
@@ -18417,6 +18727,7 @@ class BlockReader {
 }  // namespace detail
 
 /// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
+template <class = void>
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(detail::pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
@@ -18432,6 +18743,7 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 }
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
+template <class = void>
 inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   detail::BlockReader reader(text, name);
   if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
@@ -18459,6 +18771,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
+template <class = void>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
@@ -18469,6 +18782,7 @@ inline std::optional<PadResponses> read_pad_responses(const std::string& path, c
 }
 
 /// The whole file or none. Throws InputError.
+template <class = void>
 inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { detail::write_whole(path, to_text(r, key)); }
 
 }  // namespace lumo

@@ -19,6 +19,7 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
       TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
@@ -41,13 +42,17 @@ struct GaussianProcessDecoder {
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
+    template <class = void>
     double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
+    template <class = void>
     Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
+    template <class = void>
     static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Factor>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
       Eigen::VectorXd log_likelihood(mean.cols());
@@ -65,6 +70,7 @@ struct GaussianProcessDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");

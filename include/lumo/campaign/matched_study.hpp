@@ -52,6 +52,7 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
+template <class = void>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {

@@ -3,6 +3,10 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+// `template <class = void>` stands before functions that need no template parameter. A compiler instantiates whatever an inline function uses, called
+// or not, and Eigen's expressions made up 98 % of what it cost to include lumo; the body of a function template waits for its first call. So a
+// function that computes with matrices, or calls one that does, carries this line. benchmarks/parse_cost measures, tests/repository/check_cost.py guards it.
+
 namespace lumo {
 
 using Vec3 = Eigen::Vector3d;

@@ -83,6 +83,7 @@ class BlockReader {
 }  // namespace detail
 
 /// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
+template <class = void>
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(detail::pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
@@ -98,6 +99,7 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 }
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
+template <class = void>
 inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   detail::BlockReader reader(text, name);
   if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
@@ -125,6 +127,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
+template <class = void>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
@@ -135,6 +138,7 @@ inline std::optional<PadResponses> read_pad_responses(const std::string& path, c
 }
 
 /// The whole file or none. Throws InputError.
+template <class = void>
 inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { detail::write_whole(path, to_text(r, key)); }
 
 }  // namespace lumo

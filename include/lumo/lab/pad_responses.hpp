@@ -30,6 +30,7 @@ struct PadResponses {
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
+template <class = void>
 inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
@@ -51,6 +52,7 @@ inline void validate(const PadResponses& r, const std::string& name) {
 class PadLight {
  public:
   /// Throws InputError for responses that do not fit together.
+  template <class = void>
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
     for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
@@ -64,6 +66,7 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  template <class = void>
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
@@ -75,12 +78,14 @@ class PadLight {
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
+  template <class = void>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
+  template <class = void>
   double load_N(double y_m, double depth_m) const {
     const double most = max_load_N(), end = this->depth_m(y_m, most);
     if (!(depth_m > 0.0)) return 0.0;
@@ -95,6 +100,7 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
+  template <class = void>
   static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
@@ -106,6 +112,7 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
+  template <class = void>
   Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
@@ -120,6 +127,7 @@ class PadLight {
     }
     return slope;
   }
+  template <class = void>
   Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
     const Eigen::Index n = value.cols();
     if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());

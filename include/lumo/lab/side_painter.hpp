@@ -26,14 +26,17 @@ struct CameraPlace {
 class SidePainter {
  public:
   /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
+  template <class = void>
   SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
   Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// Pixel of a point on the facing side.
+  template <class = void>
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
+  template <class = void>
   Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
 
  private:
@@ -42,6 +45,7 @@ class SidePainter {
     float share;        ///< of the right one
     float side, spot, vignette, gain, room;
   };
+  template <class = void>
   Eigen::Vector2d project(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
     return centre_ + camera_.focal_px / d.z() * d.head<2>();
@@ -55,6 +59,7 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
+template <class>
 inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m,
                                 std::uint64_t seed)
     : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {

@@ -48,6 +48,7 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
 class VirtualRig {
  public:
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
+  template <class = void>
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
@@ -59,6 +60,7 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
+  template <class = void>
   Image image(std::size_t k) const;
 
  private:
@@ -84,8 +86,11 @@ class VirtualRig {
     session_.segments.push_back(s);
   }
   void deform();
+  template <class = void>
   void record_joints();
+  template <class = void>
   void record_forces();
+  template <class = void>
   void record_frames();
   Sampled at(double t_s) const;
   static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
@@ -116,6 +121,7 @@ class VirtualCamera {
  public:
   explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
 
+  template <class = void>
   std::optional<Frame> next() {
     if (next_ == rig_->frames().size()) return std::nullopt;
     image_ = rig_->image(next_);
@@ -132,6 +138,7 @@ class VirtualCamera {
 
 static_assert(Camera<VirtualCamera>);
 
+template <class>
 inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
@@ -234,6 +241,7 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
   return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+template <class>
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
@@ -264,6 +272,7 @@ inline void VirtualRig::record_joints() {
   }
 }
 
+template <class>
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
@@ -279,6 +288,7 @@ inline void VirtualRig::record_forces() {
   }
 }
 
+template <class>
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
@@ -315,6 +325,7 @@ inline void VirtualRig::record_frames() {
   }
 }
 
+template <class>
 inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   Eigen::VectorXd light = light_->responses().unloaded;

@@ -7,6 +7,7 @@ namespace lumo {
 namespace detail {
 
 /// Signed distance from p to the box |x| ≤ half about the origin.
+template <class = void>
 inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
   const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
   const Vec3 q = p.cwiseAbs() - half;
@@ -31,10 +32,14 @@ struct Box {
 
   bool operator==(const Box&) const = default;
 
+  template <class = void>
   double radius_m() const { return 0.5 * size_m.norm(); }
+  template <class = void>
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
     d.distance -= edge_radius_m;
@@ -42,6 +47,7 @@ struct Box {
   }
 };
 
+template <class = void>
 inline void validate(const Box& b) {
   for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
   require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");

@@ -17,7 +17,9 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     const Vec3 foot = nearest(p), out = p - foot;
     const double r = out.norm();

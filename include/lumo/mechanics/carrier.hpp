@@ -13,11 +13,13 @@ namespace lumo {
 struct Carrier {
   std::vector<RigidBox> boxes;
 
+  template <class = void>
   double distance(const Vec3& p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
     return least;
   }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
     for (const RigidBox& b : boxes)
@@ -26,6 +28,7 @@ struct Carrier {
   }
 
  private:
+  template <class = void>
   static DistanceSample to_box(const RigidBox& b, const Vec3& p) { return detail::distance_to_box(b.half, p - b.center); }
 };
 

@@ -18,7 +18,9 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const;
 };
 
@@ -29,6 +31,7 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
+template <class>
 inline DistanceSample Cylinder::sample(const Vec3& p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
   const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();

@@ -17,13 +17,16 @@ namespace lumo {
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
+  template <class = void>
   DistanceGrid(const TriangleSurface& surface, int cells);
   DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
+  template <class = void>
   double distance(const Vec3& p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
+  template <class = void>
   DistanceSample sample(const Vec3& p) const;
 
   double spacing_m() const { return h_; }
@@ -36,12 +39,17 @@ class DistanceGrid {
 
   double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
+  template <class = void>
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
+  template <class = void>
   void fill();
   void filter();
+  template <class = void>
   void measure();
+  template <class = void>
   DistanceSample spline(const Vec3& p) const;
+  template <class = void>
   DistanceSample exact(const Vec3& p) const;
 
   TriangleSurface surface_;
@@ -52,6 +60,7 @@ class DistanceGrid {
   std::vector<double> c_;      // spline coefficients
 };
 
+template <class>
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
   Eigen::AlignedBox3d box;
@@ -68,6 +77,7 @@ inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : s
   measure();
 }
 
+template <class>
 inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
@@ -95,6 +105,7 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
+template <class>
 inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
@@ -105,6 +116,7 @@ inline void DistanceGrid::measure() {
       }
 }
 
+template <class>
 inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
@@ -137,6 +149,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   return d;
 }
 
+template <class>
 inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
@@ -166,6 +179,7 @@ inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
           near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
+template <class>
 inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};

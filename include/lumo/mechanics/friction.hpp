@@ -42,6 +42,7 @@ struct FrictionHistory {
     Mat3 stiffness;
     Vec3 stretch;
   };
+  template <class = void>
   Answer answer(std::size_t face, std::size_t point, const Vec3& at, const Vec3& rigid_origin, const Vec3& normal, double pressure) const {
     const Mat3 along = Mat3::Identity() - normal * normal.transpose();
     const Vec3 s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));

@@ -32,16 +32,19 @@ class EigenCholesky {
     return *this;
   }
 
+  template <class = void>
   void analyze(const SparseLower& lower) {
     pattern_ = lower;
     solver_.analyzePattern(lower);
   }
+  template <class = void>
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
     if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
+  template <class = void>
   Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
 
  private:

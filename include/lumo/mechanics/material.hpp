@@ -42,6 +42,7 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 };
 
 /// Derivative of det F by F: the cofactor matrix.
+template <class = void>
 inline Mat3 cofactor(const Mat3& F) {
   Mat3 c;
   c.col(0) = F.col(1).cross(F.col(2));
@@ -51,6 +52,7 @@ inline Mat3 cofactor(const Mat3& F) {
 }
 
 /// Second derivative of det F by F, flattened by columns.
+template <class = void>
 inline Mat9 determinant_hessian(const Mat3& F) {
   const auto cross = [](const Vec3& v) {
     Mat3 m;

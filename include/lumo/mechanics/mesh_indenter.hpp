@@ -12,6 +12,7 @@ namespace lumo {
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
+  template <class = void>
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
     Eigen::AlignedBox3d box;
     for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
@@ -26,7 +27,9 @@ class MeshIndenter {
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
+  template <class = void>
   double distance(const Vec3& p) const { return grid_->distance(p); }
+  template <class = void>
   DistanceSample sample(const Vec3& p) const { return grid_->sample(p); }
   const DistanceGrid& grid() const { return *grid_; }
 

@@ -25,8 +25,11 @@ struct Ogden {
     return sum;
   }
 
+  template <class = void>
   double distortion_energy(const Mat3& F) const;
+  template <class = void>
   Mat3 distortion_stress(const Mat3& F) const;
+  template <class = void>
   Mat9 distortion_tangent(const Mat3& F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
@@ -36,10 +39,13 @@ struct Ogden {
     Mat3 U, V;
     Vec3 l, g;
   };
+  template <class = void>
   Principal principal(const Mat3& F) const;
   // ∂gᵢ/∂ln lⱼ
+  template <class = void>
   Mat3 log_slopes(const Vec3& l) const;
   // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
+  template <class = void>
   double divided_difference(const Vec3& l, int i, int j) const;
 };
 
@@ -52,6 +58,7 @@ inline void validate(const Ogden& m) {
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
+template <class>
 inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
@@ -63,6 +70,7 @@ inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   return p;
 }
 
+template <class>
 inline double Ogden::distortion_energy(const Mat3& F) const {
   const double J = F.determinant();
   if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
@@ -73,11 +81,13 @@ inline double Ogden::distortion_energy(const Mat3& F) const {
   return sum;
 }
 
+template <class>
 inline Mat3 Ogden::distortion_stress(const Mat3& F) const {
   const Principal p = principal(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
+template <class>
 inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   Mat3 d = Mat3::Zero();
   for (const Term& t : terms) {
@@ -88,6 +98,7 @@ inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   return d;
 }
 
+template <class>
 inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
   const double apart = l[i] - l[j];
   double sum = 0.0;
@@ -99,6 +110,7 @@ inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
+template <class>
 inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
   const Principal p = principal(F);
   const Mat3 slopes = log_slopes(p.l);

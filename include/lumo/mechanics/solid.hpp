@@ -14,6 +14,7 @@ namespace lumo {
 /// Deformed node positions, 3 × nodes [m].
 using Positions = Eigen::Matrix3Xd;
 
+template <class = void>
 inline Positions positions_of(const TetMesh& mesh) {
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];

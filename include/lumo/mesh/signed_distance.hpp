@@ -16,6 +16,7 @@ namespace lumo {
 /// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
 class SignedDistance {
  public:
+  template <class = void>
   explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3::Zero()) {
     for (const auto& t : surface.triangles) {
       const Vec3 n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
@@ -34,6 +35,7 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
+  template <class = void>
   Sample sample(const Vec3& p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
@@ -52,6 +54,7 @@ class SignedDistance {
   }
 
   /// Distance alone; `near`: a bound [m] that its size is known to keep.
+  template <class = void>
   double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
     const TriangleTree::Nearest n = tree_.nearest(p, near);
     return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;

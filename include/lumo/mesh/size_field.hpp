@@ -30,8 +30,10 @@ struct SizeField {
   static constexpr std::size_t max_cells = 60000;
   static constexpr double tolerance = 0.05;
 
+  template <class = void>
   static SizeField sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high);
 
+  template <class = void>
   double operator()(const Vec3& point) const {
     Vec3 local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
     int cell = 0;
@@ -57,6 +59,7 @@ struct SizeField {
 
 /// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
 /// what `edge` itself throws passes through.
+template <class>
 inline SizeField SizeField::sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high) {
   SizeField field;
   if (!edge) return field;

@@ -15,6 +15,7 @@ struct TriangleSurface {
 };
 
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+template <class = void>
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
   MeshInput input;
   input.vertices = surface.vertices;
@@ -23,6 +24,7 @@ inline SurfaceReport validate_surface(const TriangleSurface& surface) {
 }
 
 /// How often the surface winds around a point: 1 inside, 0 outside.
+template <class = void>
 inline double winding_number(const TriangleSurface& surface, const Vec3& point) {
   double angle = 0.0;
   const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };

@@ -19,6 +19,7 @@ struct TrianglePoint {
 };
 
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
+template <class = void>
 inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
@@ -39,11 +40,13 @@ inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
+template <class = void>
 inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
  public:
+  template <class = void>
   explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
     std::iota(order_.begin(), order_.end(), 0);
     if (!order_.empty()) build(0, int(order_.size()));
@@ -57,6 +60,7 @@ class TriangleTree {
   };
 
   /// Looks no farther than `near` [m] from p.
+  template <class = void>
   Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
     Nearest best;
     double least = near * near;
@@ -66,6 +70,7 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
+  template <class = void>
   double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
@@ -77,6 +82,7 @@ class TriangleTree {
 
   const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
 
+  template <class = void>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
     nodes_.push_back({{}, begin, end - begin, -1});
@@ -100,6 +106,7 @@ class TriangleTree {
     return self;
   }
 
+  template <class = void>
   void search(int at, const Vec3& p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {

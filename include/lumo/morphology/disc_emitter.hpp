@@ -9,6 +9,7 @@ namespace detail {
 
 /// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
 /// Map Between Disk and Square", J. Graphics Tools 2 (1997).
+template <class = void>
 inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
   const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
   if (a == 0.0 && b == 0.0) return Vec3::Zero();
@@ -18,6 +19,7 @@ inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
 }
 
 /// Point of the disc about `center` with unit normal `n`; the same for every description of it.
+template <class = void>
 inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
   Vec3 t1, t2;
   tangents(n, t1, t2);
@@ -35,9 +37,11 @@ struct DiscEmitter {
   int channel = 0;                 ///< colour channel
 
   Vec3 axis() const { return normal; }
+  template <class = void>
   Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  template <class = void>
   DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
 };
 

@@ -42,16 +42,20 @@ struct RectangleEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
+  template <class = void>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
+  template <class = void>
   Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  template <class = void>
   RectangleEmitter mirrored(const Vec3& m) const;
 };
 
 static_assert(EmitterModel<RectangleEmitter>);
 
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+template <class = void>
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
   require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
@@ -79,6 +83,7 @@ class Emitter {
   const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
   bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
   /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  template <class = void>
   void validate() const;
 
  private:
@@ -110,6 +115,7 @@ class Emitter {
 };
 
 /// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+template <class = void>
 void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
@@ -120,6 +126,7 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+template <class>
 inline RectangleEmitter RectangleEmitter::mirrored(const Vec3& m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
@@ -152,6 +159,7 @@ const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<
                                        [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
                                        [](const void* e) { detail::validate_model(model<E>(e)); }};
 
+template <class>
 inline void Emitter::validate() const {
   require_positive("emitter power", power_W(), "W");
   require_in_range("emitter channel", channel(), 0, 255, "");
@@ -161,6 +169,7 @@ inline void Emitter::validate() const {
   if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(detail::text("emitter: its axis has length ", axis().norm(), ", must be 1"));
 }
 
+template <class>
 inline void validate(const std::vector<Emitter>& emitters) {
   if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();

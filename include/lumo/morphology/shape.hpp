@@ -22,6 +22,7 @@ struct Plane {
   Vec3 point = Vec3::Zero();
   Vec3 direction = Vec3::UnitZ();
 
+  template <class = void>
   Vec3 closest_point(const Vec3& p) const { return p - direction.dot(p - point) * direction; }
   Vec3 normal(const Vec3&) const { return direction; }
 };
@@ -33,6 +34,7 @@ struct EllipticCylinder {
   double semi_z = 1.0;
 
   Vec3 closest_point(const Vec3& p) const;
+  template <class = void>
   Vec3 normal(const Vec3& p) const;
 };
 
@@ -41,7 +43,9 @@ struct SphereShape {
   Vec3 center = Vec3::Zero();
   double radius = 1.0;
 
+  template <class = void>
   Vec3 closest_point(const Vec3& p) const { return center + radius * normal(p); }
+  template <class = void>
   Vec3 normal(const Vec3& p) const {
     const Vec3 d = p - center;
     const double r = d.norm();
@@ -96,6 +100,7 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
 }
 
+template <class>
 inline Vec3 EllipticCylinder::normal(const Vec3& p) const {
   const Vec3 foot = closest_point(p) - center;
   return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();

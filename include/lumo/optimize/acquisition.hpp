@@ -33,6 +33,7 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
 namespace detail {
 
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
+template <class = void>
 inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
   Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());

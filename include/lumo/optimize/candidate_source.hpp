@@ -32,6 +32,7 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
 
 namespace detail {
 
+template <class = void>
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
   Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
   for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
@@ -44,6 +45,7 @@ inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t r
 struct FreshCandidates {
   std::size_t count = 256;
 
+  template <class = void>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
     const auto pool = request.sampler.fresh(count, request.key, request.taken);
     if (pool.empty()) return std::nullopt;
@@ -63,9 +65,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
+  template <class = void>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
+template <class>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);

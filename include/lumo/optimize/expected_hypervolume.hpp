@@ -17,6 +17,7 @@ namespace lumo {
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
+  template <class = void>
   ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.

@@ -19,6 +19,7 @@ struct BoxDecomposition {
 namespace detail {
 
 /// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
+template <class = void>
 inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
                   std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
   const double infinite = std::numeric_limits<double>::infinity();
@@ -48,6 +49,7 @@ inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd&
 
 /// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
 /// objectives: one more box than the front has points for two, more than proportional for three and above.
+template <class = void>
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
@@ -69,6 +71,7 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
 
 /// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
 /// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
+template <class = void>
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   const Eigen::Index m = reference.size();
   if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", m));

@@ -15,6 +15,7 @@ bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
 }
 
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by index.
+template <class = void>
 inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);

@@ -35,6 +35,7 @@ struct EachOutput {
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
+  template <class = void>
   Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
     Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;

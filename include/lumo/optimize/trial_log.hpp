@@ -44,8 +44,10 @@ class TrialLog {
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id.
+  template <class = void>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
+  template <class = void>
   Eigen::MatrixXd told_outputs() const;
 
  private:
@@ -112,6 +114,7 @@ inline void TrialLog::fail(int id, bool retry, std::string why) {
   trial.why = std::move(why);
 }
 
+template <class>
 inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
@@ -120,6 +123,7 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   return x;
 }
 
+template <class>
 inline Eigen::MatrixXd TrialLog::told_outputs() const {
   Eigen::MatrixXd y(outputs_, count(Trial::State::told));
   Eigen::Index column = 0;

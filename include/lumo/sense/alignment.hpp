@@ -71,6 +71,7 @@ class TimeSeries {
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
+  template <class = void>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
@@ -85,6 +86,7 @@ class TimeSeries {
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  template <class = void>
   Eigen::VectorXd interpolation_residual() const {
     Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {

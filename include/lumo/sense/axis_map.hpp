@@ -22,6 +22,7 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 
+  template <class = void>
   double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
     const double s = u / half_length_px;
@@ -35,6 +36,7 @@ struct AxisMap {
     return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
   }
   /// Variance of y at u [m²] that comes from the map itself.
+  template <class = void>
   double variance_m2(double u) const {
     const Eigen::Vector3d g = gradient(u);
     return g.dot(covariance * g);
@@ -48,9 +50,11 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
+  template <class = void>
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
 
+template <class>
 inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));

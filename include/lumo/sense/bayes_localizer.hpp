@@ -38,9 +38,11 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  template <class = void>
   explicit BayesLocalizer(Config config);
 
   void reset() { fresh_ = true; }
+  template <class = void>
   LocationEstimate update(const Profile& response);
 
   const Eigen::VectorXd& grid_m() const { return grid_; }
@@ -62,10 +64,14 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
+  template <class = void>
   bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
+  template <class = void>
   void predict(double step_s);
+  template <class = void>
   ContactLocation one() const;
+  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) const;
 
   Config config_;
@@ -82,6 +88,7 @@ class BayesLocalizer {
   bool fresh_ = true;
 };
 
+template <class>
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
@@ -169,6 +176,7 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
+template <class>
 inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
@@ -196,6 +204,7 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
+template <class>
 inline void BayesLocalizer::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
   number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
@@ -216,6 +225,7 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
+template <class>
 inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -272,6 +282,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
+template <class>
 inline ContactLocation BayesLocalizer::one() const {
   const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
@@ -283,6 +294,7 @@ inline ContactLocation BayesLocalizer::one() const {
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
+template <class>
 inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   LocationEstimate e{stamp_ns, 0, {}, 1.0};
   if (fresh_) return e;

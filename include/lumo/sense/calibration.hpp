@@ -27,6 +27,7 @@ struct StiffnessFit {
 /// Fits force = factor · nominal(depth − onset). `nominal_N`: force of the nominal pad at a depth [m], 0 below 0, increasing: with the ratio of moduli kept, force is
 /// proportional to the modulus at given depth. Samples of one press are not independent (the silicone creeps, the servo swings), so that the
 /// interval counts `independent` of them (0: all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not tell both.
+template <class = void>
 StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
 
 /// Photon transfer of a camera (EMVA 1288): temporal variance of pixels over their signal. Row offsets and common changes of the lamps are taken out of each
@@ -42,6 +43,7 @@ class PhotonTransfer {
   void add(const ImageView& v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
+  template <class = void>
   Result result(double black_DN = 0.0, double full_DN = 230.0) const;
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -73,6 +75,7 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   return {level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
+template <class>
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent) {
   if (depth_m.size() != force_N.size()) throw InvalidArgument(detail::text("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
   const auto n = Eigen::Index(depth_m.size());
@@ -122,6 +125,7 @@ inline void PhotonTransfer::add(const ImageView& v) {
   ++frames_;
 }
 
+template <class>
 inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double full_DN) const {
   if (pairs() < 8) throw InvalidArgument(detail::text("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
   std::vector<double> signal, variance;

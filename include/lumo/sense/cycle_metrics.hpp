@@ -14,6 +14,7 @@ struct CycleRun {
 /// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
 /// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
 /// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
+template <class = void>
 inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
@@ -29,6 +30,7 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 }
 
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
+template <class = void>
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),

@@ -19,6 +19,7 @@ struct LabelledResponses {
 };
 
 /// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
+template <class = void>
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
     throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
@@ -53,6 +54,7 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
 namespace detail {
 
 /// Softmax of log weights, and its mode.
+template <class = void>
 inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
   Decoding d;
   Eigen::Index top = 0;
@@ -64,6 +66,7 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 }
 
 /// Mean response of each place, features × places.
+template <class = void>
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());

@@ -60,11 +60,13 @@ struct FingerView {
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
 
+  template <class = void>
   GreenProfile readout(const LongitudinalBins& bins) const { return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format}); }
 };
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
 /// the tip's direction in the image, in m at the map's scale.
+template <class = void>
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
@@ -94,6 +96,7 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 }
 
 /// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
+template <class = void>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   if (!unloaded.empty()) leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(unloaded);
@@ -123,6 +126,7 @@ std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
+template <class = void>
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)

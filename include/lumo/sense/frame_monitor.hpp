@@ -61,6 +61,7 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
+  template <class = void>
   Verdict check_light(const Profile& p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
@@ -97,6 +98,7 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
+  template <class = void>
   double led_ratio(double y) const {
     Eigen::Index i = 0;
     (config_.position_m.array() - y).abs().minCoeff(&i);

@@ -29,6 +29,7 @@ class GreenProfile {
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
+  template <class = void>
   explicit GreenProfile(const Config& config)
       : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
@@ -59,6 +60,7 @@ class PositiveGreenProfile {
   using Sample = Frame;
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
+  template <class = void>
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
       : strip_(GreenProfile::strip_of(config)),
         centres_(config.bins.centres_m()),

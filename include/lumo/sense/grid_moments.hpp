@@ -13,6 +13,7 @@ struct GridMoments {
 };
 
 /// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
+template <class = void>
 inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);

@@ -25,6 +25,7 @@ struct Identification {
 /// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
 /// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
 /// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
+template <class = void>
 inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
                                double known = 0.0) {
   const Eigen::Index n = a.cols();

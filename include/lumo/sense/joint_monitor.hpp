@@ -51,6 +51,7 @@ class JointMonitor {
     bool usable = true;
   };
 
+  template <class = void>
   Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };

@@ -34,6 +34,7 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
+  template <class = void>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -41,6 +42,7 @@ struct LedDetector {
     Eigen::Vector2d place;
     double contrast;
   };
+  template <class = void>
   std::vector<Spot> spots(const ImageView& image, int radius) const;
 };
 
@@ -74,6 +76,7 @@ class IntegralImage {
 
 }  // namespace detail
 
+template <class>
 inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
   const detail::IntegralImage sums(image);
   const int r = radius, far = 4 * radius;
@@ -128,6 +131,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
   return found;
 }
 
+template <class>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");

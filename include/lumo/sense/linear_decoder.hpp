@@ -12,6 +12,7 @@ namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
+template <class = void>
 inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
@@ -36,6 +37,7 @@ struct LinearDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
       Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
@@ -46,8 +48,10 @@ struct LinearDecoder {
       offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
+    template <class = void>
     Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
       return weight_.transpose() * response + offset_;
@@ -62,6 +66,7 @@ struct LinearDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");

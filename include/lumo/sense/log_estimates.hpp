@@ -40,6 +40,7 @@ struct LogReference {
 
 /// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
 /// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
+template <class = void>
 inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
@@ -64,6 +65,7 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
+template <class = void>
 inline void identify_joints(LogReference& reference, const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)

@@ -11,7 +11,9 @@ struct LongitudinalBins {
   Eigen::VectorXd edges_m;  ///< ascending
 
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
+  template <class = void>
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
+  template <class = void>
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");
@@ -22,6 +24,7 @@ struct LongitudinalBins {
   }
 
   Eigen::Index size() const { return edges_m.size() - 1; }
+  template <class = void>
   Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.

@@ -12,6 +12,7 @@ namespace lumo {
 struct NearestTemplate {
   class Model {
    public:
+    template <class = void>
     explicit Model(const LabelledResponses& training) : template_(detail::place_means(training)) {
       double squares = 0.0;
       for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - template_.col(training.place[i])).squaredNorm();
@@ -19,6 +20,7 @@ struct NearestTemplate {
       variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
+    template <class = void>
     Decoding decode(const Eigen::VectorXd& response) const {
       if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
       return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
@@ -31,6 +33,7 @@ struct NearestTemplate {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     return Model(training);

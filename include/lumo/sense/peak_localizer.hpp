@@ -40,6 +40,7 @@ class PeakLocalizer {
 
   void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
 
+  template <class = void>
   LocationEstimate update(const Profile& response) {
     if (response.value.size() != config_.position_m.size())
       throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -59,6 +60,7 @@ class PeakLocalizer {
   }
 
  private:
+  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) {
     LocationEstimate e{stamp_ns, 0, {}, 1.0};
     if (fresh_) return e;

@@ -28,6 +28,7 @@ class PhotodiodeArray {
   };
 
   /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
+  template <class = void>
   explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
@@ -43,6 +44,7 @@ class PhotodiodeArray {
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
+  template <class = void>
   bool read(const PhotodiodeSample& sample, Profile& profile) const {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;

@@ -10,6 +10,7 @@ namespace lumo {
 
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
+template <class = void>
 inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
@@ -38,6 +39,7 @@ struct RecontactQuality {
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
+template <class = void>
 RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 
 /// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
@@ -45,8 +47,10 @@ RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 /// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
 /// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
 /// Throws InvalidArgument where Q is not defined.
+template <class = void>
 RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
+template <class>
 inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
   if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
   std::vector<Eigen::VectorXd> middle;
@@ -65,6 +69,7 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   return m;
 }
 
+template <class>
 inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");

@@ -26,6 +26,7 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
+template <class = void>
 inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
@@ -99,6 +100,7 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
+template <class = void>
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
   std::vector<Eigen::MatrixXd> slopes;
   int next = -1;
@@ -127,6 +129,7 @@ struct DecodingTask {
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
+template <class = void>
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
@@ -167,6 +170,7 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
+template <class = void>
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)

@@ -19,6 +19,7 @@ class SerialChain {
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
+  template <class = void>
   explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
@@ -34,17 +35,21 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
+  template <class = void>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
   }
+  template <class = void>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
+  template <class = void>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
+  template <class = void>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
 
  private:
@@ -53,6 +58,7 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
+  template <class = void>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -72,6 +78,7 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
+  template <class = void>
   JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {

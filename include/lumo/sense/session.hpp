@@ -46,6 +46,7 @@ struct Session {
 };
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
+template <class = void>
 inline void validate(const Session& s, const std::string& name) {
   const auto require = [&](bool good, const std::string& what) {
     if (!good) throw InputError(detail::text(name, ": ", what));

@@ -36,9 +36,11 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
+template <class = void>
 inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
 
 /// Median of each row.
+template <class = void>
 inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
   Eigen::VectorXd r(m.rows());
   for (Eigen::Index i = 0; i < m.rows(); ++i) {

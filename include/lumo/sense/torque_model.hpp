@@ -63,6 +63,7 @@ struct TorqueIdentification {
 
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
 /// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
+template <class = void>
 inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {

@@ -12,6 +12,7 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
+  template <class = void>
   void add(const Profile& p) {
     if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
     if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
@@ -26,12 +27,14 @@ class UnloadedReference {
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
   /// mean's own error is part of it.
+  template <class = void>
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
+  template <class = void>
   void subtract(Profile& p) const { p.value -= mean_; }
 
  private:

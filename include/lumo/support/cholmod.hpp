@@ -99,6 +99,7 @@ class Cholmod {
     return *this;
   }
 
+  template <class = void>
   void analyze(const SparseLower& lower) {
     // METIS draws from the C library's one random sequence: side by side, orderings and so the last bits of solutions would differ.
     static std::mutex metis;
@@ -109,6 +110,7 @@ class Cholmod {
     factor_ = nullptr;
   }
 
+  template <class = void>
   FactorStatus factorize(const SparseLower& lower) {
     // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
     if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
@@ -158,6 +160,7 @@ class Cholmod {
     symbolic_ = nullptr;
     if (other.symbolic_) symbolic_ = own(cholmod_copy_factor(other.symbolic_.get(), common_.get()));
   }
+  template <class = void>
   static cholmod_sparse view_of(const SparseLower& lower) {
     cholmod_sparse a{};
     a.nrow = std::size_t(lower.rows());

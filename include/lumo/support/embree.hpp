@@ -49,6 +49,7 @@ class FlushDenormals {
 class EmbreeScene {
  public:
   /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
+  template <class = void>
   explicit EmbreeScene(const std::vector<SceneTriangle>& triangles) {
     Eigen::AlignedBox3d box;
     for (const SceneTriangle& t : triangles)
@@ -70,6 +71,7 @@ class EmbreeScene {
   }
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
+  template <class = void>
   RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
     const detail::FlushDenormals flush;
     const Vec3 o = 1e3 * (origin - center_);
@@ -110,6 +112,7 @@ class EmbreeScene {
     if (inside ? RTCHitN_geomID(args->hit, args->N, 0) == 1u || !(along > 0.0f) : !(along < 0.0f)) args->valid[0] = 0;
   }
 
+  template <class = void>
   void attach(const std::vector<SceneTriangle>& triangles, bool in_air_only) {
     std::vector<int>& ids = ids_[in_air_only];
     for (std::size_t i = 0; i < triangles.size(); ++i)
@@ -145,6 +148,7 @@ class EmbreeScene {
 
 /// Embree 3 or 4 as an Intersector (Wald et al., "Embree", ACM TOG 33(4), 2014): the fast one.
 struct Embree {
+  template <class = void>
   EmbreeScene build(const std::vector<SceneTriangle>& triangles) const { return EmbreeScene(triangles); }
 };
 

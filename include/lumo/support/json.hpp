@@ -110,6 +110,7 @@ class StrictObject {
 }  // namespace detail
 
 /// Reads the text of a session.json. Throws InputError of one line that names file and key.
+template <class = void>
 inline Session session_from_json(std::string_view json, const std::string& name) {
   // Deep nesting would exhaust the stack of the parser's destructor. Brackets within strings do not nest.
   int depth = 0, deepest = 0;
@@ -189,6 +190,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   return s;
 }
 
+template <class = void>
 inline Session read_session(const std::string& path) {
   std::ifstream in = detail::open_text(path);
   const std::string json((std::istreambuf_iterator<char>(in)), {});
@@ -209,6 +211,7 @@ inline double millimetres(double m) {
 }  // namespace detail
 
 /// The text of a session.json that reads back as the same session. Throws InputError for one that would be refused.
+template <class = void>
 inline std::string to_json(const Session& s) {
   validate(s, "session to write");
   using Json = nlohmann::ordered_json;
@@ -245,6 +248,7 @@ struct LogFolder {
 };
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
+template <class = void>
 inline LogFolder read_log_folder(const std::string& path) {
   LogFolder log;
   log.path = path;
@@ -271,6 +275,7 @@ inline LogFolder read_log_folder(const std::string& path) {
 
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
 /// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
+template <class = void>
 inline void write_log_folder(const LogFolder& log) {
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
                                                        {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},

@@ -28,11 +28,12 @@ struct TetgenMesher {
   double max_dihedral_deg = 140.0;                      ///< [°] improve above, without promise; 130 takes four times as long
   double size_factor = 0.8;                             ///< longest circumradius / wanted edge length
 
-  std::shared_ptr<detail::ForkServer> helper = std::make_shared<detail::ForkServer>(detail::tetgen_job);  ///< not for users
+  std::shared_ptr<detail::ForkServer> helper = std::make_shared<detail::ForkServer>(&detail::tetgen_job<>);  ///< not for users
 
   /// The same input gives the same bits. Every edge of the input is an edge, or a chain of edges, of the mesh.
   /// The wanted edge length is evaluated here, in the calling thread, inside the bounding box; what it throws passes through.
   /// Throws MeshError; InvalidArgument if a number above is out of its range.
+  template <class = void>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -54,6 +55,7 @@ namespace detail {
 
 }  // namespace detail
 
+template <class>
 inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
   require_positive("TetGen time limit", time_limit_s, "s");
   require_in_range("TetGen radius-edge ratio", radius_edge_ratio, 1.0, 100.0, "");
