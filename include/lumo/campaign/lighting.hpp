@@ -33,8 +33,8 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
 /// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.01;   ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 8;            ///< at most this many doublings; 0: everything is traced once
+  double tolerance = 0.0125; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 7;            ///< at most this many doublings; 0: everything is traced once
 };
 
 namespace detail {
