@@ -34,7 +34,7 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 /// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
   double tolerance = 0.0125; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 7;            ///< at most this many doublings; 0: everything is traced once
+  int rounds = 6;            ///< at most this many doublings; 0: everything is traced once
 };
 
 namespace detail {

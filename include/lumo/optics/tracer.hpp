@@ -56,7 +56,7 @@ class Tracer {
   struct Config {
     int rays_per_emitter = 1 << 16;   ///< over all replicates; a power of two
     int replicates = 8;               ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
-    int carrier_rays = 1 << 16;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
+    int carrier_rays = 1 << 15;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
     double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
