@@ -4,6 +4,7 @@
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/sense/calibration.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "program/commands.hpp"
 #include "program/json.hpp"
 #include "program/sensing_log.hpp"
@@ -116,10 +117,7 @@ PressCurve press_curve(const LogFolder& log) {
   const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
   if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, wrench.csv and marker.csv are needed");
   curve.y_m = 1e-3 * first->y_mm;
-  std::vector<std::int64_t> stamp;
-  Eigen::MatrixXd force(1, Eigen::Index(log.wrenches.size()));
-  for (std::size_t i = 0; i < log.wrenches.size(); ++i) stamp.push_back(log.session.wrench_clock(log.wrenches[i].stamp_ns)), force(0, Eigen::Index(i)) = -log.wrenches[i].force_N.z();
-  const TimeSeries series(stamp, force);
+  const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
   for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
     for (const MarkerSample& m : log.markers)
       if (const std::int64_t t = log.session.wrench_clock(m.stamp_ns); 2 * t >= s->from_ns + s->to_ns && t <= s->to_ns)

@@ -6,6 +6,7 @@
 #include "lumo/sense/linear_decoder.hpp"
 #include "lumo/sense/moment_arm.hpp"
 #include "lumo/sense/nearest_template.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
@@ -42,15 +43,6 @@ namespace {
 
 Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
 
-/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
-LogTruth truth_of(const LogFolder& log) {
-  const std::string file = log.path + "/truth.csv";
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return LogTruth::from_log(log.session, log.wrenches);
-  std::ifstream in(file, std::ios::binary);
-  return LogTruth::from_table(in, file);
-}
-
 /// A command's words on InvalidArgument are about the log, not about the command line.
 template <class Work>
 auto about(const std::string& path, Work work) {
@@ -59,6 +51,15 @@ auto about(const std::string& path, Work work) {
   } catch (const InvalidArgument& e) {
     throw InputError(path + ": " + e.what());
   }
+}
+
+/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
+LogTruth truth_of(const LogFolder& log) {
+  const std::string file = log.path + "/truth.csv";
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return about(log.path, [&] { return LogTruth::from_log(log.session, log.wrenches); });
+  std::ifstream in(file, std::ios::binary);
+  return LogTruth::from_table(in, file);
 }
 
 // decode
@@ -102,10 +103,7 @@ std::string decode(const Options& o, Output& files) {
 /// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
 std::optional<double> displacement(const LogFolder& log) {
   std::vector<double> force, marker;
-  std::vector<std::int64_t> stamp;
-  Eigen::MatrixXd value(1, Eigen::Index(log.wrenches.size()));
-  for (std::size_t i = 0; i < log.wrenches.size(); ++i) stamp.push_back(log.wrenches[i].stamp_ns), value(0, Eigen::Index(i)) = -log.wrenches[i].force_N.z();
-  const TimeSeries series(stamp, value);
+  const TimeSeries series = normal_force(log.wrenches);
   for (const MarkerSample& m : log.markers)
     if (const auto f = series.at(m.stamp_ns, 0.1)) force.push_back((*f)[0]), marker.push_back(m.displacement_m);
   if (int(force.size()) <= OnsetDetector{}.baseline) return std::nullopt;
@@ -162,6 +160,11 @@ auto with_localizer(const Options& o, const SensedLog& s, const UnloadedReferenc
 
 std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
 
+/// A further column of a table, empty for what is not known.
+std::string field(const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); }
+
+double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
+
 LineChart timeline(const std::string& title, const std::string& quantity) { return {title, "estimate at each frame against the truth", "time [s]", quantity, {}}; }
 
 void add_curves(LineChart& chart, std::vector<Point> truth, std::vector<Point> estimate) {
@@ -183,10 +186,9 @@ std::string located(const Options& o, Output& files) {
   for (const LogEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const auto y = seen(e);
-    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
     table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) + field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
              field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) + field(t.y_m, 1e3) + field(t.force_N) + '\n';
-    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    const double seconds = seconds_between(estimates.front(), e);
     if (t.y_m && t.force_N.value_or(0.0) > 0.5) line.push_back({seconds, 1e3 * *t.y_m});
     if (y) points.push_back({seconds, 1e3 * y->y_m});
     if (y && (!strongest || y->amplitude > seen(*strongest)->amplitude)) strongest = &e;
@@ -227,10 +229,9 @@ std::string force(const Options& o, Output& files) {
   for (const LogEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const ContactForce& c = e.force.contact[0];
-    const auto field = [](const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); };
     table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
              field(t.force_N) + field(t.y_m, 1e3) + ',' + to_string(e.force.faults) + '\n';
-    const double seconds = 1e-9 * double(e.stamp_ns - estimates.front().stamp_ns);
+    const double seconds = seconds_between(estimates.front(), e);
     if (t.force_N) line.push_back({seconds, *t.force_N});
     if (c.force_N) points.push_back({seconds, *c.force_N});
     times.push_back(1e3 * e.seconds);

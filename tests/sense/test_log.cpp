@@ -2,6 +2,8 @@
 
 #include "lumo/sense/alignment.hpp"
 #include "lumo/sense/log.hpp"
+#include "lumo/sense/log_truth.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/photodiode_log.hpp"
 #include "synthetic.hpp"
 
@@ -194,4 +196,35 @@ TEST_CASE("stamps at the ends of 64 bits overflow nothing", "[log]") {
   CHECK_THROWS_AS(marker_log_text({{std::numeric_limits<std::int64_t>::min(), 0.0}}), InvalidArgument);
   CHECK_THROWS_AS(marker_log_text({{5, 0.0}, {5, 0.1}}), InvalidArgument);
   CHECK_THROWS_AS(TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
+}
+
+TEST_CASE("normal force over time: positive where the finger is pressed, tared, on the clock that is asked for", "[log]") {
+  // The sensor's clock is 2 s behind and runs 1e-6 too slow; it reads 0.5 N too much, and the object presses with 3 N at 1 s.
+  Session session;
+  session.wrench_clock = {0, 2.0, 1e-6, 0.0};
+  std::vector<WrenchSample> wrenches;
+  for (int k = 0; k <= 20; ++k) {
+    const std::int64_t t = k * 100'000'000LL;
+    if (k != 15) wrenches.push_back({t, Vec3(9.0, -7.0, -(0.5 + (k == 10 ? 3.0 : 0.0))), Vec3(1, 2, 3)});   // one is lost
+  }
+  const TimeSeries raw = normal_force(wrenches);
+  CHECK((*raw.at(1'000'000'000, 0.1))[0] == 3.5);
+  CHECK((*raw.at(950'000'000, 0.11))[0] == Approx(2.0));
+  CHECK((*normal_force(wrenches, session.wrench_clock, 0.5).at(session.wrench_clock(1'000'000'000), 0.1))[0] == 3.0);
+
+  const auto second = [&](double s) { return session.wrench_clock(std::int64_t(1e9 * s)); };
+  session.segments = {{second(0.0), second(0.5), "unloaded"}, {second(0.9), second(1.1), "hold", 1, -15.0, 0}, {second(1.8), second(3.0), "hold", 2, -5.0, 0}};
+  session.segments.back().load_N = 4.0;
+  const LogTruth truth = LogTruth::from_log(session, wrenches);
+  CHECK(*truth.at(second(1.0)).force_N == Approx(3.0));
+  CHECK(*truth.at(second(1.0)).y_m == Approx(-15e-3));
+  CHECK(*truth.at(second(0.95)).force_N == Approx(1.5).epsilon(1e-3));   // halfway up; the clock is off by 1 µs within a second
+  CHECK_FALSE(truth.at(second(0.6)).y_m);
+  CHECK(*truth.at(second(0.6)).force_N == Approx(0.0).margin(1e-12));
+  CHECK_FALSE(truth.at(second(1.45)).force_N);                          // where a sample is lost
+  CHECK(*truth.at(second(2.5)).force_N == 4.0);                         // after the sensor's end: as the segment says
+  CHECK_FALSE(truth.at(second(3.5)).force_N);
+
+  session.wrench_clock.drift = -0.1;
+  CHECK_THROWS_AS(LogTruth::from_log(session, {{0}, {1}, {2}, {3}, {4}, {5}, {6}}), InvalidArgument);   // two of them come to the same nanosecond
 }

@@ -40,6 +40,7 @@ struct WrenchSample {
   std::int64_t stamp_ns = 0;
   Vec3 force_N = Vec3::Zero();
   Vec3 torque_Nm = Vec3::Zero();
+  double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
 };
 
 struct MarkerSample {

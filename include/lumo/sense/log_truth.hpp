@@ -3,6 +3,7 @@
 #include "lumo/core/units.hpp"
 #include "lumo/sense/csv.hpp"
 #include "lumo/sense/log.hpp"
+#include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/session.hpp"
 
 #include <algorithm>
@@ -24,17 +25,18 @@ class LogTruth {
   };
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
+  /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
     double tare = 0.0;
     long count = 0;
-    for (const WrenchSample& w : wrenches) t.force_.push_back({session.wrench_clock(w.stamp_ns), -w.force_N.z()});
-    for (const auto& f : t.force_)
+    for (const WrenchSample& w : wrenches) {
+      const std::int64_t at = session.wrench_clock(w.stamp_ns);
       for (const Segment& s : t.segments_)
-        if (s.kind == "unloaded" && f.first >= s.from_ns && f.first <= s.to_ns) tare += f.second, ++count;
-    if (count > 0)
-      for (auto& f : t.force_) f.second -= tare / double(count);
+        if (s.kind == "unloaded" && at >= s.from_ns && at <= s.to_ns) tare += w.normal_force_N(), ++count;
+    }
+    t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
@@ -43,28 +45,21 @@ class LogTruth {
     detail::StampColumn stamp(csv);
     const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
     LogTruth t;
-    t.tabled_ = true;
     while (csv.next()) {
       const std::int64_t at = stamp.read(csv);
-      t.force_.push_back({at, csv.number(force)});
-      t.place_m_.push_back(csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)));
+      t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
     }
     return t;
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
   Touch at(std::int64_t stamp_ns) const {
+    if (!force_) {
+      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
+      return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
+    }
     Touch touch;
-    const auto after = std::lower_bound(force_.begin(), force_.end(), stamp_ns, [](const auto& f, std::int64_t t) { return f.first < t; });
-    if (tabled_) {
-      if (after != force_.end() && after->first == stamp_ns) touch = {place_m_[std::size_t(after - force_.begin())], after->second};
-      return touch;
-    }
-    if (after != force_.end() && after != force_.begin()) {
-      const auto& b = *after;
-      const auto& a = *(after - 1);
-      if (b.first - a.first < 100'000'000) touch.force_N = a.second + (b.second - a.second) * double(stamp_ns - a.first) / double(b.first - a.first);
-    }
+    if (const auto f = force_->at(stamp_ns, 0.1)) touch.force_N = (*f)[0];
     for (const Segment& s : segments_)
       if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
         touch.y_m = 1e-3 * s.y_mm;
@@ -74,10 +69,9 @@ class LogTruth {
   }
 
  private:
-  bool tabled_ = false;
-  std::vector<std::pair<std::int64_t, double>> force_;
-  std::vector<std::optional<double>> place_m_;  ///< of a table, row by row
+  std::optional<TimeSeries> force_;                     ///< of a log's sensor; none of a table
   std::vector<Segment> segments_;
+  std::vector<std::pair<std::int64_t, Touch>> table_;
 };
 
 }  // namespace lumo
