@@ -2,6 +2,7 @@
 #include "campaign/store_test.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
+#include "temporary_folder.hpp"
 
 #include <chrono>
 #include <csignal>
@@ -148,12 +149,12 @@ int kill_and_resume(const std::string& store, const std::string& journal, int ki
 }
 
 void killed_campaigns(int kills) {
-  const Folder folder;
-  SqliteLog whole(folder.file("whole"), "p");
+  const TemporaryFolder folder;
+  SqliteLog whole(folder / "whole", "p");
   run_campaign(whole, Cheap(cheap_problem(160)), cheap, unwatched);
   std::mt19937 random(11);
   for (int n = 0, run = 0; n < kills; ++run) {
-    const std::string store = folder.file(("store" + std::to_string(run)).c_str()), journal = folder.file(("journal" + std::to_string(run)).c_str());
+    const std::string store = folder / ("store" + std::to_string(run)), journal = folder / ("journal" + std::to_string(run));
     const int here = kill_and_resume(store, journal, kills - n, random);
     n += here;
     const SqliteLog log(store);
@@ -175,8 +176,8 @@ TEST_CASE("200 kills at random moments: nothing lost, nothing twice, the same lo
 TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
 
 TEST_CASE("Three processes on one store, of which some are killed: each design once") {
-  const Folder folder;
-  const std::string store = folder.file();
+  const TemporaryFolder folder;
+  const std::string store = folder / "store";
   { SqliteLog log(store, "p"); }
   const auto start = [&] {
     return start_child([&] {

@@ -1,6 +1,7 @@
 #include "../catch.hpp"
 #include "campaign/store_test.hpp"
 #include "lumo/support/sqlite.hpp"
+#include "temporary_folder.hpp"
 
 #include <csignal>
 #include <cstdlib>
@@ -44,8 +45,6 @@ std::string bytes(const std::string& file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-void write(const std::string& file, const std::string& data) { std::ofstream(file, std::ios::binary) << data; }
-
 /// Runs `work` in a child process; its exit code, or −signal.
 int in_child(const std::function<void()>& work) {
   int status = 0;
@@ -56,10 +55,10 @@ int in_child(const std::function<void()>& work) {
 }  // namespace
 
 TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, SqliteLog) {
-  const Folder folder;
+  const TemporaryFolder folder;
   TestType log = [&] {
     if constexpr (std::is_same_v<TestType, MemoryLog>) return MemoryLog("problem 1");
-    else return SqliteLog(folder.file(), "problem 1");
+    else return SqliteLog(folder / "store", "problem 1");
   }();
   fill(log, 5);
   const auto list = log.entries();
@@ -75,56 +74,56 @@ TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, 
 }
 
 TEST_CASE("A store is the same whether it was opened once or often, and notes do not enter its digest") {
-  const Folder folder;
-  SqliteLog once(folder.file("once"), "p");
+  const TemporaryFolder folder;
+  SqliteLog once(folder / "once", "p");
   fill(once, 8);
   for (std::size_t k = 1; k <= 8; ++k) {
-    SqliteLog again(folder.file("often"), "p");
+    SqliteLog again(folder / "often", "p");
     again.append([&](const auto&) {
       LogEntry e = entry(k);
       e.notes = "took " + std::to_string(std::rand()) + " s";
       return std::optional(e);
     });
   }
-  const SqliteLog often(folder.file("often"));
+  const SqliteLog often(folder / "often");
   CHECK(once.digest() == often.digest());
   often.verify();
 }
 
 TEST_CASE("A store refuses another problem and says what differs; what is no store is refused") {
-  const Folder folder;
-  { SqliteLog log(folder.file(), "material DS\nensemble flat\nseed 1"); }
+  const TemporaryFolder folder;
+  { SqliteLog log(folder / "store", "material DS\nensemble flat\nseed 1"); }
   try {
-    SqliteLog log(folder.file(), "material DS\nensemble curved\nseed 1");
+    SqliteLog log(folder / "store", "material DS\nensemble curved\nseed 1");
     FAIL("opened");
   } catch (const StoreError& e) {
     CHECK(e.reason() == StoreError::Reason::different);
     CHECK(std::string(e.what()).find("ensemble flat") != std::string::npos);
     CHECK(std::string(e.what()).find("ensemble curved") != std::string::npos);
   }
-  CHECK(reason_of([&] { SqliteLog log(folder.file("missing")); }) == StoreError::Reason::unusable);
-  CHECK(reason_of([&] { SqliteLog log(folder.file("no/such/folder"), "p"); }) == StoreError::Reason::unusable);
-  write(folder.file("text"), "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
-  CHECK(reason_of([&] { SqliteLog log(folder.file("text"), "p"); }) == StoreError::Reason::corrupt);
-  CHECK(bytes(folder.file("text")).starts_with("this is a diary"));
+  CHECK(reason_of([&] { SqliteLog log(folder / "missing"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteLog log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
+  folder.write("text", "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
+  CHECK(reason_of([&] { SqliteLog log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
+  CHECK(bytes(folder / "text").starts_with("this is a diary"));
 }
 
 TEST_CASE("Flipped bits and cut files are found, or do no harm") {
-  const Folder folder;
+  const TemporaryFolder folder;
   {
-    SqliteLog log(folder.file(), "p");
+    SqliteLog log(folder / "store", "p");
     fill(log, 40);
   }
-  const std::string good = bytes(folder.file()), digest = SqliteLog(folder.file()).digest();
+  const std::string good = bytes(folder / "store"), digest = SqliteLog(folder / "store").digest();
   std::mt19937 random(7);
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
     std::string bad = good;
     if (trial % 10 == 0) bad.resize(random() % good.size());
     else bad[random() % bad.size()] ^= char(1 << random() % 8);
-    write(folder.file("bad"), bad);
+    folder.write("bad", bad);
     try {
-      const SqliteLog log(folder.file("bad"));
+      const SqliteLog log(folder / "bad");
       const auto list = log.entries();
       REQUIRE(list.size() == 41);
       for (std::size_t k = 1; k < list.size(); ++k) {
@@ -140,16 +139,16 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
 }
 
 TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::size_t count = 60;
-  SqliteLog whole(folder.file("whole"), "p");
+  SqliteLog whole(folder / "whole", "p");
   fill(whole, count);
   std::mt19937 random(3);
   int kills = 0;
   for (;;) {
     const pid_t pid = fork();
     if (pid == 0) {
-      SqliteLog log(folder.file(), "p");
+      SqliteLog log(folder / "store", "p");
       fill(log, count);
       _exit(0);
     }
@@ -161,21 +160,21 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
     if (WIFEXITED(status)) break;
   }
   CHECK(kills > 0);
-  const SqliteLog log(folder.file());
+  const SqliteLog log(folder / "store");
   CHECK(log.entries().size() == count + 1);
   CHECK(log.digest() == whole.digest());
   log.verify();
 }
 
 TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {
-  const Folder folder;
-  { SqliteLog log(folder.file(), "p"); }
+  const TemporaryFolder folder;
+  { SqliteLog log(folder / "store", "p"); }
   std::vector<pid_t> children;
   for (int k = 0; k < 3; ++k) {
     const pid_t pid = fork();
     if (pid == 0) {
       try {
-        SqliteLog log(folder.file(), "p");
+        SqliteLog log(folder / "store", "p");
         fill(log, 50);
         _exit(0);
       } catch (...) {
@@ -189,11 +188,11 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
     waitpid(pid, &status, 0);
     CHECK(status == 0);
   }
-  SqliteLog log(folder.file(), "p");
+  SqliteLog log(folder / "store", "p");
   CHECK(log.entries().size() == 51);
   CHECK(log.claim(1));
   CHECK(in_child([&] {
-          SqliteLog other(folder.file(), "p");
+          SqliteLog other(folder / "store", "p");
           if (other.claim(1)) throw 1;       // this process lives
           if (!other.claim(2)) throw 2;
         }) == 0);
@@ -201,15 +200,15 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
 }
 
 TEST_CASE("A full disk is an error, and the store stays valid") {
-  const Folder folder;
-  SqliteLog log(folder.file(), "p");
+  const TemporaryFolder folder;
+  SqliteLog log(folder / "store", "p");
   fill(log, 3);
   const std::string digest = log.digest();
   CHECK(in_child([&] {   // a limit on the file's size stands for the disk's end; the child alone has it
           signal(SIGXFSZ, SIG_IGN);
-          const rlimit limit{fs::file_size(folder.file()) + 1, RLIM_INFINITY};
+          const rlimit limit{fs::file_size(folder / "store") + 1, RLIM_INFINITY};
           if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
-          SqliteLog full(folder.file(), "p");
+          SqliteLog full(folder / "store", "p");
           try {
             fill(full, 1000);
           } catch (const StoreError&) {
@@ -217,16 +216,16 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
           }
           throw 2;
         }) == 0);
-  const SqliteLog again(folder.file());
+  const SqliteLog again(folder / "store");
   again.verify();
   CHECK(again.entries().size() >= 4);
-  const SqliteLog same(folder.file());
+  const SqliteLog same(folder / "store");
   CHECK((again.entries().size() > 4 || same.digest() == digest));
 }
 
 TEST_CASE("A store is not used after a fork") {
-  const Folder folder;
-  SqliteLog log(folder.file(), "p");
+  const TemporaryFolder folder;
+  SqliteLog log(folder / "store", "p");
   CHECK(in_child([&] {
           try {
             log.entries();

@@ -9,10 +9,10 @@
 #include "lumo/mechanics/oriented.hpp"
 #include "lumo/mesh/surface_file.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "temporary_folder.hpp"
 
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 
 #include <sys/stat.h>
 
@@ -50,16 +50,6 @@ TriangleSurface brick(const Vec3& half) {
   s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   return s;
 }
-
-struct Folder {
-  std::filesystem::path path = std::filesystem::temp_directory_path() / ("lumo_surfaces_" + std::to_string(std::hash<std::string>{}(__FILE__)));
-  Folder() { std::filesystem::create_directories(path); }
-  ~Folder() { std::filesystem::remove_all(path); }
-  std::filesystem::path write(const std::string& name, const std::string& bytes) const {
-    std::ofstream(path / name, std::ios::binary) << bytes;
-    return path / name;
-  }
-};
 
 std::string obj_of(const TriangleSurface& s, double unit) {
   std::ostringstream out;
@@ -268,7 +258,7 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
 }
 
 TEST_CASE("surfaces read from files are those that were written, in any of three formats") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const TriangleSurface s = brick({6e-3, 4e-3, 3e-3});
   for (const auto& path : {folder.write("a.obj", obj_of(s, 1e-3)), folder.write("b.stl", binary_stl_of(s, 1e-3)), folder.write("c.stl", text_stl_of(s, 1e-3))}) {
     const TriangleSurface back = read_surface(path);
@@ -300,7 +290,7 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
 }
 
 TEST_CASE("bad surface files are refused with one line that says where") {
-  const Folder folder;
+  const TemporaryFolder folder;
   const std::string good = obj_of(brick(Vec3::Constant(1e-3)), 1e-3);
   const auto refuses = [&](const std::string& name, const std::string& bytes, const std::string& why) {
     const auto path = folder.write(name, bytes);
@@ -331,11 +321,11 @@ TEST_CASE("bad surface files are refused with one line that says where") {
   for (auto& t : turned.triangles) std::swap(t[1], t[2]);
   refuses("q.obj", obj_of(turned, 1e-3), "inside out");
   refuses("r.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 nan\nv 1 nan 0\nf 1 2 3\n", "not finite");
-  REQUIRE(::mkfifo((folder.path / "pipe.stl").c_str(), 0600) == 0);
-  CHECK_THROWS_AS(read_surface(folder.path / "pipe.stl"), InputError);   // and does not wait for a writer
-  CHECK_THROWS_AS(read_surface(folder.path / "absent.obj"), InputError);
-  std::filesystem::create_directory(folder.path / "d.stl");
-  CHECK_THROWS_AS(read_surface(folder.path / "d.stl"), InputError);
+  REQUIRE(::mkfifo((folder / "pipe.stl").c_str(), 0600) == 0);
+  CHECK_THROWS_AS(read_surface(folder / "pipe.stl"), InputError);   // and does not wait for a writer
+  CHECK_THROWS_AS(read_surface(folder / "absent.obj"), InputError);
+  std::filesystem::create_directory(folder / "d.stl");
+  CHECK_THROWS_AS(read_surface(folder / "d.stl"), InputError);
 }
 
 TEST_CASE("first touch of tools with edges is that of a dense sample of the exact profile") {

@@ -3,8 +3,7 @@
 #include "program/output.hpp"
 
 #include "lumo/core/error.hpp"
-
-#include <unistd.h>
+#include "temporary_folder.hpp"
 
 #include <filesystem>
 #include <fstream>
@@ -17,13 +16,6 @@ using lumo::program::hand_out, lumo::program::Output, lumo::program::Progress;
 
 namespace {
 
-struct Scratch {
-  fs::path path = fs::temp_directory_path() / ("lumo-output-" + std::to_string(getpid()));
-  Scratch() { fs::create_directories(path); }
-  ~Scratch() { fs::remove_all(path); }
-  std::size_t entries(const fs::path& folder) const { return std::size_t(std::distance(fs::directory_iterator(folder), fs::directory_iterator())); }
-};
-
 std::string read(const fs::path& path) {
   std::ifstream in(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
@@ -32,7 +24,7 @@ std::string read(const fs::path& path) {
 }  // namespace
 
 TEST_CASE("nothing to write leaves no directory") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   Output files((scratch.path / "out" / "deep").string());
   CHECK(files.write().empty());
   CHECK(!fs::exists(scratch.path / "out"));
@@ -42,7 +34,7 @@ TEST_CASE("nothing to write leaves no directory") {
 }
 
 TEST_CASE("what cannot become a directory is refused before any work") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   fs::create_symlink(scratch.path / "nowhere", scratch.path / "link");
   for (const fs::path& p : {scratch.path / "link", scratch.path / std::string(300, 'n'), fs::path("/proc/lumo")}) {
     INFO(p);
@@ -51,19 +43,19 @@ TEST_CASE("what cannot become a directory is refused before any work") {
 }
 
 TEST_CASE("a directory in the way of a file leaves the older files as they were") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   fs::create_directories(scratch.path / "y.txt");
-  std::ofstream(scratch.path / "x.txt") << "old";
+  scratch.write("x.txt", "old");
   Output files(scratch.path.string());
   files.add("x.txt", "new");
   files.add("y.txt", "new");
   CHECK_THROWS_AS(files.write(), lumo::InputError);
   CHECK(read(scratch.path / "x.txt") == "old");
-  CHECK(scratch.entries(scratch.path) == 2);
+  CHECK(scratch.entries() == 2);
 }
 
 TEST_CASE("files appear complete, in new directories too, and replace older ones") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   const fs::path folder = scratch.path / "a" / "b";
   for (const std::string text : {"first", "second, longer\n"}) {
     Output files(folder.string());
@@ -71,13 +63,13 @@ TEST_CASE("files appear complete, in new directories too, and replace older ones
     files.add("y.txt", "");
     CHECK(files.write().size() == 2);
     CHECK(read(folder / "x.txt") == text);
-    CHECK(scratch.entries(folder) == 2);
+    CHECK(scratch.entries("a/b") == 2);
   }
 }
 
 TEST_CASE("a file in the way of the directory is refused before any work") {
-  const Scratch scratch;
-  std::ofstream(scratch.path / "file") << "x";
+  const TemporaryFolder scratch;
+  scratch.write("file", "x");
   CHECK_THROWS_AS(Output((scratch.path / "file").string()), lumo::InputError);
   CHECK_THROWS_AS(Output((scratch.path / "file" / "below").string()), lumo::InputError);
   CHECK_THROWS_AS(Output("/dev/null/out"), lumo::InputError);
@@ -85,17 +77,17 @@ TEST_CASE("a file in the way of the directory is refused before any work") {
 }
 
 TEST_CASE("when one file cannot be written none is left") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   fs::create_directories(scratch.path / "out" / "y.txt" / "full");   // a directory where the second file should go
   Output files((scratch.path / "out").string());
   files.add("x.txt", "x");
   files.add("y.txt", "y");
   CHECK_THROWS_AS(files.write(), lumo::InputError);
-  CHECK(scratch.entries(scratch.path / "out") == 1);
+  CHECK(scratch.entries("out") == 1);
 }
 
 TEST_CASE("a command hands out its result and its files; the result even where the files cannot be written") {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   std::ostringstream shown;
   std::streambuf* const screen = std::cout.rdbuf(shown.rdbuf());
   Progress progress(true);

@@ -1,10 +1,12 @@
 #pragma once
 
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include <stdlib.h>
 
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
 #include <system_error>
 
@@ -24,4 +26,13 @@ struct TemporaryFolder {
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
   std::string operator/(const std::string& name) const { return (path / name).string(); }
+  /// Makes or replaces a file, and returns its path.
+  std::string write(const std::string& name, const std::string& bytes) const {
+    std::ofstream(path / name, std::ios::binary) << bytes;
+    return *this / name;
+  }
+  /// How many files and folders lie directly in it, or in a folder below.
+  std::size_t entries(const std::string& below = "") const {
+    return std::size_t(std::distance(std::filesystem::directory_iterator(path / below), std::filesystem::directory_iterator()));
+  }
 };
