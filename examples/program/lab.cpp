@@ -1,11 +1,13 @@
 #include "program/lab.hpp"
 
+#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/sense/calibration.hpp"
 #include "lumo/sense/normal_force.hpp"
 #include "program/commands.hpp"
+#include "program/interrupt.hpp"
 #include "program/json.hpp"
 #include "program/sensing_log.hpp"
 #include "program/text.hpp"
@@ -15,7 +17,6 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 
 namespace lumo::program {
 
@@ -42,7 +43,10 @@ PadResponses responses(const Options& o, Progress& progress) {
     progress.note(std::string(e.what()) + "; computed anew");
   }
   PadResponses r = make_pad_responses(o, progress);
-  write_pad_responses(file, r, key);
+  {
+    const FilesBeingWritten whole;
+    write_pad_responses(file, r, key);
+  }
   progress.finish();
   progress.note("kept in " + file);
   return r;
@@ -171,10 +175,7 @@ std::string lab(const Options& o, Progress& progress) {
     progress.step();
   }
   write_log_folder({folder.path().string(), rig.session(), rig.frames(), rig.joints(), rig.wrenches(), rig.markers(), {}});
-  std::ofstream truth(folder.path() / "truth.csv", std::ios::binary);
-  truth << truth_text(rig.truth());
-  truth.close();
-  if (!truth) throw InputError("cannot write to '" + o.log + "/truth.csv'");
+  lumo::detail::write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
   folder.keep();
   progress.finish();
 

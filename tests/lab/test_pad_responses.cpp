@@ -2,11 +2,7 @@
 
 #include "lumo/lab/pad_file.hpp"
 #include "plain_pad.hpp"
-
-#include <unistd.h>
-
-#include <filesystem>
-#include <fstream>
+#include "temporary_folder.hpp"
 
 using namespace lumo;
 
@@ -57,7 +53,8 @@ TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "
 
 TEST_CASE("responses as a file: read back to the bit, and every damage is told in one line", "[lab]") {
   const PadResponses r = plain_pad();
-  const std::string text = to_text(r, "a key"), path = "/tmp/lumo-pad-" + std::to_string(::getpid());
+  const TemporaryFolder folder;
+  const std::string text = to_text(r, "a key"), path = folder / "pad";
   CHECK(to_text(pad_responses_from_text(text, "a key", "x"), "a key") == text);
   const auto refused = [&](const std::string& t, const std::string& key, const char* why) {
     try {
@@ -79,8 +76,7 @@ TEST_CASE("responses as a file: read back to the bit, and every damage is told i
   CHECK_FALSE(read_pad_responses(path, "a key"));
   write_pad_responses(path, r, "a key");
   CHECK(to_text(*read_pad_responses(path, "a key"), "a key") == text);
-  CHECK_FALSE(std::filesystem::exists(path + ".part"));
-  std::filesystem::remove(path);
+  CHECK(folder.entries() == 1);
   CHECK_THROWS_AS(write_pad_responses("/no/such/folder/file", r, "a key"), InputError);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
+#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
 #include <charconv>
@@ -133,18 +134,7 @@ inline std::optional<PadResponses> read_pad_responses(const std::string& path, c
   return pad_responses_from_text(text, key, path);
 }
 
-/// The whole file or none: written beside its place, then renamed. Throws InputError.
-inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) {
-  const std::string part = path + ".part";
-  std::ofstream out(part, std::ios::binary);
-  out << to_text(r, key);
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(part, path, error);
-  if (!out || error) {
-    std::filesystem::remove(part, error);
-    throw InputError(detail::text(path, ": cannot be written"));
-  }
-}
+/// The whole file or none. Throws InputError.
+inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { detail::write_whole(path, to_text(r, key)); }
 
 }  // namespace lumo

@@ -2,6 +2,7 @@
 
 // Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole folder. Schema: docs/log_format.md.
 
+#include "lumo/core/write_whole.hpp"
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/photodiode_log.hpp"
 #include "lumo/sense/session.hpp"
@@ -271,18 +272,6 @@ inline LogFolder read_log_folder(const std::string& path) {
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
 /// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
 inline void write_log_folder(const LogFolder& log) {
-  const auto write = [&](const char* name, const std::string& text) {
-    const std::string file = log.path + '/' + name, part = file + ".part";
-    std::ofstream out(part, std::ios::binary);
-    out << text;
-    out.close();
-    std::error_code error;
-    if (out) std::filesystem::rename(part, file, error);
-    if (!out || error) {
-      std::filesystem::remove(part, error);
-      throw InputError(detail::text(file, ": cannot be written"));
-    }
-  };
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
                                                        {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
                                                        {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
@@ -291,7 +280,7 @@ inline void write_log_folder(const LogFolder& log) {
                                                        {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
   for (const auto& [name, text] : files) {
     std::error_code error;
-    if (!text.empty()) write(name, text);
+    if (!text.empty()) detail::write_whole(log.path + '/' + name, text);
     else if (!std::filesystem::remove(log.path + '/' + name, error) && error) throw InputError(detail::text(log.path, '/', name, ": cannot be removed"));
   }
 }

@@ -1,0 +1,78 @@
+#include "catch.hpp"
+
+#include "lumo/core/write_whole.hpp"
+#include "temporary_folder.hpp"
+
+#include <sys/resource.h>
+
+#include <atomic>
+#include <csignal>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <thread>
+#include <vector>
+
+using lumo::detail::write_whole;
+
+namespace {
+
+std::string read(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+}  // namespace
+
+TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
+  const TemporaryFolder folder;
+  for (const std::string& bytes : {std::string("first\0line\r\n", 12), std::string(100000, 'x'), std::string()}) {
+    write_whole(folder / "file", bytes);
+    CHECK(read(folder / "file") == bytes);
+    CHECK(folder.entries() == 1);
+  }
+}
+
+TEST_CASE("a file that cannot be written is told in one line, and what was there stays") {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder.path / "folder" / "full");
+  CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"), Catch::Contains("none/file: cannot be written: No such file"));
+  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), lumo::InputError);   // written beside it, but not renamed
+  CHECK(folder.entries() == 1);
+
+  folder.write("file", "old");
+  rlimit before;
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1000, before.rlim_max};
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &small) == 0);
+  std::string why;
+  try {
+    write_whole(folder / "file", std::string(100000, 'x'));
+  } catch (const lumo::InputError& e) {
+    why = e.what();
+  }
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  CHECK(why.find("File too large") != std::string::npos);
+  CHECK(read(folder / "file") == "old");
+  CHECK(folder.entries() == 2);
+}
+
+TEST_CASE("writers of the same file do not get in each other's way") {
+  const TemporaryFolder folder;
+  std::vector<std::thread> writers;
+  std::atomic<int> failed = 0;
+  for (int k = 0; k < 4; ++k)
+    writers.emplace_back([&] {
+      for (int i = 0; i < 100; ++i) try {
+          write_whole(folder / "file", std::string(20000, 'y'));
+        } catch (const lumo::InputError&) {
+          ++failed;
+        }
+    });
+  for (std::thread& w : writers) w.join();
+  CHECK(failed == 0);
+  CHECK(read(folder / "file") == std::string(20000, 'y'));
+  CHECK(folder.entries() == 1);
+}
