@@ -17,18 +17,21 @@
 #include <map>
 #include <memory>
 #include <new>
+#include <utility>
 
 namespace lumo::program {
 
 namespace {
 
 using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
-using Light = Tracer<BeerLambert, ExitPower, Embree>;
+template <ExitReadout Readout>
+using Light = Tracer<BeerLambert, Readout, Embree>;
 
 /// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
-auto pipeline_for(const Options& o) {
+template <ExitReadout Readout = ExitPower>
+auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
   const Silicone card = silicone(o.material);
-  return Pipeline<TetgenMesher, Simulation, Light>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light{}};
+  return Pipeline<TetgenMesher, Simulation, Light<Readout>>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, std::move(light)};
 }
 
 Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material)); }
@@ -274,7 +277,7 @@ struct PadSettings {
   SideSight sight;
   FingerOptions finger;
   Focus focus;
-  Tracer<BeerLambert, SideSight, Embree>::Config rays;
+  Light<SideSight>::Config rays;
 
   explicit PadSettings(bool coarse) {
     // A half as fine about the contact as elsewhere: depths are within 0.2 % of the default mesh's (y = 5 mm, 1 to 20 N), in less than half of the time.
@@ -300,12 +303,10 @@ std::string pad_responses_key(const Options& o) {
 
 PadResponses make_pad_responses(const Options& o, Progress& progress) {
   const PadSettings s(o.coarse);
-  const Silicone card = silicone(o.material);
-  using Light = Tracer<BeerLambert, SideSight, Embree>;
-  Pipeline<TetgenMesher, Simulation, Light> pipeline{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light(s.rays, s.sight)};
+  auto pipeline = pipeline_for(o, Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;
-  PadResponses r = observe_pad(finger(FingerDesign::from(o.theta_mm), card, s.finger), s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));
+  PadResponses r = observe_pad(finger(FingerDesign::from(o.theta_mm), silicone(o.material), s.finger), s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));
   r.theta_mm.assign(o.theta_mm.begin(), o.theta_mm.end());
   r.material = o.material;
   return r;

@@ -26,6 +26,10 @@
 #ifdef LUMO_PROGRAM_TBB
 #include <tbb/version.h>
 #endif
+#ifdef LUMO_PROGRAM_SQLITE
+#include <sqlite3.h>
+#include <xxhash.h>
+#endif
 
 namespace lumo::program {
 
@@ -102,6 +106,13 @@ std::vector<Component> components() {
   tbb.detail = "interface " + std::to_string(interface);
 #endif
   list.push_back(tbb);
+  Component sqlite{"SQLite", "", "public domain", "libsqlite3-dev", "stores of campaigns and studies", ""}, xxhash{"xxHash", "", "BSD-2-Clause", "libxxhash-dev", "their digests", ""};
+#ifdef LUMO_PROGRAM_SQLITE
+  sqlite.on = true, sqlite.version = sqlite3_libversion();
+  xxhash.on = true, xxhash.version = triple(XXH_VERSION_MAJOR, XXH_VERSION_MINOR, XXH_VERSION_RELEASE);
+#endif
+  list.push_back(sqlite);
+  list.push_back(xxhash);
   Component plotly{"plotly.js", chart_library_version(), "MIT", "python3-plotly", "charts of reports", ""};
   plotly.on = !plotly.version.empty();
   list.push_back(plotly);

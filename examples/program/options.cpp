@@ -186,8 +186,9 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
   const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
   const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
+  const auto theta = [&](CLI::App* c) { text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N"); };
   const auto design = [&](CLI::App* c) {
-    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    theta(c);
     material(c);
     threads(c);
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
@@ -235,7 +236,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     common(c);
   };
   const auto lab = [&](CLI::App* c) {
-    text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N");
+    theta(c);
     text_option(c, "--material", t.material, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)", "NAME");
     text_option(c, "--seed", t.seed, "Of everything random, default 1", "N");
     text_option(c, "--noise", t.noise, "Times the rig's noises, default 1", "N");

@@ -139,11 +139,13 @@ std::string metrics(const Options& o, Output& files) {
   const auto of = [&](auto get) { return quality ? std::optional<double>(get(*quality)) : std::nullopt; };
   const auto D = of([](const auto& q) { return q.metrics.D_neighbor; }), W = of([](const auto& q) { return q.metrics.W_recontact; }), Q = of([](const auto& q) { return *q.metrics.Q; });
   const auto low = of([](const auto& q) { return q.Q_low; }), high = of([](const auto& q) { return q.Q_high; });
+  const auto from = of([](const auto& q) { return q.bootstrap_low; }), to = of([](const auto& q) { return q.bootstrap_high; });
   if (o.json)
-    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)}, {"W_cycle", maybe(W_cycle)}, {"gain_percent", maybe(gain)}}.dump(2) + "\n";
+    return Json{{"D_neighbor", maybe(D)}, {"W_recontact", maybe(W)}, {"Q", maybe(Q)}, {"Q_low", maybe(low)}, {"Q_high", maybe(high)},
+                {"Q_bootstrap_low", maybe(from)}, {"Q_bootstrap_high", maybe(to)}, {"W_cycle", maybe(W_cycle)}, {"gain_percent", maybe(gain)}}.dump(2) + "\n";
   const auto show = [](const std::optional<double>& v, int digits) { return cell(v.value_or(undefined), digits); };
-  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\nQ            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out)\nW_cycle      " +
-         show(W_cycle, 4) + " DN\ngain         " + show(gain, 1) + " %\n";
+  return "D_neighbor   " + show(D, 4) + " DN/N\nW_recontact  " + show(W, 4) + " DN/N\nQ            " + show(Q, 2) + " (" + show(low, 2) + " to " + show(high, 2) + " with one re-contact left out; 95 % bootstrap interval " +
+         show(from, 2) + " to " + show(to, 2) + ")\nW_cycle      " + show(W_cycle, 4) + " DN\ngain         " + show(gain, 1) + " %\n";
 }
 
 // locate and force

@@ -21,6 +21,11 @@ def run(*arguments, **options):
     return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, text=True, timeout=options.pop("timeout", 900), env=dict(os.environ, LC_ALL="C"), **options)
 
 
+def rows_of(path):
+    with open(path, newline="") as table:
+        return list(csv.DictReader(table))
+
+
 class Lab(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -50,8 +55,8 @@ class Lab(unittest.TestCase):
     def test_files(self):
         log = self.folder / "force"
         self.assertEqual(sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "marker.csv", "session.json", "truth.csv", "wrench.csv"])
-        rows = list(csv.DictReader(open(log / "frames.csv")))
-        truth = list(csv.DictReader(open(log / "truth.csv")))
+        rows = rows_of(log / "frames.csv")
+        truth = rows_of(log / "truth.csv")
         self.assertEqual(len(rows), self.force["frames"])
         self.assertEqual([r["stamp_ns"] for r in rows], [r["stamp_ns"] for r in truth])
         self.assertTrue(all((log / "frames" / r["file"]).is_file() for r in rows))
@@ -88,10 +93,11 @@ class Lab(unittest.TestCase):
 
     def test_metrics(self):
         r = self.result("metrics", self.folder / "recontact")
-        self.assertEqual(list(r), ["D_neighbor", "W_recontact", "Q", "Q_low", "Q_high", "W_cycle", "gain_percent"])
+        self.assertEqual(list(r), ["D_neighbor", "W_recontact", "Q", "Q_low", "Q_high", "Q_bootstrap_low", "Q_bootstrap_high", "W_cycle", "gain_percent"])
         self.assertAlmostEqual(r["Q"], r["D_neighbor"] / r["W_recontact"])
         self.assertLessEqual(r["Q_low"], r["Q"])
         self.assertGreaterEqual(r["Q_high"], r["Q"])
+        self.assertLess(r["Q_bootstrap_low"], r["Q_bootstrap_high"])
         self.assertIsNone(r["W_cycle"])
         self.assertIsNone(r["gain_percent"])
         cycle = self.result("metrics", self.folder / "cycle", "--baseline", self.folder / "cycle")
@@ -99,8 +105,7 @@ class Lab(unittest.TestCase):
         self.assertAlmostEqual(cycle["gain_percent"], 0.0)   # against itself
         imaging = self.result("metrics", self.folder / "imaging", "--out", self.folder / "m")
         self.assertGreater(imaging["Q"], 0.0)
-        with open(self.folder / "m" / "slopes.csv") as table:
-            self.assertEqual({(row["place"], row["repetition"]) for row in csv.DictReader(table)}, {(str(p), str(v)) for p in range(3) for v in range(7)})
+        self.assertEqual({(row["place"], row["repetition"]) for row in rows_of(self.folder / "m" / "slopes.csv")}, {(str(p), str(v)) for p in range(3) for v in range(7)})
 
     def test_locate(self):
         out = self.folder / "l"
@@ -108,7 +113,7 @@ class Lab(unittest.TestCase):
         self.assertEqual(list(r), ["samples", "mae_mm", "coverage_90"])
         self.assertGreater(r["samples"], 500)
         self.assertEqual(sorted(p.name for p in out.iterdir()), ["locations.csv", "locations.svg", "overlay.png"])
-        rows = list(csv.DictReader(open(out / "locations.csv")))
+        rows = rows_of(out / "locations.csv")
         errors = [abs(float(x["y_mm"]) - float(x["true_y_mm"])) for x in rows if x["y_mm"] and x["true_y_mm"] and float(x["true_force_N"]) >= 5]
         self.assertAlmostEqual(sum(errors) / len(errors), r["mae_mm"], places=9)   # by another hand
 
@@ -119,7 +124,7 @@ class Lab(unittest.TestCase):
         self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
         self.assertIsNone(r["mae_N"]["torque_only"])   # one joint does not tell
         self.assertGreater(r["mae_N"]["fixed_arm"], r["mae_N"]["known_location"])
-        rows = list(csv.DictReader(open(out / "forces.csv")))
+        rows = rows_of(out / "forces.csv")
         for row in rows:
             for key in ["force_N", "force_sigma_N", "y_mm"]:
                 self.assertTrue(row[key] == "" or math.isfinite(float(row[key])))
@@ -155,7 +160,7 @@ class Lab(unittest.TestCase):
         tables = []
         for log, out in [(self.folder / "force", self.folder / "o1"), (lied, self.folder / "o2")]:
             self.result("force", log, "--out", out)
-            tables.append([[row[k] for k in ["stamp_ns", "force_N", "y_mm", "state"]] for row in csv.DictReader(open(out / "forces.csv"))])
+            tables.append([[row[k] for k in ["stamp_ns", "force_N", "y_mm", "state"]] for row in rows_of(out / "forces.csv")])
         self.assertEqual(*tables)
 
     def test_refusals(self):
