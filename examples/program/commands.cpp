@@ -26,12 +26,11 @@ namespace {
 template <ExitReadout Readout>
 using Light = Tracer<BeerLambert, Readout, Embree>;
 
-/// The tools that all commands share. Make it before threads start: the mesher forks a helper process. `threads`: within one press, where presses do not
-/// run side by side.
+/// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
 template <ExitReadout Readout = ExitPower>
-auto pipeline_for(const Options& o, int threads = 1, Light<Readout> light = Light<Readout>()) {
+auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
   const Mechanics& m = o.mechanics;
-  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(o.material), threads), std::move(light)};
+  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(o.material)), std::move(light)};
   p.focus = focus_of(m);
   p.mesh_order = m.mesh_order();
   p.accept_held = m.paper;
@@ -197,7 +196,7 @@ MeshResult make_mesh(const Options& o, Progress& progress) {
 
 PressResult make_press(const Options& o, Progress& progress) {
   const lumo::detail::Stopwatch watch;
-  PressResult result = pressed(o, body_of(o), pipeline_for(o, o.threads), progress);
+  PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seconds.total = watch.seconds();
   return result;
 }
@@ -226,7 +225,7 @@ std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int
 TraceResult make_trace(const Options& o, Progress& progress) {
   const lumo::detail::Stopwatch watch;
   const Body body = body_of(o);
-  const auto pipeline = pipeline_for(o, o.threads);
+  const auto pipeline = pipeline_for(o);
   PressResult press = pressed(o, body, pipeline, progress);
   TraceResult result{press.scenario, press.size, press.seconds, {}, {}};
   if (!is_scored(press.states.back().status, true)) return result;
@@ -305,7 +304,7 @@ std::string pad_responses_key(const Options& o) {
 
 PadResponses make_pad_responses(const Options& o, Progress& progress) {
   const PadSettings s(o.coarse);
-  auto pipeline = pipeline_for(o, 1, Light<SideSight>(s.rays, s.sight));
+  auto pipeline = pipeline_for(o, Light<SideSight>(s.rays, s.sight));
   pipeline.focus = s.focus;
   pipeline.rays.rounds = 0;
   PadResponses r = observe_pad(finger(FingerDesign::from(o.theta_mm), silicone(o.material), s.finger), s.sight, s.grid, pipeline, TbbExecutor{o.threads}, shown_in(progress));

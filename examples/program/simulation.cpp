@@ -2,9 +2,9 @@
 
 namespace lumo::program {
 
-AnySimulation simulation(const Mechanics& m, const Silicone& s, int threads) {
+AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   const bool linear = m.element == Mechanics::Element::linear;
-  if (m.solver == Mechanics::Solver::vbd) return linear ? kinds::descent_linear(m, s, threads) : kinds::descent_quadratic(m, s, threads);
+  if (m.solver == Mechanics::Solver::vbd) return linear ? kinds::descent_linear(m, s) : kinds::descent_quadratic(m, s);
   return linear ? kinds::quasi_static_linear(m, s) : kinds::quasi_static_quadratic(m, s);
 }
 

@@ -25,15 +25,15 @@ struct AnySimulation {
   std::function<AnyPad(const Body&, const TetMesh&)> prepare;
 };
 
-/// The Simulator that `mechanics` asks for, with the silicone's numbers. `threads`: within one press, for vertex block descent only; any number gives the same bits.
-AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone, int threads = 1);
+/// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by side.
+AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone);
 
 /// One kind of Simulator each, in a source of its own: together they would take minutes to compile.
 namespace kinds {
 AnySimulation quasi_static_linear(const Mechanics& mechanics, const Silicone& silicone);
 AnySimulation quasi_static_quadratic(const Mechanics& mechanics, const Silicone& silicone);
-AnySimulation descent_linear(const Mechanics& mechanics, const Silicone& silicone, int threads);
-AnySimulation descent_quadratic(const Mechanics& mechanics, const Silicone& silicone, int threads);
+AnySimulation descent_linear(const Mechanics& mechanics, const Silicone& silicone);
+AnySimulation descent_quadratic(const Mechanics& mechanics, const Silicone& silicone);
 }  // namespace kinds
 
 }  // namespace lumo::program

@@ -3,11 +3,13 @@
 #include "lumo/campaign/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/objective/contact_progression.hpp"
+#include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "program/pad.hpp"
 #include "program/simulation.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <optional>
 
@@ -53,6 +55,24 @@ void compare(SolverState& out, const MechanicalState& state, const MechanicalSta
   out.distance_relative = std::sqrt(apart / size);
 }
 
+SolverRow row(const Options& o, const std::string& name, const Mechanics& m, const Meshed& on, const std::vector<MechanicalState>& states) {
+  SolverRow row{name, m, {on.mesh.nodes.size(), on.mesh.tets.size()}, {}, undefined, {}, undefined};
+  row.scenario.diameter_mm = o.diameter_mm, row.scenario.angle_deg = o.angle_deg, row.scenario.y_mm = o.y_mm;
+  row.scenario.status = std::string(to_string(states.back().status));
+  const ContactTerms terms = contact_terms(on.body, on.mesh, states, 0.5e-3 * o.diameter_mm);
+  const auto value = [](const std::optional<Estimate>& e) { return e ? e->value : undefined; };
+  row.scenario.q_form = value(terms.form), row.scenario.q_stable = value(terms.stable), row.scenario.q_stiff = value(terms.stiff), row.score = value(terms.score());
+  for (const MechanicalState& s : states) {
+    SolverState k;
+    k.state.load_N = s.load_N;
+    if (is_scored(s.status, true)) k.state = {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
+    if (s.status == Status::held) k.met_force_N = s.met_force_N;
+    row.scenario.states.push_back(k.state);
+    row.states.push_back(k);
+  }
+  return row;
+}
+
 }  // namespace
 
 SolverStudy make_solver_study(const Options& o, Progress& progress) {
@@ -76,46 +96,39 @@ SolverStudy make_solver_study(const Options& o, Progress& progress) {
   progress.step();
 
   const Scenario<Sphere> scenario = scenario_of(o);
-  std::vector<std::vector<MechanicalState>> states;
-  const auto press = [&](const std::string& name, const Mechanics& m, const Meshed& pad_of) {
-    const auto& [body, mesh] = pad_of;
-    progress.stage(name);
-    const lumo::detail::Stopwatch watch;
-    const AnyPad pad = simulation(m, card, o.threads).prepare(body, mesh);
-    states.push_back(pad.press(scenario));
-    SolverRow row{name, m, {mesh.nodes.size(), mesh.tets.size()}, {}, undefined, {}, watch.seconds()};
-    progress.step();
-    row.scenario.diameter_mm = o.diameter_mm, row.scenario.angle_deg = o.angle_deg, row.scenario.y_mm = o.y_mm;
-    row.scenario.status = std::string(to_string(states.back().back().status));
-    const ContactTerms terms = contact_terms(body, mesh, states.back(), scenario.indenter.radius_m());
-    const auto value = [](const std::optional<Estimate>& e) { return e ? e->value : undefined; };
-    row.scenario.q_form = value(terms.form), row.scenario.q_stable = value(terms.stable), row.scenario.q_stiff = value(terms.stiff), row.score = value(terms.score());
-    for (const MechanicalState& s : states.back()) {
-      SolverState k;
-      k.state.load_N = s.load_N;
-      if (is_scored(s.status, true)) k.state = {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
-      if (s.status == Status::held) k.met_force_N = s.met_force_N;
-      row.scenario.states.push_back(k.state);
-      row.states.push_back(k);
-    }
-    study.rows.push_back(std::move(row));
-    return pad;
+  struct Press {
+    std::string name;
+    Mechanics mechanics;
+    const Meshed* on;
+    std::vector<MechanicalState> states = {};
+    std::optional<AnyPad> pad = {};
   };
+  std::vector<Press> presses = {{"VBD, 10 sweeps", few, &even}, {"VBD, 100 sweeps", many, &even}, {"quasi-static, linear", linear, &even}, {"quasi-static, quadratic", quadratic, &graded}};
+  study.rows.resize(presses.size());
+  static constexpr std::array<std::size_t, 4> longest_first = {1, 0, 2, 3};
+  // As many steps as a press takes times that of 10 sweeps, roughly, so that the time left can be told.
+  const auto steps = [](const Mechanics& m) { return m.solver == Mechanics::Solver::vbd ? m.sweeps / 10 : 1; };
+  int all = 0;
+  for (const Press& p : presses) all += steps(p.mechanics);
+  progress.stage("press", all);
+  TbbExecutor{o.threads}.for_each(presses.size(), [&](std::size_t k) {
+    Press& p = presses[longest_first[k]];
+    const lumo::detail::Stopwatch watch;
+    p.pad = simulation(p.mechanics, card).prepare(p.on->body, p.on->mesh);
+    p.states = p.pad->press(scenario);
+    study.rows[longest_first[k]] = row(o, p.name, p.mechanics, *p.on, p.states);
+    study.rows[longest_first[k]].seconds = watch.seconds();
+    for (int s = 0; s < steps(p.mechanics); ++s) progress.step();
+  });
 
-  press("VBD, 10 sweeps", few, even);
-  progress.note("100 sweeps take about " + span(10.0 * study.rows.back().seconds));
-  press("VBD, 100 sweeps", many, even);
-  const AnyPad still = press("quasi-static, linear", linear, even);
-  press("quasi-static, quadratic", quadratic, graded);
-
-  // The equilibrium's own row is its distance to itself: found anew for the others, whose forces are not those of the loads.
-  progress.stage("equilibria under the forces reached", 2);
+  // The forces of those that held are not the loads: their equilibria are found anew. The equilibrium itself has no distance.
+  progress.stage("equilibria under the forces that were reached", 2);
   for (std::size_t r = 0; r < 3; ++r) {
     std::vector<std::optional<MechanicalState>> rest;
-    if (r < 2) rest = equilibria(still, scenario, states[r]), progress.step();
-    else for (const MechanicalState& s : states[r]) rest.push_back(s.status == Status::converged ? std::optional(s) : std::nullopt);
-    for (std::size_t k = 0; k < states[r].size(); ++k)
-      if (rest[k] && is_scored(states[r][k].status, true)) compare(study.rows[r].states[k], states[r][k], *rest[k], 1e-3 * study.pad_height_mm);
+    if (r < 2) rest = equilibria(*presses[2].pad, scenario, presses[r].states), progress.step();
+    else for (const MechanicalState& s : presses[r].states) rest.push_back(s.status == Status::converged ? std::optional(s) : std::nullopt);
+    for (std::size_t k = 0; k < rest.size(); ++k)
+      if (rest[k] && is_scored(presses[r].states[k].status, true)) compare(study.rows[r].states[k], presses[r].states[k], *rest[k], 1e-3 * study.pad_height_mm);
   }
   return study;
 }

@@ -66,7 +66,7 @@ TEST_CASE("held states are observed but not scored, unless the problem accepts t
 TEST_CASE("a solve that ended otherwise is not scored where held states are") {
   auto p = held_pipeline();
   p.accept_held = true;
-  p.simulator.solver.config.max_advance_m = 1e-3;
+  p.simulator.solver.config.max_advance_m = 1e-4;
   const Evaluation e = evaluate(baseline_design(), dragon_skin(), two_places(), p, coarse_finger(), Serial{});
   CHECK_FALSE(e.J_contact);
   CHECK_THAT(verdict_of(e, true).why, Catch::Contains("press: max_iterations"));

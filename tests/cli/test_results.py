@@ -150,7 +150,7 @@ class Quick(unittest.TestCase):
 
     def test_study_of_solvers(self):
         with tempfile.TemporaryDirectory() as folder:
-            done = self.good("study", "solver", "--size", "3", "--diameter", "20", "--loads", "1,2", "--json", "--out", folder)
+            done = self.good("study", "solver", "--size", "4", "--diameter", "20", "--loads", "1,2", "--json", "--out", folder)
             report = strict(done.stdout)
             self.assertEqual(set(os.listdir(folder)), {"study_solver.json", "study_solver.csv", "study_solver.html"})
             self.assertEqual((pathlib.Path(folder) / "study_solver.json").read_text(), done.stdout)
