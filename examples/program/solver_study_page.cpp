@@ -12,7 +12,6 @@ namespace lumo::program {
 namespace {
 
 double per_load(const StateReport& s) { return s.residual_N / s.force_N; }
-double percent(double fraction) { return 100.0 * fraction; }
 
 Json json(const SolverState& s) {
   Json j = program::json(s.state);
@@ -33,11 +32,11 @@ Json json(const SolverRow& r) {
 }
 
 /// Columns of the states, as all tables show them.
-const std::vector<std::string> state_columns = {"load [N]", "force [N]", "depth [mm]", "in equilibrium [mm]", "area [mm²]", "residual / force", "distance / height [%]", "distance [%]"};
+const std::vector<std::string> state_columns = {"load [N]", "force [N]", "depth [mm]", "in equilibrium [mm]", "area [mm²]", "residual / force", "distance / height", "distance"};
 std::vector<std::string> cells(const SolverState& s) {
   const StateReport& k = s.state;
   return {short_number(k.load_N), cell(k.force_N, 3), cell(k.depth_mm, 4), cell(s.equilibrium_depth_mm, 4), cell(k.contact_area_mm2, 2), scientific(per_load(k)),
-          cell(percent(s.distance_over_height), 3), cell(percent(s.distance_relative), 2)};
+          scientific(s.distance_over_height), scientific(s.distance_relative)};
 }
 const std::vector<std::string> row_columns = {"status", "nodes", "seconds", "q_form", "q_stable", "q_stiff", "score"};
 std::vector<std::string> cells(const SolverRow& r) {
@@ -82,7 +81,7 @@ LineChart distance_chart(const SolverStudy& study) {
   for (std::size_t r = 0; r < study.rows.size(); ++r) {
     Curve curve{study.rows[r].name, std::string(palette[r]), {}};
     for (const SolverState& s : study.rows[r].states)
-      if (std::isfinite(s.distance_over_height)) curve.points.push_back({s.state.load_N, percent(s.distance_over_height)});
+      if (std::isfinite(s.distance_over_height)) curve.points.push_back({s.state.load_N, 100.0 * s.distance_over_height});
     if (!curve.points.empty() && study.rows[r].mechanics.solver == Mechanics::Solver::vbd) chart.curves.push_back(std::move(curve));
   }
   return chart;
@@ -130,25 +129,27 @@ std::string solver_page(const Options& o, const SolverStudy& study) {
 <meta name="viewport" content="width=device-width">
 <title>lumo study solver</title>
 <style>
-body { font: 15px/1.45 "DejaVu Sans", Verdana, Helvetica, sans-serif; color: #222; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+body { font: 15px/1.45 "DejaVu Sans", Verdana, Helvetica, sans-serif; color: #222; max-width: 64rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.4rem; margin-bottom: 0.2rem; }
 h2 { font-size: 1.1rem; margin-top: 2rem; }
-p { max-width: 46rem; }
+p, ul { max-width: 46rem; }
+ul { font-size: 0.86rem; padding-left: 1.2rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: 0.86rem; font-variant-numeric: tabular-nums; }
-th, td { padding: 0.25rem 0.7rem; text-align: right; white-space: nowrap; border-bottom: 1px solid #e4e4e4; }
+th, td { padding: 0.25rem 0.7rem; text-align: right; border-bottom: 1px solid #e4e4e4; }
+td { white-space: nowrap; }
 th { border-bottom: 1.5px solid #222; vertical-align: bottom; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 tr.first td { border-top: 1.5px solid #999; }
-svg { max-width: 100%; height: auto; display: block; }
+svg { max-width: 100%; height: auto; display: block; margin-top: 1.5rem; }
 </style>
 )";
   page += "<h1>One press, four ways</h1>\n<p>" + subject(o) + "</p>\n<h2>Solvers</h2>\n<div class=\"scroll\"><table>\n" + html_row(with("solver", row_columns), "th");
   for (const SolverRow& r : study.rows) page += html_row(with(r.name, cells(r)), "td");
-  page += "</table></div>\n<p>";
-  for (const SolverRow& r : study.rows) page += r.name + ": " + mechanics_text(r.mechanics) + ".<br>\n";
-  page += "</p>\n<h2>Depth</h2>\n" + draw(depth_chart(study));
-  if (const LineChart chart = distance_chart(study); !chart.curves.empty()) page += "<h2>Distance</h2>\n" + draw(chart);
+  page += "</table></div>\n<ul>\n";
+  for (const SolverRow& r : study.rows) page += "<li>" + r.name + ": " + mechanics_text(r.mechanics) + "</li>\n";
+  page += "</ul>\n" + draw(depth_chart(study));
+  if (const LineChart chart = distance_chart(study); !chart.curves.empty()) page += draw(chart);
   page += "<h2>States</h2>\n<p>" + std::string(meaning) + "</p>\n<div class=\"scroll\"><table>\n" + html_row(with("solver", state_columns), "th");
   for (const SolverRow& r : study.rows)
     for (std::size_t k = 0; k < r.states.size(); ++k) {
