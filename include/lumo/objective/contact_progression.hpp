@@ -88,7 +88,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
     // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
-    if (two->depth_m > one->depth_m && late > 0.0 && std::isfinite(ratio)) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+    const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
+    if (advanced && late > 0.0) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }
