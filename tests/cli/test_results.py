@@ -245,12 +245,12 @@ class Long(unittest.TestCase):
         self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
 
     def test_paper_mode_is_scored_as_held(self):
-        arguments = ["evaluate", "--json", "--mode", "paper", "--size", "3", "--sweeps", "5"]
+        arguments = ["evaluate", "--json", "--mode", "paper", "--size", "4", "--sweeps", "5"]
         done = run(*arguments, timeout=3600)
         self.assertEqual(done.returncode, 0, done.stderr)
         report = strict(done.stdout)
         self.assertEqual(list(report), EVALUATION)
-        self.assertEqual(report["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 3, "sweeps": 5, "law": "newton", "friction": 0.5})
+        self.assertEqual(report["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 4, "sweeps": 5, "law": "newton", "friction": 0.5})
         self.assertEqual({s["status"] for s in report["scenarios"]}, {"held"})
         for scenario in report["scenarios"]:
             one, two, three, four = ((s["force_N"], s["depth_mm"]) for s in scenario["states"][:4])
