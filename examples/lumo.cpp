@@ -9,6 +9,7 @@
 #include "program/present.hpp"
 #include "program/progress.hpp"
 #include "program/sensing.hpp"
+#include "program/solver_study.hpp"
 #include "program/study.hpp"
 #include "program/text.hpp"
 
@@ -43,7 +44,7 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
   const std::string text = present(options, result, files);
   progress.finish();
   for (const auto& s : scenarios)
-    if (s.status != "converged") {
+    if (s.status != "converged" && s.status != "held") {   // who asked for a solver that holds gets what it holds
       print(text);
       return complain(lumo::detail::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", s.status, ": ", meaning(s.status), "), sphere of ", s.diameter_mm,
                                          " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"),
@@ -88,6 +89,12 @@ int run(const Options& options, char** arguments) {
     case Command::evaluate: {
       const auto result = make_evaluation(options, progress);
       return deliver(options, result, result.scenarios, files, progress);
+    }
+    case Command::study_solver: {
+      const auto result = make_solver_study(options, progress);
+      std::vector<ScenarioReport> presses;
+      for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
+      return deliver(options, result, presses, files, progress);
     }
     default: hand_out(general(options, files, progress, arguments), files, progress); return ok;
   }

@@ -30,6 +30,7 @@ std::string problem_text(const CampaignProblem& p) {
   const Problem problem = finger_problem(1, p.seed);
   Json j = {{"campaign", 1}};
   append(j, conditions(p.material, name(p.ensemble), contacts(p.ensemble)));
+  if (p.paper) j["mechanics"] = json(p.mechanics());
   for (const Variable& v : problem.space.variables) j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
   for (const Objective& o : problem.objectives) j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
@@ -46,6 +47,7 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     CampaignProblem p;
     p.material = j.at("material").get<std::string>();
     p.ensemble = j.at("ensemble").get<std::string>() == "curved" ? Ensemble::curved : Ensemble::flat;
+    p.paper = j.contains("mechanics");
     p.source = j.at("source").get<std::string>();
     p.seed = j.at("seed").get<std::uint64_t>();
     if (text == problem_text(p)) return p;

@@ -25,6 +25,9 @@ struct CampaignProblem {
   Ensemble ensemble = Ensemble::flat;
   std::string source = "default";   ///< of candidates: "paper" or "default"
   std::uint64_t seed = 1;
+  bool paper = false;               ///< the paper's mechanics, whose held states are scored
+
+  Mechanics mechanics() const { return paper ? paper_mechanics() : Mechanics{}; }
 };
 
 /// One line a key, with every number that decides the results; how many evaluations are wanted is not among them.

@@ -26,7 +26,7 @@ std::string campaign_status(const Options& o) {
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
   if (o.json) {
-    Json j = {{"store", o.store},      {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"source", c.problem.source},
+    Json j = {{"store", o.store},      {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"mode", c.problem.paper ? "paper" : "default"}, {"source", c.problem.source},
               {"seed", c.problem.seed}, {"evaluated", done},              {"failed", failed},                      {"under_way", open},
               {"hypervolume", number(c.hypervolume)}, {"seconds", number(seconds)}, {"digest", c.digest}};
     j["selected"] = c.selected ? summary(c.trials[*c.selected]) : Json(nullptr);
@@ -35,7 +35,7 @@ std::string campaign_status(const Options& o) {
       if (t.on_front) j["front"].push_back(summary(t));
     return j.dump(2) + "\n";
   }
-  std::string text = lumo::detail::text(o.store, ": ", c.problem.material, ", ", name(c.problem.ensemble), " ensemble, source ", c.problem.source, ", seed ", c.problem.seed, "\n", done,
+  std::string text = lumo::detail::text(o.store, ": ", c.problem.material, ", ", name(c.problem.ensemble), c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ", c.problem.seed, "\n", done,
                                         " evaluated, ", failed, " failed, ", open, " under way; ", span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
   if (done > 0) text += "\nfront\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) + pad("J_obs", 12) + "\n";
   for (const StoredTrial& t : c.trials)

@@ -38,7 +38,7 @@ std::string command_line(const Options& o, const std::string& page) {
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
 void add_presses(Json& campaigns, const Options& o, Progress& progress) {
   std::vector<Options> requests;
-  const auto same = [](const Options& a, const Options& b) { return a.theta_mm == b.theta_mm && a.material == b.material && a.diameter_mm == b.diameter_mm; };
+  const auto same = [](const Options& a, const Options& b) { return a.theta_mm == b.theta_mm && a.material == b.material && a.diameter_mm == b.diameter_mm && a.mechanics.paper == b.mechanics.paper; };
   std::vector<std::pair<std::size_t, std::size_t>> wanted;   // campaign, request
   for (std::size_t c = 0; c < campaigns.size(); ++c) {
     if (campaigns[c]["design"].is_null()) continue;
@@ -47,6 +47,7 @@ void add_presses(Json& campaigns, const Options& o, Progress& progress) {
       request.theta_mm = campaigns[c]["design"]["theta_mm"].get<std::array<double, 5>>();
       request.material = campaigns[c]["material"].get<std::string>();
       request.diameter_mm = diameter_mm;
+      if (campaigns[c]["mechanics"]["mode"] == "paper") request.mechanics = paper_mechanics();
       const auto found = std::find_if(requests.begin(), requests.end(), [&](const Options& r) { return same(r, request); });
       wanted.emplace_back(c, std::size_t(found - requests.begin()));
       if (found == requests.end()) requests.push_back(request);

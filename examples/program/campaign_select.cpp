@@ -61,6 +61,7 @@ std::array<double, 3> gain_of(const Options& o, const StoredCampaign& c, Progres
   for (const double a : gain_angles_deg) contacts.angles_rad.push_back(a * pi / 180.0);
   Options pressed = o;
   pressed.material = c.problem.material;
+  pressed.mechanics = c.problem.mechanics();
   const std::vector<double> chosen = make_depths(pressed, c.trials[*c.selected].theta_mm, contacts, progress);
   const std::vector<double> baseline = make_depths(pressed, baseline_design().values(), contacts, progress);
   std::array<double, 3> gain{};

@@ -2,15 +2,15 @@
 
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/campaign/observe_pad.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/optics/tracer.hpp"
-#include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "program/contacts.hpp"
 #include "program/json.hpp"
+#include "program/pad.hpp"
+#include "program/simulation.hpp"
 #include "program/text.hpp"
 #include "program/version.hpp"
 
@@ -24,26 +24,26 @@ namespace lumo::program {
 
 namespace {
 
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
 template <ExitReadout Readout>
 using Light = Tracer<BeerLambert, Readout, Embree>;
 
 /// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
 template <ExitReadout Readout = ExitPower>
 auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
-  const Silicone card = silicone(o.material);
-  return Pipeline<TetgenMesher, Simulation, Light<Readout>>{TetgenMesher{}, Simulation{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, std::move(light)};
+  const Mechanics& m = o.mechanics;
+  Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(o.material)), std::move(light)};
+  p.focus = focus_of(m);
+  p.mesh_order = m.mesh_order();
+  p.accept_held = m.paper;
+  p.mirror_once = m.solver != Mechanics::Solver::vbd;   // sweeps visit vertices one after the other: what they leave is not its own mirror image
+  return p;
 }
-
-Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material)); }
-
-Scenario<Sphere> scenario_of(const Options& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
 
 template <class P>
 TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
   const lumo::detail::Stopwatch watch;
   progress.stage("mesh");
-  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus);
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus, pipeline.mesh_order);
   progress.step();
   seconds = watch.seconds();
   return mesh;
@@ -67,7 +67,7 @@ void report_terms(ScenarioReport& report, const ContactTerms& terms) {
 /// Of a MechanicalState or a StateRecord. Of a solve that failed only the load is known.
 template <class State>
 StateReport report_state(const State& s) {
-  if (s.status != Status::converged) return {s.load_N};
+  if (!is_scored(s.status, true)) return {s.load_N};
   return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N, 1e3 * s.penetration_m};
 }
 
@@ -95,7 +95,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   const lumo::detail::Stopwatch watch;
   progress.stage("press");
   const Scenario<Sphere> scenario = scenario_of(o);
-  result.states = pipeline.simulator.press(body, result.mesh, scenario);
+  result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
   report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
   result.seconds.mechanics = watch.seconds();
   if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return s.status == Status::converged; })) progress.step();   // else it is not done
@@ -104,7 +104,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   for (const auto& s : result.states) {
     result.scenario.states.push_back(report_state(s));
     result.scenario.status = std::string(to_string(s.status));
-    if (s.status != Status::converged) break;
+    if (!is_scored(s.status, true)) break;
   }
   return result;
 }
@@ -203,16 +203,16 @@ PressResult make_press(const Options& o, Progress& progress) {
 }
 
 std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int threads, Progress& progress) {
-  std::map<std::string, decltype(pipeline_for(Options{}))> pipelines;   // all before threads start
+  std::map<std::pair<std::string, bool>, decltype(pipeline_for(Options{}))> pipelines;   // all before threads start
   for (const Options& o : requests)
-    if (!pipelines.contains(o.material)) pipelines.emplace(o.material, pipeline_for(o));
+    pipelines.try_emplace({o.material, o.mechanics.paper}, pipeline_for(o));
   std::vector<PressOutcome> outcomes(requests.size());
   progress.stage("press", int(requests.size()));
   TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
     const Options& o = requests[k];
     Progress silent(true);
     try {
-      outcomes[k].press = pressed(o, body_of(o), pipelines.at(o.material), silent);
+      outcomes[k].press = pressed(o, body_of(o), pipelines.at({o.material, o.mechanics.paper}), silent);
     } catch (const Error& e) {
       outcomes[k].why = e.what();
     } catch (const std::bad_alloc&) {
@@ -229,11 +229,11 @@ TraceResult make_trace(const Options& o, Progress& progress) {
   const auto pipeline = pipeline_for(o);
   PressResult press = pressed(o, body, pipeline, progress);
   TraceResult result{press.scenario, press.size, press.seconds, {}, {}};
-  if (result.scenario.status != "converged") return result;
+  if (!is_scored(press.states.back().status, true)) return result;
 
   const lumo::detail::Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
-  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o));
+  const Symmetry symmetry = press.states.back().status == Status::held ? Symmetry{} : symmetry_of(body, press.mesh, scenario_of(o));
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
   TbbExecutor{o.threads}.for_each(responses.size(), [&](std::size_t k) {
     responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
@@ -257,16 +257,17 @@ TraceResult make_trace(const Options& o, Progress& progress) {
 
 EvaluationResult make_evaluation(const Options& o, Progress& progress) {
   const auto pipeline = pipeline_for(o);
-  return report(evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, {}, TbbExecutor{o.threads}, shown_in(progress)));
+  return report(evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
+                         shown_in(progress)));
 }
 
 std::vector<double> make_depths(const Options& o, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress) {
   const auto pipeline = pipeline_for(o);
-  Body body = finger(FingerDesign::from(theta_mm), silicone(o.material));
+  Body body = finger(FingerDesign::from(theta_mm), silicone(o.material), finger_options(o.mechanics));
   body.regions = 0;
   std::vector<double> depths;
   for (const ScenarioRecord& s : observe(body, ensemble.scenarios(), pipeline, TbbExecutor{o.threads}, shown_in(progress)).scenarios)
-    depths.push_back(s.status == Status::converged ? 1e3 * s.states.back().depth_m : undefined);
+    depths.push_back(is_scored(s.status, o.mechanics.paper) ? 1e3 * s.states.back().depth_m : undefined);
   return depths;
 }
 
@@ -317,12 +318,12 @@ PadResponses make_pad_responses(const Options& o, Progress& progress) {
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, {{"lumo", version}, {"threads", o.threads}}, [&](Json& record, Json& notes) {
-      const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, {}, TbbExecutor{o.threads},
+      const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
                                     progress.watched() ? shown_in(progress) : ProgressReport{});
       const EvaluationResult result = report(e);
       append(record, json(result));
       notes["seconds"] = json(result.seconds);
-      return verdict_of(e);
+      return verdict_of(e, o.mechanics.paper);
     });
   };
 }

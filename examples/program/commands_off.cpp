@@ -1,5 +1,6 @@
 // Takes the place of commands.cpp where a component is missing, so that `lumo doctor` can still say which.
 #include "program/commands.hpp"
+#include "program/solver_study.hpp"
 
 namespace lumo::program {
 
@@ -13,6 +14,7 @@ MeshResult make_mesh(const Options& options, Progress&) { off(options.command); 
 PressResult make_press(const Options& options, Progress&) { off(options.command); }
 std::vector<PressOutcome> make_presses(const std::vector<Options>&, int, Progress&) { off(Command::press); }
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
+SolverStudy make_solver_study(const Options& options, Progress&) { off(options.command); }
 EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>&, const lumo::Ensemble&, Progress&) { off(options.command); }
 PadResponses make_pad_responses(const Options& options, Progress&) { off(options.command); }

@@ -20,6 +20,7 @@ namespace {
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
   std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
+  std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
   bool csv = false;
 };
@@ -76,6 +77,40 @@ std::array<double, 5> read_theta(std::string_view typed) {
   return theta;
 }
 
+double in_range(const char* option, std::string_view typed, double low, double high, const char* unit) {
+  const double value = number(option, typed, unit);
+  if (value >= low && value <= high) return value;
+  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", low, ", ", high, "]", *unit ? " " : "", unit));
+}
+
+/// How to compute presses. The mode decides solver, element and law; what else it says may be changed.
+Mechanics read_mechanics(const Typed& t, Command command) {
+  const bool paper = !t.mode.empty() && one_of("--mode", t.mode, {"default", "paper"}) == "paper";
+  Mechanics m = paper ? paper_mechanics() : Mechanics{};
+  const auto choose = [&](const char* option, const std::string& typed, const char* first, auto first_value, const char* second, auto second_value, auto& into) {
+    if (typed.empty()) return;
+    const auto value = one_of(option, typed, {first, second}) == first ? first_value : second_value;
+    if (paper && value != into) throw UsageError(lumo::detail::text(option, " ", typed, " contradicts --mode paper, which is ", name(into)));
+    into = value;
+  };
+  using enum Mechanics::Solver;
+  using enum Mechanics::Element;
+  using enum Mechanics::Law;
+  choose("--solver", t.solver, "quasi_static", quasi_static, "vbd", vbd, m.solver);
+  choose("--element", t.element, "linear", linear, "quadratic", quadratic, m.element);
+  choose("--law", t.law, "neo_hookean", neo_hookean, "newton", newton, m.law);
+  if (!t.size.empty()) m.size_mm = in_range("--size", t.size, 0.2, 10.0, "mm");
+  if (!t.sweeps.empty()) m.sweeps = whole_number("--sweeps", t.sweeps, 1, 1000000);
+  if (!t.sweeps.empty() && m.solver != vbd) throw UsageError("--sweeps is an option of --solver vbd");
+  if (!t.contact_stiffness.empty()) m.contact_stiffness_N_per_m3 = in_range("--contact-stiffness", t.contact_stiffness, 1e6, 1e15, "N/m3");
+  if (!t.contact_points.empty())
+    m.points = one_of("--contact-points", t.contact_points, {"surface", "vertex"}) == "vertex" ? Mechanics::Points::vertex : Mechanics::Points::surface;
+  if (!t.friction.empty()) m.friction = in_range("--friction", t.friction, 0.0, 10.0, "");
+  if (command == Command::evaluate && m.solver == vbd && !paper)
+    throw UsageError("--solver vbd holds the indenter without an equilibrium, which evaluate scores with --mode paper only");
+  return m;
+}
+
 bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate; }
 
 void read(Options& o, const Typed& t) {
@@ -117,7 +152,8 @@ void read(Options& o, const Typed& t) {
     o.loads_N.clear();
     for (const auto field : split(t.loads)) o.loads_N.push_back(number("--loads", field, "N"));
   }
-  if (o.command == Command::press || o.command == Command::trace) {
+  o.mechanics = read_mechanics(t, o.command);
+  if (o.command == Command::press || o.command == Command::trace || o.command == Command::study_solver) {
     try {
       validate(Scenario<Sphere>{{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N});
     } catch (const InvalidArgument& e) {
@@ -157,11 +193,11 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 24> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
+  static constexpr std::array<std::string_view, 25> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
-                                                             "campaign select", "campaign report", "study carrier",   "study void",      "doctor",
-                                                             "lab recontact",   "lab cycle",       "lab imaging",     "lab force",       "decode",
-                                                             "metrics",         "locate",          "force",           "calibrate"};
+                                                             "campaign select", "campaign report", "study carrier",   "study void",      "study solver",
+                                                             "doctor",          "lab recontact",   "lab cycle",       "lab imaging",     "lab force",
+                                                             "decode",          "metrics",         "locate",          "force",           "calibrate"};
   return names[std::size_t(command)];
 }
 
@@ -200,6 +236,23 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--y", t.y, "Place along the finger [mm], default 0", "N");
     text_option(c, "--loads", t.loads, "Increasing loads [N], default 1,2,5,10,15", "N,N,...");
   };
+  const auto contact = [&](CLI::App* c) {
+    text_option(c, "--law", t.law, "Neo-Hookean law: neo_hookean (default) or newton (Newton's, without a logarithm)", "NAME");
+    text_option(c, "--contact-stiffness", t.contact_stiffness, "Of the contact penalty [N/m3], default 1e11", "N");
+    text_option(c, "--contact-points", t.contact_points, "Contact all over the surface (default) or at each vertex", "NAME");
+    text_option(c, "--friction", t.friction, "Coulomb's coefficient of contact, default 0, in paper mode 0.5", "N");
+  };
+  const auto mode = [&](CLI::App* c) {
+    text_option(c, "--mode", t.mode, "default, or paper: 1 mm linear tetrahedra, vertex block descent in time, Newton's law, friction; held states are scored. A press of five loads takes about 1.5 min of one processor", "NAME");
+  };
+  const auto mechanics = [&](CLI::App* c) {
+    mode(c);
+    text_option(c, "--solver", t.solver, "quasi_static (default) or vbd: vertex block descent, 5 mm/s to each load, 1 s hold", "NAME");
+    text_option(c, "--element", t.element, "Tetrahedra: quadratic (default) or linear, which lock", "NAME");
+    text_option(c, "--size", t.size, "Of all edges [mm], default: graded, fine at the contact; in paper mode 1", "N");
+    text_option(c, "--sweeps", t.sweeps, "Of vbd, per 0.01 s step, default 10", "N");
+    contact(c);
+  };
   const auto optimization = [&](CLI::App* c) {
     text_option(c, "--space", o.space, "Variables, constraints, objectives and budget (JSON)", "FILE");
     text_option(c, "--transcript", o.transcript, "Keeps all that is asked and told; continues from it where it exists", "FILE");
@@ -220,6 +273,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (command != Command::campaign_run) return;
     material(c);
     ensemble(c);
+    mode(c);
     text_option(c, "--evaluations", t.evaluations, "Successful evaluations to reach, default 160", "N");
     text_option(c, "--seed", t.seed, "Of the optimiser, default 1", "N");
     text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
@@ -282,6 +336,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (e.command == Command::evaluate) ensemble(c);
     if (e.command == Command::press)
       c->footer("press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing is removed.");
+    if (e.command == Command::press || e.command == Command::trace || e.command == Command::evaluate) mechanics(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   const auto group = [&](const char* title, const char* help) {
@@ -300,12 +355,19 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::lab_recontact, "Six places, five re-contacts each, up to 15 N"},
                          Entry{Command::lab_cycle, "Cycles within contact at three places"}, Entry{Command::lab_imaging, "Other camera places, other room light, LEDs off"},
                          Entry{Command::lab_force, "Six sequences up to 20 N, with joint torque"},
-                         Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"}}) {
+                         Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"},
+                         Entry{Command::study_solver, "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of one processor)"}}) {
     const std::string_view whole = name(e.command);
     CLI::App* const g = whole.starts_with("campaign") ? campaigns : whole.starts_with("lab") ? labs : studies;
     CLI::App* c = g->add_subcommand(std::string(whole.substr(g->get_name().size() + 1)), e.help);
     if (g == campaigns) campaign(c, e.command);
     else if (g == labs) lab(c);
+    else if (e.command == Command::study_solver) {
+      design(c);
+      scenario(c);
+      text_option(c, "--size", t.size, "Of all edges of the linear mesh [mm], default 1", "N");
+      contact(c);
+    }
     else study(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }

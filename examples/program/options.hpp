@@ -1,5 +1,7 @@
 #pragma once
 
+#include "program/mechanics.hpp"
+
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -11,7 +13,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, doctor,
+enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_solver, doctor,
                      lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
 enum class Ensemble { flat, curved };
 
@@ -28,6 +30,7 @@ struct Options {
   double angle_deg = 0.0;
   double y_mm = 0.0;
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+  Mechanics mechanics;
   Ensemble ensemble = Ensemble::flat;
   std::string space;
   std::string transcript;

@@ -18,6 +18,8 @@ std::string theta_text(const Options& o) {
   return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material;
 }
 
+std::string how(const Options& o) { return o.mechanics == Mechanics{} ? "" : mechanics_text(o.mechanics) + "\n"; }
+
 std::string scenario_text(const ScenarioReport& s) {
   return "sphere " + short_number(s.diameter_mm) + " mm, " + short_number(s.angle_deg) + "°, y = " + short_number(s.y_mm) + " mm";
 }
@@ -167,12 +169,13 @@ std::string present(const Options& o, const PressResult& p, Output& files) {
   }
   if (o.json) {
     Json j = heading(o);
+    j["mechanics"] = json(o.mechanics);
     append(j, json(p.scenario));
     j["mesh"] = json(p.size);
     j["seconds"] = json(p.seconds);
     return dump(j);
   }
-  return theta_text(o) + "; " + scenario_text(p.scenario) + "\n" + state_table(p.scenario);
+  return theta_text(o) + "; " + scenario_text(p.scenario) + "\n" + how(o) + state_table(p.scenario);
 }
 
 std::string present(const Options& o, const TraceResult& t, Output& files) {
@@ -186,6 +189,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
   }
   if (o.json) {
     Json j = heading(o);
+    j["mechanics"] = json(o.mechanics);
     append(j, json(t.scenario));
     j["unloaded_response"] = numbers(t.unloaded_response);
     j["ledger"] = json(t.ledger);
@@ -193,7 +197,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
     j["seconds"] = json(t.seconds);
     return dump(j);
   }
-  std::string text = theta_text(o) + "; " + scenario_text(t.scenario) + "\n" + state_table(t.scenario) + "response per emitted power, regions from proximal to distal\n";
+  std::string text = theta_text(o) + "; " + scenario_text(t.scenario) + "\n" + how(o) + state_table(t.scenario) + "response per emitted power, regions from proximal to distal\n";
   const auto row = [](const std::string& label, const std::vector<double>& r) {
     std::string line = label + std::string(label.size() < 10 ? 10 - label.size() : 0, ' ');
     for (const double v : r) line += cell(v, 6, 10);
@@ -206,6 +210,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
 
 std::string present(const Options& o, const EvaluationResult& e, Output& files) {
   Json j = heading(o);
+  j["mechanics"] = json(o.mechanics);
   j["ensemble"] = name(o.ensemble);
   append(j, json(e));
   j["seconds"] = json(e.seconds);
@@ -234,7 +239,7 @@ std::string present(const Options& o, const EvaluationResult& e, Output& files) 
     }
   }
   if (o.json) return dump(j);
-  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios\n";
+  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios\n" + how(o);
   text += "J_contact = " + cell(e.J_contact, 4) + " ± " + cell(e.J_contact_err, 4);
   if (const auto& w = e.worst_contact) text += "   worst: sphere " + short_number(w->diameter_mm) + " mm, " + short_number(w->angle_deg) + "°, y = " + short_number(w->y_mm) + " mm";
   text += "\nJ_obs     = " + cell(e.J_obs, 6) + " ± " + cell(e.J_obs_err, 6);

@@ -123,7 +123,7 @@ Json machine_model(const StoredCampaign& campaign) {
 
 }  // namespace
 
-std::string campaign_name(const CampaignProblem& problem) { return problem.material + ", " + std::string(name(problem.ensemble)); }
+std::string campaign_name(const CampaignProblem& problem) { return problem.material + ", " + std::string(name(problem.ensemble)) + (problem.paper ? ", paper mode" : ""); }
 
 Json campaign_model(const StoredCampaign& c, const std::string& store) {
   Json j = {{"store", store},
@@ -131,6 +131,7 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
             {"material", c.problem.material},
             {"ensemble", name(c.problem.ensemble)},
             {"source", c.problem.source},
+            {"mechanics", json(c.problem.mechanics())},
             {"seed", c.problem.seed},
             {"digest", c.digest},
             {"problem", problem_text(c.problem)},

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "program/mechanics.hpp"
+
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -58,6 +60,14 @@ inline std::string pad(std::string s, int width) {
   const std::size_t wanted = std::size_t(std::abs(width));
   if (s.size() < wanted) s.insert(width > 0 ? 0 : s.size(), wanted - s.size(), ' ');
   return s;
+}
+
+/// How presses were computed.
+inline std::string mechanics_text(const Mechanics& m) {
+  std::string s = m.solver == Mechanics::Solver::vbd ? "vertex block descent, " + std::to_string(m.sweeps) + " sweeps a step" : "quasi-static";
+  s += ", " + std::string(name(m.element)) + " tetrahedra" + (m.size_mm > 0.0 ? " of " + short_number(m.size_mm) + " mm" : ", graded");
+  s += m.law == Mechanics::Law::newton ? ", Newton's Neo-Hookean law" : ", Neo-Hookean law";
+  return s + (m.points == Mechanics::Points::vertex ? ", contact at vertices" : ", contact all over the surface") + ", friction " + short_number(m.friction);
 }
 
 /// A time as people say it.

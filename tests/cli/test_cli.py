@@ -79,6 +79,40 @@ class Refusals(unittest.TestCase):
             self.bad_store(["no/such/folder"], "study", command, "--store", "no/such/folder/s")
             self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")
 
+    def test_mechanics(self):
+        for command in ["press", "trace", "evaluate"]:
+            for option, wanted, texts in [("--solver", "quasi_static or vbd", ["newton", "VBD", ""]), ("--element", "linear or quadratic", ["cubic", ""]),
+                                          ("--law", "neo_hookean or newton", ["yeoh", ""]), ("--contact-points", "surface or vertex", ["face", ""]), ("--mode", "default or paper", ["Paper", ""])]:
+                for text in texts:
+                    self.refused(USAGE, [option] + ([wanted] if text else []), command, option, text)
+            for option, words, texts in [("--size", ["0.2", "10", "mm"], ["0", "0.1", "11", "-1"]), ("--friction", ["[0, 10]"], ["-0.1", "11"]),
+                                         ("--contact-stiffness", ["N/m3"], ["0", "1e5", "1e16"])]:
+                for text in texts:
+                    self.refused(USAGE, [option, f"'{text}'", *words], command, option, text)
+                for text in ["nan", "inf", "much", "1,2"]:
+                    self.refused(USAGE, [option, "number"], command, option, text)
+            for text in ["0", "-1", "1.5", "nan", "1e3", "1000001"]:
+                self.refused(USAGE, ["--sweeps", "1 to 1000000"], command, "--mode", "paper", "--sweeps", text)
+            # Options that make no sense together.
+            self.refused(USAGE, ["--sweeps", "--solver vbd"], command, "--sweeps", "10")
+            for option, value, own in [("--solver", "quasi_static", "vbd"), ("--element", "quadratic", "linear"), ("--law", "neo_hookean", "newton")]:
+                self.refused(USAGE, [f"{option} {value}", "--mode paper", own], command, "--mode", "paper", option, value)
+        self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd")
+        self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd", "--mode", "default")
+        for command in ["section", "mesh"]:
+            self.refused(USAGE, ["unknown option '--solver'"], command, "--solver", "vbd")
+        self.refused(USAGE, ["unknown option '--solver'"], "campaign", "run", "--store", "s", "--solver", "vbd")
+        self.refused(USAGE, ["default or paper"], "campaign", "run", "--store", "s", "--mode", "fast")
+
+    def test_study_of_solvers(self):
+        self.refused(USAGE, ["--frobnicate", "lumo study solver --help"], "study", "solver", "--frobnicate")
+        for option, value in [("--solver", "vbd"), ("--element", "linear"), ("--sweeps", "10"), ("--mode", "paper"), ("--store", "s")]:
+            self.refused(USAGE, [f"unknown option '{option}'"], "study", "solver", option, value)
+        self.refused(USAGE, ["--size", "mm"], "study", "solver", "--size", "0.1")
+        self.refused(USAGE, ["loads must increase"], "study", "solver", "--loads", "2,1")
+        self.refused(INFEASIBLE, ["t_min"], "study", "solver", "--theta", "2,6,8,5,0")
+        self.refused(BAD_FILE, ["not a directory"], "study", "solver", "--out", "/dev/null/x")
+
     def test_flags_and_values(self):
         self.refused(USAGE, ["'--json'", "must follow the command"], "--json", "section")
         self.refused(USAGE, ["unknown option '--theta'"], "section", "--", "--theta")

@@ -20,8 +20,13 @@ import xml.etree.ElementTree
 LUMO, LONG = "", False
 STATE = ["load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2", "residual_N", "penetration_mm", "response"]
 SCENARIO = ["diameter_mm", "angle_deg", "y_mm", "status", "q_form", "q_stable", "q_stiff", "states"]
-EVALUATION = ["theta_mm", "material", "ensemble", "J_contact", "J_contact_err", "J_obs", "J_obs_err", "worst_contact", "worst_observation",
+EVALUATION = ["theta_mm", "material", "mechanics", "ensemble", "J_contact", "J_contact_err", "J_obs", "J_obs_err", "worst_contact", "worst_observation",
               "unloaded_response", "scenarios", "ledger", "mesh", "seconds"]
+
+
+MECHANICS = {"mode": "default", "solver": "quasi_static", "element": "quadratic", "size_mm": None, "sweeps": None, "law": "neo_hookean",
+             "contact_stiffness_N_per_m3": 1e11, "contact_points": "surface", "friction": 0}
+STUDIED = ["name", "mechanics", "mesh", "status", "q_form", "q_stable", "q_stiff", "score", "seconds", "states"]
 
 
 def run(*arguments, timeout=900):
@@ -88,6 +93,7 @@ class Quick(unittest.TestCase):
                 table = list(csv.DictReader(file))
             for picture in ["force_depth.svg", "contact.svg"]:
                 xml.etree.ElementTree.parse(pathlib.Path(folder) / picture)
+        self.assertEqual(report["mechanics"], MECHANICS)
         self.assertEqual(written, {"force_depth.svg", "contact.svg", "press.csv", "press.pvd", "press_1.vtu", "press_2.vtu"})
         for key in SCENARIO:
             self.assertIn(key, report)
@@ -130,6 +136,78 @@ class Quick(unittest.TestCase):
             report = strict(self.good("press", "--diameter", diameter, "--json").stdout)
             for state, depth in zip(report["states"], depths, strict=True):
                 self.assertAlmostEqual(state["depth_mm"], depth, delta=max(0.015 * depth, 0.015))
+
+    def test_every_solver_element_law_and_contact(self):
+        depths = {}
+        for solver, element, size, law, points in [("quasi_static", "linear", "4", "neo_hookean", "surface"), ("quasi_static", "linear", "4", "newton", "surface"),
+                                                   ("quasi_static", "linear", "4", "neo_hookean", "vertex"), ("quasi_static", "linear", "4", "newton", "vertex"),
+                                                   ("quasi_static", "quadratic", "6", "neo_hookean", "surface"), ("quasi_static", "quadratic", "6", "newton", "surface"),
+                                                   ("quasi_static", "quadratic", "6", "neo_hookean", "vertex"), ("quasi_static", "quadratic", "6", "newton", "vertex"),
+                                                   ("vbd", "linear", "4", "neo_hookean", "surface"), ("vbd", "linear", "4", "newton", "surface"),
+                                                   ("vbd", "linear", "4", "neo_hookean", "vertex"), ("vbd", "linear", "4", "newton", "vertex"), ("vbd", "quadratic", "8", "newton", "surface")]:
+            sweeps = ["--sweeps", "3"] if solver == "vbd" else []
+            report = strict(self.good("press", "--json", "--diameter", "30", "--loads", "0.5", "--solver", solver, "--element", element, "--size", size, "--law", law, *sweeps,
+                                      "--contact-points", points, "--contact-stiffness", "1e10", "--friction", "0.2").stdout)
+            with self.subTest((solver, element, law, points)):
+                self.assertEqual(report["mechanics"], {"mode": "default", "solver": solver, "element": element, "size_mm": int(size), "sweeps": 3 if sweeps else None, "law": law,
+                                                       "contact_stiffness_N_per_m3": 1e10, "contact_points": points, "friction": 0.2})
+                self.assertEqual(report["status"], "held" if sweeps else "converged")
+                (state,) = report["states"]
+                self.assertGreater(state["residual_N"], 0)
+                if not sweeps:
+                    self.assertAlmostEqual(state["force_N"], 0.5, delta=1e-6)
+                    self.assertLessEqual(state["residual_N"], 1e-6 * state["load_N"])
+                depths[solver, element, law, points] = state["depth_mm"]
+        for law, points in [("neo_hookean", "surface"), ("newton", "surface")]:   # linear elements lock
+            self.assertLess(depths["quasi_static", "linear", law, points], depths["quasi_static", "quadratic", law, points])
+
+    def test_a_solver_alone_does_not_change_the_contact(self):
+        still, held = (strict(self.good("press", "--json", "--loads", "0.5", "--element", "linear", "--size", "5", "--solver", s).stdout)["mechanics"] for s in ("quasi_static", "vbd"))
+        self.assertEqual({k: v for k, v in held.items() if k not in ("solver", "sweeps")}, {k: v for k, v in still.items() if k not in ("solver", "sweeps")})
+        paper = strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5").stdout)
+        self.assertEqual(paper["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 5, "sweeps": 10, "law": "newton", "friction": 0.5})
+        self.assertEqual(paper["status"], "held")
+        smooth = strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--friction", "0").stdout)
+        self.assertEqual(smooth["mechanics"], {**paper["mechanics"], "friction": 0})
+        self.assertNotEqual(smooth["states"], paper["states"])
+        one, two = (without_times(strict(self.good("press", "--json", "--loads", "0.5", "--mode", "paper", "--size", "5", "--threads", n).stdout)) for n in "12")
+        self.assertEqual(one, two)
+
+    def test_study_of_solvers(self):
+        with tempfile.TemporaryDirectory() as folder:
+            done = self.good("study", "solver", "--size", "4", "--diameter", "20", "--loads", "1,2", "--json", "--out", folder)
+            report = strict(done.stdout)
+            self.assertEqual(set(os.listdir(folder)), {"study_solver.json", "study_solver.csv", "study_solver.html"})
+            self.assertEqual((pathlib.Path(folder) / "study_solver.json").read_text(), done.stdout)
+            page = (pathlib.Path(folder) / "study_solver.html").read_text()
+            table = (pathlib.Path(folder) / "study_solver.csv").read_text().splitlines()
+        self.assertEqual(len(table), 1 + 4 * 2)
+        self.assertEqual(page.count("<svg"), 2)
+        for elsewhere in ["<script", "http://", "https://", "<link"]:
+            self.assertNotIn(elsewhere, page.replace("http://www.w3.org/2000/svg", ""))
+        self.assertEqual([r["name"] for r in report["rows"]], ["VBD, 10 sweeps", "VBD, 100 sweeps", "quasi-static, linear", "quasi-static, quadratic"])
+        few, many, linear, quadratic = report["rows"]
+        for row in report["rows"]:
+            self.assertEqual(list(row), STUDIED)
+            self.assertEqual([s["load_N"] for s in row["states"]], [1, 2])
+            self.assertIsNotNone(row["q_form"])
+            self.assertIsNone(row["q_stiff"])   # needs loads that were not given
+            self.assertIn(row["name"], page)
+        self.assertEqual([r["status"] for r in report["rows"]], ["held", "held", "converged", "converged"])
+        self.assertEqual(len({json.dumps(r["mesh"]) for r in (few, many, linear)}), 1)
+        for row in (linear, quadratic):
+            for state in row["states"]:
+                self.assertLessEqual(state["residual_over_force"], 1e-6)
+        for a, b in zip(few["states"], many["states"], strict=True):
+            self.assertGreater(a["met_force_N"], a["load_N"] - 1e-12)
+            self.assertLess(b["distance_over_height"], a["distance_over_height"])   # more sweeps, nearer to equilibrium
+            self.assertLess(b["residual_over_force"], a["residual_over_force"])
+            self.assertLess(abs(b["depth_mm"] / b["equilibrium_depth_mm"] - 1), 0.005)
+        for state in linear["states"]:
+            self.assertEqual((state["distance_over_height"], state["depth_mm"]), (0, state["equilibrium_depth_mm"]))
+        for state in quadratic["states"]:   # on a mesh of its own
+            self.assertIsNone(state["distance_over_height"])
+        self.assertLess(linear["states"][-1]["depth_mm"], quadratic["states"][-1]["depth_mm"])   # linear elements lock
 
     def test_little_memory_is_a_numerical_failure(self):   # OpenBLAS would ask for its work area for ever
         for command, megabytes in [("press", 250), ("press", 300), ("press", 350), ("trace", 500)]:
@@ -190,6 +268,22 @@ class Long(unittest.TestCase):
                 self.assertEqual(len(state["response"]), 11)
         qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
         self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
+
+    def test_paper_mode_is_scored_as_held(self):
+        arguments = ["evaluate", "--json", "--mode", "paper", "--size", "4", "--sweeps", "5"]
+        done = run(*arguments, timeout=3600)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = strict(done.stdout)
+        self.assertEqual(list(report), EVALUATION)
+        self.assertEqual(report["mechanics"], {**MECHANICS, "mode": "paper", "solver": "vbd", "element": "linear", "size_mm": 4, "sweeps": 5, "law": "newton", "friction": 0.5})
+        self.assertEqual({s["status"] for s in report["scenarios"]}, {"held"})
+        for scenario in report["scenarios"]:
+            one, two, three, four = ((s["force_N"], s["depth_mm"]) for s in scenario["states"][:4])
+            early, late = (two[0] - one[0]) / (two[1] - one[1]), (four[0] - three[0]) / (four[1] - three[1])
+            self.assertAlmostEqual(scenario["q_stiff"], min(1, max(0, 1 - early / late)), places=9)
+        qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
+        self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
+        self.assertGreater(report["J_obs"], 0)
 
     def test_study_goes_on_where_it_was_stopped(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -45,6 +45,22 @@ TEST_CASE("the three contact terms and their geometric mean follow the paper's e
   CHECK(q.score()->error < 0.05);
 }
 
+TEST_CASE("an indenter that did not move on between two loads leaves the stiffness undefined") {
+  Made m;
+  m.add(1, 1.0e-3, 2e-3, 12e-6);
+  m.add(2, 1.0e-3, 3e-3, 28e-6);   // its force rose while it was held
+  m.add(5, 2.5e-3, 4e-3, 50e-6);
+  m.add(10, 3.0e-3, 6e-3, 110e-6);
+  CHECK_FALSE(contact_terms(m.body, m.mesh, m.states, 5e-3).stiff);
+  m.states[1].depth_m = 1.2e-3;
+  m.states[3].depth_m = m.states[2].depth_m;
+  const ContactTerms q = contact_terms(m.body, m.mesh, m.states, 5e-3);
+  CHECK_FALSE(q.stiff);
+  CHECK(q.form);
+  CHECK(q.stable);
+  CHECK_FALSE(q.score());
+}
+
 TEST_CASE("terms are clipped to [0, 1], and a full patch has no error from its area") {
   Made m;
   m.add(1, 1.0e-3, 2e-3, 12e-6);

@@ -18,7 +18,7 @@ concept ObservedObjective = requires(const O& objective, const Observations& all
   { objective(all) } -> std::same_as<std::optional<Estimate>>;
 };
 
-/// What an evaluation of any body gives. Where a scenario did not converge all objectives are empty.
+/// What an evaluation of any body gives. Where a scenario did not converge (or, where the pipeline accepts held states, was not held) all objectives are empty.
 struct Scores {
   bool converged = false;
   std::vector<std::optional<Estimate>> objectives;
@@ -33,7 +33,7 @@ Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, 
   Scores scores;
   scores.observations = observe(body, scenarios, pipeline, executor, progress);
   scores.converged = true;
-  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && s.status == Status::converged;
+  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && is_scored(s.status, pipeline.accept_held);
   const auto score = [&](const auto&... objective) {
     // A numerical failure is a status, never a score.
     (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);

@@ -23,26 +23,26 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   return p;
 }
 
-/// The first scenario that failed, and how; empty when all converged.
-inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios) {
+/// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
+inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
-    if (s.status != Status::converged)
+    if (!is_scored(s.status, accept_held))
       return detail::text("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
                           " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
 /// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
-inline std::string failure_of(const Evaluation& e) {
+inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
-  if (std::string why = failed_press(e.observations.scenarios); !why.empty()) return why;
+  if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
   return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
 }
 
 /// What a campaign keeps of an evaluation; a solve that ran out of time may be tried again.
-inline Verdict verdict_of(const Evaluation& e) {
+inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
-  v.why = failure_of(e);
+  v.why = failure_of(e, accept_held);
   if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
   for (const ScenarioRecord& s : e.observations.scenarios) v.retry = v.retry || s.status == Status::time_limit;
   return v;

@@ -55,7 +55,7 @@ class Lighting {
       : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
-        if (const Status status = solved[k].states[s].status; status == Status::converged || status == Status::held) all_.push_back({k, s});
+        if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
   }
 
   struct State {
@@ -94,7 +94,7 @@ class Lighting {
       if (state == nullptr)
         lit[i] = light.trace(body_, mesh);
       else
-        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(body_, mesh, plan_.solves[state->solve].scenario));
+        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(*state));
       spent[i] = watch.seconds();
       report(jobs.size());
     });
@@ -136,6 +136,12 @@ class Lighting {
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
+  // Sweeps visit vertices one after the other: what they leave is not its own mirror image.
+  Symmetry symmetry_of(const State& s) const {
+    const auto& [scenario, place] = plan_.solves[s.solve];
+    return solved_[s.solve].states[s.state].status == Status::held ? Symmetry{} : lumo::symmetry_of(body_, places_[place]->mesh(), scenario);
+  }
+
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;

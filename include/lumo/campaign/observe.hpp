@@ -32,6 +32,8 @@ struct Pipeline {
   OpticalError optical_error = {};
   bool mirror_once = true;               ///< solve mirror images once
   RayRefinement rays = {};
+  int mesh_order = 2;                    ///< of the simulator's elements
+  bool accept_held = false;              ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
 };
 
 /// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
@@ -112,7 +114,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
     const detail::Stopwatch watch;
     std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus)));
+    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
     meshing[k] = watch.seconds();
     report("mesh", places.size());
   });
@@ -126,7 +128,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
     report("press", order.size());
   });
-  const bool all_converged = std::all_of(solved.begin(), solved.end(), [](const auto& s) { return s.record.status == Status::converged; });
+  const bool all_converged = std::all_of(solved.begin(), solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
 
   // Light, first for all states, then with more and more rays for those that decide.
   detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);

@@ -16,6 +16,9 @@ enum class Status {
   time_limit               ///< stopped by the caller's time limit
 };
 
+/// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states (the paper's mechanics).
+constexpr bool is_scored(Status s, bool accept_held = false) { return s == Status::converged || (accept_held && s == Status::held); }
+
 constexpr std::string_view to_string(Status s) {
   switch (s) {
     case Status::converged: return "converged";

@@ -70,7 +70,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && (s.status == Status::converged || s.status == Status::held)) return &s;
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
     return nullptr;
   };
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third), *four = at(loads.fourth);
@@ -87,7 +87,9 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
-    q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+    // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
+    const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
+    if (advanced && late > 0.0) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }
