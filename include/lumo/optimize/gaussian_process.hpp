@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/optimize/marginal_likelihood.hpp"
 #include "lumo/optimize/quasi_newton.hpp"
 
@@ -29,15 +30,15 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
-template <class = void>
-inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
-    Eigen::MatrixXd a = covariance;
+    MatrixXd a = covariance;
     a.diagonal().array() += jitter * top;
-    const Eigen::LLT<Eigen::MatrixXd> factor(a);
+    const Eigen::LLT<MatrixXd> factor(a);
     if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.0)
-      return JitteredFactor{Eigen::MatrixXd(factor.matrixL()), jitter * top};
+      return JitteredFactor{MatrixXd(factor.matrixL()), jitter * top};
   }
   return std::nullopt;
 }

@@ -35,9 +35,9 @@ struct EachOutput {
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
-  template <class = void>
-  Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
-    Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
+  template <class MatrixXd = Eigen::MatrixXd>
+  Eigen::MatrixXd objectives(In<MatrixXd> y) const {
+    MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;
     for (std::size_t j = 0; j < terms.size(); first += terms[j++]) least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
     return least;
