@@ -22,6 +22,10 @@ using Mat9 = Eigen::Matrix<double, 9, 9>;
 template <class T>
 using In = const std::type_identity_t<T>&;
 
+/// `Type`, of which the compiler knows no more than that it depends on `Parameter`: the same for all members of a class template.
+template <class Type, class Parameter>
+using Dependent = std::conditional_t<true, Type, Parameter>;
+
 /// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
 struct Symmetry {
   bool x = false;

@@ -84,6 +84,7 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
+template <class = void>
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;

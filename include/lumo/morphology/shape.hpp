@@ -55,10 +55,12 @@ struct SphereShape {
 
 using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
 
-inline Vec3 closest_point(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 closest_point(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.closest_point(p); }, shape);
 }
-inline Vec3 outward_normal(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.normal(p); }, shape);
 }
 
