@@ -8,6 +8,7 @@ import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent))
 sys.dont_write_bytecode = True
+import check_cost  # noqa: E402
 import check_headers  # noqa: E402
 import check_includes  # noqa: E402
 import check_vocabulary  # noqa: E402
@@ -101,6 +102,13 @@ class Checks(unittest.TestCase):
         self.plant("core/a.hpp", "#pragma once\nstd::string s();\n")
         self.assertEqual(len(check_headers.check(compiler, [self.folder.name], cache)[0]), 1)
         self.assertEqual(len(check_headers.check(compiler, [self.folder.name], cache)[0]), 1)
+
+    def test_cost(self):
+        recorded = {"lumo": {"functions": 1000, "classes": 100}}
+        self.assertEqual(check_cost.compare({"lumo": {"functions": 1030, "classes": 50}}, recorded), [])
+        faults = check_cost.compare({"lumo": {"functions": 1031, "classes": 103}}, recorded)
+        self.assertEqual(len(faults), 1)
+        self.assertIn("lumo.cpp instantiates 1031 functions, recorded are 1000", faults[0])
 
 
 if __name__ == "__main__":

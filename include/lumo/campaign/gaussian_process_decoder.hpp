@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
 #include "lumo/optimize/gaussian_process.hpp"
 #include "lumo/sense/linear_decoder.hpp"
 
@@ -19,14 +20,14 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
-    template <class = void>
-    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
-      TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
+      TrainingData data{MatrixXd(1, n), VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
       for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
-      Eigen::MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
+      MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
       mean_.resize(d, t.places());
-      Eigen::MatrixXd variance(d, t.places());
+      MatrixXd variance(d, t.places());
       for (Eigen::Index f = 0; f < d; ++f) {
         data.y = t.response.row(f).transpose();
         const auto process = GaussianProcess<>::fit(data);
@@ -42,23 +43,23 @@ struct GaussianProcessDecoder {
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
-    template <class = void>
-    double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
+    template <class VectorXd = Eigen::VectorXd>
+    double coordinate_m(In<VectorXd> response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
-    template <class = void>
-    Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
-    template <class = void>
-    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Factor>& factors) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    Factor factor(In<VectorXd> variance) const { return Factor(covariance_ + MatrixXd(variance.asDiagonal())); }
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Factor>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
-      Eigen::VectorXd log_likelihood(mean.cols());
+      VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
         const Factor& l = factors[std::size_t(p)];
-        const Eigen::VectorXd z = l.matrixL().solve(response - mean.col(p));
+        const VectorXd z = l.matrixL().solve(response - mean.col(p));
         log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
       }
       return detail::decoding_of(log_likelihood);

@@ -52,13 +52,13 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
     const auto state = std::find_if(s.states.begin(), s.states.end(), [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
     if (state == s.states.end()) return std::nullopt;
-    const Estimate d = response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
+    const Estimate d = response_distance(state->change, MatrixXd::Zero(state->change.rows(), state->change.cols()));
     norms.push_back({d.value, std::hypot(2.0 * d.error, error.mesh * d.value)});
   }
   if (norms.empty()) return std::nullopt;

@@ -83,13 +83,13 @@ class BlockReader {
 }  // namespace detail
 
 /// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(detail::pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
-  const auto add = [&](const char* name, const Eigen::MatrixXd& m) { detail::append_block(t, name, m); };
-  add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
-  add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
+  const auto add = [&](const char* name, const MatrixXd& m) { detail::append_block(t, name, m); };
+  add("theta_mm", Eigen::Map<const VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
+  add("diameter_m", MatrixXd::Constant(1, 1, r.diameter_m));
   add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N), add("depth_m", r.depth_m);
   for (const auto& m : r.change) add("change", m);
   add("tilt_place_m", r.tilt_place_m);
@@ -99,7 +99,7 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 }
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   detail::BlockReader reader(text, name);
   if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
@@ -111,9 +111,9 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   PadResponses r;
   const std::string_view material = reader.line();
   r.material = material.substr(std::min<std::size_t>(material.size(), 9));
-  const Eigen::VectorXd theta = reader.block("theta_mm");
+  const VectorXd theta = reader.block("theta_mm");
   r.theta_mm.assign(theta.begin(), theta.end());
-  const Eigen::MatrixXd diameter = reader.block("diameter_m");
+  const MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
   r.position_m = reader.block("position_m"), r.unloaded = reader.block("unloaded"), r.place_m = reader.block("place_m"), r.load_N = reader.block("load_N");

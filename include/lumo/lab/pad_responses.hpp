@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 
 #include <Eigen/Core>
 
@@ -30,13 +31,13 @@ struct PadResponses {
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
   };
   const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
-  const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
+  const auto ascend = [](const VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
   require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
@@ -45,18 +46,18 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
   require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
-    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+    for (const MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
 }
 
 /// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
 class PadLight {
  public:
   /// Throws InputError for responses that do not fit together.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd>
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
-    for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
-    for (const Eigen::MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
+    for (const MatrixXd& m : r_.change) slope_.push_back(slopes(m));
+    for (const MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
     depth_slope_ = slopes(r_.depth_m.transpose());
   }
 
@@ -66,22 +67,22 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
+    VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
-    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+    return y_m < 0.0 ? VectorXd(v.reverse()) : v;
   }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
+    const VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
@@ -100,8 +101,8 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
-  template <class = void>
-  static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
+  template <class VectorXd = Eigen::VectorXd>
+  static std::pair<std::size_t, double> between(In<VectorXd> x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
     if (at >= x[last]) return {std::size_t(last), 0.0};
@@ -112,11 +113,11 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
-  template <class = void>
-  Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Eigen::MatrixXd slopes(In<MatrixXd> value) const {
     const Eigen::Index n = value.cols();
-    Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
-    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
+    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? VectorXd(value.col(k - 1)) : VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
     slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
@@ -127,15 +128,15 @@ class PadLight {
     }
     return slope;
   }
-  template <class = void>
-  Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Eigen::VectorXd at_load(In<MatrixXd> value, In<MatrixXd> slope, double at) const {
     const Eigen::Index n = value.cols();
-    if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
+    if (!(at > 0.0)) return VectorXd::Zero(value.rows());
     if (at >= load(n)) return value.col(n - 1);
     Eigen::Index k = 0;
     while (at >= load(k + 1)) ++k;
     const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
-    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
     if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
     return v;
   }

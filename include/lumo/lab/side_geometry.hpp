@@ -22,7 +22,7 @@ struct SideGeometry {
 
 /// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
 /// without LEDs or visible surface.
-template <class = void>
+template <class Vec3 = Vec3>
 inline SideGeometry side_geometry(const Body& body) {
   if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
   SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};

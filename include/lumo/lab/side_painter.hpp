@@ -26,17 +26,17 @@ struct CameraPlace {
 class SidePainter {
  public:
   /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
-  template <class = void>
-  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m, std::uint64_t seed);
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
+  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
   Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// Pixel of a point on the facing side.
-  template <class = void>
+  template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
-  template <class = void>
+  template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
 
  private:
@@ -45,10 +45,10 @@ class SidePainter {
     float share;        ///< of the right one
     float side, spot, vignette, gain, room;
   };
-  template <class = void>
-  Eigen::Vector2d project(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
-    return centre_ + camera_.focal_px / d.z() * d.head<2>();
+  template <class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
+  Eigen::Vector2d project(In<Vector3d> p) const {
+    const Vector3d d = axes_.transpose() * (p - eye_);
+    return centre_ + camera_.focal_px / d.z() * d.template head<2>();
   }
 
   CameraRig camera_;
@@ -59,17 +59,17 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-template <class>
-inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m,
+template <class VectorXd, class Vector2d, class Vector3d, class Matrix3d, class AngleAxisd>
+inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m,
                                 std::uint64_t seed)
     : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
   const double middle = 0.5 * (side.low_m + side.high_m);
   // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
-  Eigen::Matrix3d level;
+  Matrix3d level;
   level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
-  const Eigen::Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
-  const Eigen::Matrix3d turn = (Eigen::AngleAxisd(place.yaw_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(place.pitch_rad, Eigen::Vector3d::UnitY()) *
-                                Eigen::AngleAxisd(place.roll_rad, Eigen::Vector3d::UnitX())).toRotationMatrix();
+  const Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
+  const Matrix3d turn = (AngleAxisd(place.yaw_rad, Vector3d::UnitZ()) * AngleAxisd(place.pitch_rad, Vector3d::UnitY()) *
+                                AngleAxisd(place.roll_rad, Vector3d::UnitX())).toRotationMatrix();
   axes_ = turn * level;
   eye_ = aim - camera.distance_m * axes_.col(2);
 
@@ -81,9 +81,9 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      const Eigen::Vector2d off = (Eigen::Vector2d(u, v) - centre_) / camera.focal_px;
-      const Eigen::Vector3d ray = axes_ * Eigen::Vector3d(off.x(), off.y(), 1.0);
-      const Eigen::Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
+      const Vector2d off = (Vector2d(u, v) - centre_) / camera.focal_px;
+      const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
+      const Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
       const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
       const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
       p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
@@ -91,7 +91,7 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
       p.side = float(cover);
       double spot = 0.0;
       for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Eigen::Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
@@ -102,7 +102,7 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
     }
   for (const double y : {-side.half_length_m, side.half_length_m})
     for (const double z : {side.low_m, side.high_m}) {
-      const Eigen::Vector2d corner = pixel(y, z);
+      const Vector2d corner = pixel(y, z);
       if (!(corner.x() >= 1.0 && corner.y() >= 1.0 && corner.x() <= camera.width - 2.0 && corner.y() <= camera.height - 2.0))
         throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
     }

@@ -60,7 +60,7 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
 
  private:
@@ -88,7 +88,7 @@ class VirtualRig {
   void deform();
   template <class = void>
   void record_joints();
-  template <class = void>
+  template <class Vec3 = Vec3>
   void record_forces();
   template <class = void>
   void record_frames();
@@ -272,7 +272,7 @@ inline void VirtualRig::record_joints() {
   }
 }
 
-template <class>
+template <class Vec3>
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
@@ -325,10 +325,10 @@ inline void VirtualRig::record_frames() {
   }
 }
 
-template <class>
+template <class VectorXd>
 inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
-  Eigen::VectorXd light = light_->responses().unloaded;
+  VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
   light *= per_DN_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));

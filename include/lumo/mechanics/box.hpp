@@ -7,8 +7,8 @@ namespace lumo {
 namespace detail {
 
 /// Signed distance from p to the box |x| ≤ half about the origin.
-template <class = void>
-inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
+template <class Vec3 = Vec3, class Mat3 = Mat3>
+inline DistanceSample distance_to_box(In<Vec3> half, In<Vec3> p) {
   const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
   const Vec3 q = p.cwiseAbs() - half;
   int axis;
@@ -37,10 +37,10 @@ struct Box {
   template <class = void>
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3>
+  DistanceSample sample(In<Vec3> p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
     d.distance -= edge_radius_m;
     return d;

@@ -17,10 +17,10 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     const Vec3 foot = nearest(p), out = p - foot;
     const double r = out.norm();
     const Vec3 n = r > 0.0 ? Vec3(out / r) : Vec3(Vec3::UnitX());

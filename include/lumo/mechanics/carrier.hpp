@@ -13,14 +13,14 @@ namespace lumo {
 struct Carrier {
   std::vector<RigidBox> boxes;
 
-  template <class = void>
-  double distance(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
     return least;
   }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
     for (const RigidBox& b : boxes)
       if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
@@ -28,8 +28,8 @@ struct Carrier {
   }
 
  private:
-  template <class = void>
-  static DistanceSample to_box(const RigidBox& b, const Vec3& p) { return detail::distance_to_box(b.half, p - b.center); }
+  template <class Vec3 = Vec3>
+  static DistanceSample to_box(const RigidBox& b, In<Vec3> p) { return detail::distance_to_box(b.half, p - b.center); }
 };
 
 }  // namespace lumo

@@ -89,7 +89,7 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
@@ -131,8 +131,8 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-template <class = void>
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, In<Vec3> p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
   for (const EdgeSample& s : samples) {

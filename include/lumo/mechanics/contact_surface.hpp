@@ -47,7 +47,7 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
     Vec3 at = Vec3::Zero();
     for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
@@ -55,7 +55,7 @@ class ContactSurface {
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  template <class = void>
+  template <class Vec3 = Vec3>
   std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
     const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
@@ -70,7 +70,7 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
-  template <class = void>
+  template <class Vec3 = Vec3>
   void add(const BoundaryFace& face);
   void gather_at_vertices(double area_per_vertex);
 
@@ -87,7 +87,7 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
-template <class>
+template <class Vec3>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -162,8 +162,8 @@ struct NoFriction {
     Vec3 traction;
     Mat3 stiffness;
   };
-  template <class = void>
-  Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Answer answer(std::size_t, std::size_t, In<Vec3>, In<Vec3>, In<Vec3>, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
 };
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing

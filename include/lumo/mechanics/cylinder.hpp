@@ -18,10 +18,10 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const;
 };
 
 inline void validate(const Cylinder& c) {
@@ -31,8 +31,8 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
-template <class>
-inline DistanceSample Cylinder::sample(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample Cylinder::sample(In<Vec3> p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
   const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();
   const Vec3 around = Vec3::UnitZ().cross(radial);

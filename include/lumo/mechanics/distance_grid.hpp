@@ -17,17 +17,17 @@ namespace lumo {
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
-  template <class = void>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   DistanceGrid(const TriangleSurface& surface, int cells);
   DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const;
 
   double spacing_m() const { return h_; }
   const TriangleSurface& surface() const { return surface_; }
@@ -39,18 +39,18 @@ class DistanceGrid {
 
   double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
   template <class = void>
   void fill();
   void filter();
-  template <class = void>
+  template <class Vec3 = Vec3>
   void measure();
-  template <class = void>
-  DistanceSample spline(const Vec3& p) const;
-  template <class = void>
-  DistanceSample exact(const Vec3& p) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample spline(In<Vec3> p) const;
+  template <class Vec3 = Vec3>
+  DistanceSample exact(In<Vec3> p) const;
 
   TriangleSurface surface_;
   SignedDistance exact_;
@@ -60,10 +60,10 @@ class DistanceGrid {
   std::vector<double> c_;      // spline coefficients
 };
 
-template <class>
+template <class Vec3, class AlignedBox3d>
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  Eigen::AlignedBox3d box;
+  AlignedBox3d box;
   for (const Vec3& v : surface_.vertices) box.extend(v);
   const Vec3 size = box.sizes();
   h_ = size.maxCoeff() / cells;
@@ -105,7 +105,7 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
-template <class>
+template <class Vec3>
 inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
@@ -116,8 +116,8 @@ inline void DistanceGrid::measure() {
       }
 }
 
-template <class>
-inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
@@ -149,8 +149,8 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   return d;
 }
 
-template <class>
-inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -179,8 +179,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
           near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
-template <class>
-inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
+template <class Vec3>
+inline DistanceSample DistanceGrid::exact(In<Vec3> p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};
 }

@@ -41,7 +41,7 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   static Vec3 point(int) { return Vec3::Constant(0.25); }
   static double weight(int) { return 1.0 / 6.0; }
 };

@@ -42,8 +42,8 @@ struct FrictionHistory {
     Mat3 stiffness;
     Vec3 stretch;
   };
-  template <class = void>
-  Answer answer(std::size_t face, std::size_t point, const Vec3& at, const Vec3& rigid_origin, const Vec3& normal, double pressure) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Answer answer(std::size_t face, std::size_t point, In<Vec3> at, In<Vec3> rigid_origin, In<Vec3> normal, double pressure) const {
     const Mat3 along = Mat3::Identity() - normal * normal.transpose();
     const Vec3 s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;

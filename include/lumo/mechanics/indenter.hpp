@@ -47,10 +47,10 @@ struct Sphere {
 
   double radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return p.norm() - radius_m(); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return p.norm() - radius_m(); }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     const double r = p.norm();
     const Vec3 n = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::UnitZ());
     return {r - radius_m(), n, (Mat3::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};

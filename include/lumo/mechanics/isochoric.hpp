@@ -16,12 +16,12 @@ struct InvariantSample {
 };
 
 /// Ī₁ = J^(−2/3) tr C; det F must be positive.
-template <class = void>
-InvariantSample first_isochoric_invariant(const Mat3& F);
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+InvariantSample first_isochoric_invariant(In<Mat3> F);
 
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
-template <class = void>
-InvariantSample second_isochoric_invariant(const Mat3& F);
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+InvariantSample second_isochoric_invariant(In<Mat3> F);
 
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
@@ -32,8 +32,8 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class = void>
-inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full, double m) {
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+inline InvariantSample without_volume(In<Mat3> F, const InvariantSample& full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
   const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data()), slope(full.gradient.data());
@@ -45,13 +45,13 @@ inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full
 
 }  // namespace detail
 
-template <class>
-inline InvariantSample first_isochoric_invariant(const Mat3& F) {
+template <class Mat3, class Mat9>
+inline InvariantSample first_isochoric_invariant(In<Mat3> F) {
   return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, 2.0 * Mat9::Identity()}, 2.0 / 3.0);
 }
 
-template <class>
-inline InvariantSample second_isochoric_invariant(const Mat3& F) {
+template <class Mat3, class Mat9>
+inline InvariantSample second_isochoric_invariant(In<Mat3> F) {
   const Mat3 C = F.transpose() * F, B = F * F.transpose();
   const double I1 = C.trace();
   Mat9 h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)

@@ -37,15 +37,15 @@ class EigenCholesky {
     pattern_ = lower;
     solver_.analyzePattern(lower);
   }
-  template <class = void>
+  template <class ArrayXd = Eigen::ArrayXd>
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
-  template <class = void>
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
+  template <class MatrixXd = Eigen::MatrixXd>
+  Eigen::MatrixXd solve(In<MatrixXd> rhs) const { return solver_.solve(rhs); }
 
  private:
   SparseLower pattern_;

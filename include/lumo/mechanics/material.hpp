@@ -42,8 +42,8 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 };
 
 /// Derivative of det F by F: the cofactor matrix.
-template <class = void>
-inline Mat3 cofactor(const Mat3& F) {
+template <class Mat3 = Mat3>
+inline Mat3 cofactor(In<Mat3> F) {
   Mat3 c;
   c.col(0) = F.col(1).cross(F.col(2));
   c.col(1) = F.col(2).cross(F.col(0));
@@ -52,20 +52,20 @@ inline Mat3 cofactor(const Mat3& F) {
 }
 
 /// Second derivative of det F by F, flattened by columns.
-template <class = void>
-inline Mat9 determinant_hessian(const Mat3& F) {
+template <class Vec3 = Vec3, class Mat3 = Mat3, class Mat9 = Mat9>
+inline Mat9 determinant_hessian(In<Mat3> F) {
   const auto cross = [](const Vec3& v) {
     Mat3 m;
     m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
     return m;
   };
   Mat9 h = Mat9::Zero();
-  h.block<3, 3>(0, 3) = -cross(F.col(2));
-  h.block<3, 3>(0, 6) = cross(F.col(1));
-  h.block<3, 3>(3, 0) = cross(F.col(2));
-  h.block<3, 3>(3, 6) = -cross(F.col(0));
-  h.block<3, 3>(6, 0) = -cross(F.col(1));
-  h.block<3, 3>(6, 3) = cross(F.col(0));
+  h.template block<3, 3>(0, 3) = -cross(F.col(2));
+  h.template block<3, 3>(0, 6) = cross(F.col(1));
+  h.template block<3, 3>(3, 0) = cross(F.col(2));
+  h.template block<3, 3>(3, 6) = -cross(F.col(0));
+  h.template block<3, 3>(6, 0) = -cross(F.col(1));
+  h.template block<3, 3>(6, 3) = cross(F.col(0));
   return h;
 }
 

@@ -12,9 +12,9 @@ namespace lumo {
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
-  template <class = void>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
-    Eigen::AlignedBox3d box;
+    AlignedBox3d box;
     for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
@@ -27,10 +27,10 @@ class MeshIndenter {
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
-  template <class = void>
-  double distance(const Vec3& p) const { return grid_->distance(p); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const { return grid_->sample(p); }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return grid_->distance(p); }
+  template <class Vec3 = Vec3>
+  DistanceSample sample(In<Vec3> p) const { return grid_->sample(p); }
   const DistanceGrid& grid() const { return *grid_; }
 
  private:

@@ -15,16 +15,16 @@ struct NeoHookean {
 
   double shear_modulus() const { return mu; }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const {
     const double J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
     return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * std::log(J);
   }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
     const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());

@@ -25,12 +25,12 @@ struct Ogden {
     return sum;
   }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const;
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const;
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const;
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const;
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
  private:
@@ -39,14 +39,14 @@ struct Ogden {
     Mat3 U, V;
     Vec3 l, g;
   };
-  template <class = void>
-  Principal principal(const Mat3& F) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Principal principal(In<Mat3> F) const;
   // ∂gᵢ/∂ln lⱼ
-  template <class = void>
-  Mat3 log_slopes(const Vec3& l) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Mat3 log_slopes(In<Vec3> l) const;
   // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
-  template <class = void>
-  double divided_difference(const Vec3& l, int i, int j) const;
+  template <class Vec3 = Vec3>
+  double divided_difference(In<Vec3> l, int i, int j) const;
 };
 
 inline void validate(const Ogden& m) {
@@ -58,8 +58,8 @@ inline void validate(const Ogden& m) {
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
-template <class>
-inline Ogden::Principal Ogden::principal(const Mat3& F) const {
+template <class Vec3, class Mat3>
+inline Ogden::Principal Ogden::principal(In<Mat3> F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
   const double J = p.l.prod();
@@ -70,8 +70,8 @@ inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   return p;
 }
 
-template <class>
-inline double Ogden::distortion_energy(const Mat3& F) const {
+template <class Vec3, class Mat3>
+inline double Ogden::distortion_energy(In<Mat3> F) const {
   const double J = F.determinant();
   if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
   const Vec3 l = principal(F).l / std::cbrt(J);
@@ -81,14 +81,14 @@ inline double Ogden::distortion_energy(const Mat3& F) const {
   return sum;
 }
 
-template <class>
-inline Mat3 Ogden::distortion_stress(const Mat3& F) const {
+template <class Mat3>
+inline Mat3 Ogden::distortion_stress(In<Mat3> F) const {
   const Principal p = principal(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
-template <class>
-inline Mat3 Ogden::log_slopes(const Vec3& l) const {
+template <class Vec3, class Mat3>
+inline Mat3 Ogden::log_slopes(In<Vec3> l) const {
   Mat3 d = Mat3::Zero();
   for (const Term& t : terms) {
     const Vec3 power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
@@ -98,8 +98,8 @@ inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   return d;
 }
 
-template <class>
-inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
+template <class Vec3>
+inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
   const double apart = l[i] - l[j];
   double sum = 0.0;
   for (const Term& t : terms) {
@@ -110,8 +110,8 @@ inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
-template <class>
-inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
+template <class Mat3, class Mat9>
+inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
   const Principal p = principal(F);
   const Mat3 slopes = log_slopes(p.l);
   Mat9 local = Mat9::Zero();
@@ -126,7 +126,7 @@ inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
     }
   Mat9 frame;  // vec(U X Vᵀ) = frame · vec(X)
   for (int j = 0; j < 3; ++j)
-    for (int l = 0; l < 3; ++l) frame.block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
+    for (int l = 0; l < 3; ++l) frame.template block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
   return frame * local * frame.transpose();
 }
 

@@ -19,19 +19,19 @@ struct Yeoh {
 
   double shear_modulus() const { return 2.0 * c1; }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const {
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
     const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());

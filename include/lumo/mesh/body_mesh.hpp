@@ -21,8 +21,8 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
-template <class = void>
-inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double tiny) {
+template <class Vec3 = Vec3>
+inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3> p, double tiny) {
   for (int round = 0; round < 2; ++round)
     for (int patch : patches)
       if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
@@ -31,7 +31,7 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double ti
   return p;
 }
 
-template <class = void>
+template <class Vec3 = Vec3>
 inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;

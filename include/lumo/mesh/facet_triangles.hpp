@@ -19,8 +19,8 @@ struct SurfaceTriangle {
 };
 
 /// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
-template <class = void>
-inline Vec3 polygon_normal(const std::vector<Vec3>& vertices, const std::vector<int>& loop) {
+template <class Vec3 = Vec3>
+inline Vec3 polygon_normal(In<std::vector<Vec3>> vertices, const std::vector<int>& loop) {
   const Vec3& origin = vertices[static_cast<std::size_t>(loop[0])];
   Vec3 sum = Vec3::Zero();
   for (std::size_t i = 1; i + 1 < loop.size(); ++i)
@@ -33,8 +33,8 @@ struct Projection {
   std::size_t first = 0;
   std::size_t second = 1;
 
-  template <class = void>
-  explicit Projection(const Vec3& normal) {
+  template <class Vec3 = Vec3>
+  explicit Projection(In<Vec3> normal) {
     int axis = 0;
     normal.cwiseAbs().maxCoeff(&axis);
     first = static_cast<std::size_t>((axis + 1) % 3);
@@ -85,8 +85,8 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-template <class = void>
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3>& vertices, const std::vector<int>& loop, const Vec3& normal,
+template <class Vec3 = Vec3>
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vector<Vec3>> vertices, const std::vector<int>& loop, In<Vec3> normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {

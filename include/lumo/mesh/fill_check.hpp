@@ -39,7 +39,7 @@ inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0,
 /// faces shared by two tetrahedra of opposite sense or on the boundary, boundary faces on their facets, volume and area those of
 /// the input to 1e-6. `faces` and `facets` (number + 1) name the boundary triangles, in any sense and order.
 /// Throws MeshError: crashed for an answer that makes no sense, inverted, open, not_manifold, or inaccurate.
-template <class = void>
+template <class Vec3 = Vec3>
 inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
                                const std::vector<std::int32_t>& tets, const std::vector<std::int32_t>& faces,
                                const std::vector<std::int32_t>& facets) {

@@ -20,8 +20,8 @@ using Point2 = std::array<double, 2>;
 int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
 /// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
-template <class = void>
-int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d);
+template <class Vec3 = Vec3>
+int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d);
 
 namespace detail {
 
@@ -36,8 +36,8 @@ inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
 }
 
 /// The sign where rounding errors cannot change it, else 0.
-template <class = void>
-inline int sure_orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+template <class Vec3 = Vec3>
+inline int sure_orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
   const Vec3 u = b - a;
   const Vec3 v = c - a;
   const Vec3 w = d - a;
@@ -133,8 +133,8 @@ inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   return detail::minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
 }
 
-template <class>
-inline int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+template <class Vec3>
+inline int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
   if (const int sure = detail::sure_orient3d(a, b, c, d); sure != 0) return sure;
   std::array<std::array<detail::Expansion, 3>, 3> rows;
   for (int k = 0; k < 3; ++k) {

@@ -18,23 +18,23 @@ struct MeshQuality {
 
 /// Bernstein coefficients of det(∂x/∂ξ) over one element: 1 (linear) or 20 (quadratic). All positive proves that the map is
 /// invertible at every point, not only at quadrature points. Source: Johnen, Remacle, Geuzaine 2013.
-template <class = void>
+template <class Vec3 = Vec3, class Mat3 = Mat3>
 std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& tet);
 
 /// Measures without judging.
-template <class = void>
+template <class Vec3 = Vec3>
 MeshQuality measure(const TetMesh& mesh);
 
 /// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the volume is
 /// within `volume_tolerance` of `exact_volume_m3` (0: not checked).
-template <class = void>
+template <class Vec3 = Vec3>
 void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
 
 // Symmetric multilinear form whose diagonal is the determinant.
-template <class = void>
-inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
+template <class Vec3 = Vec3, class Mat3 = Mat3>
+inline double mixed_determinant(In<Mat3> a, In<Mat3> b, In<Mat3> c) {
   const auto det = [](const Vec3& u, const Vec3& v, const Vec3& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
           det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) / 6.0;
@@ -42,7 +42,7 @@ inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3, class Mat3>
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
   if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
@@ -61,7 +61,7 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
   return coefficients;
 }
 
-template <class>
+template <class Vec3>
 inline MeshQuality measure(const TetMesh& mesh) {
   MeshQuality q;
   for (const auto& t : mesh.tets) {
@@ -83,7 +83,7 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
-template <class>
+template <class Vec3>
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
   using Reason = MeshError::Reason;
   for (const Vec3& x : mesh.nodes)

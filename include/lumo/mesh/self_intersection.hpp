@@ -21,7 +21,7 @@ class SelfIntersection {
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
   /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
-  template <class = void>
+  template <class Vec3 = Vec3>
   std::optional<std::pair<int, int>> find() const;
 
  private:
@@ -29,19 +29,19 @@ class SelfIntersection {
 
   const Vec3& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
   static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool clash(const Corners& a, const Corners& b) const;
   template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool folded(const Corners& a, const Corners& b) const;
   template <class = void>
   bool meets(int p, int q, const Corners& t) const;
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool close(const Corners& a, const Corners& b) const;
 
   const std::vector<Vec3>& vertices_;
@@ -50,8 +50,8 @@ class SelfIntersection {
 };
 
 /// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
-template <class = void>
-inline double segment_distance2(const Vec3& p1, const Vec3& q1, const Vec3& p2, const Vec3& q2) {
+template <class Vec3 = Vec3>
+inline double segment_distance2(In<Vec3> p1, In<Vec3> q1, In<Vec3> p2, In<Vec3> q2) {
   const Vec3 d1 = q1 - p1;
   const Vec3 d2 = q2 - p2;
   const Vec3 r = p1 - p2;
@@ -97,7 +97,7 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
 }
 
 /// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   int apex_a = 0, apex_b = 0;
   std::array<int, 2> edge{};
@@ -141,7 +141,7 @@ inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   return inside;
 }
 
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
     const Vec3 n = normal(*t).normalized();
@@ -166,7 +166,7 @@ inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
   if (shared == 3) return true;
@@ -188,7 +188,7 @@ inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class>
+template <class Vec3>
 inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   struct Box {
     Vec3 low, high;

@@ -87,7 +87,7 @@ inline void check_edges(const MeshInput& input) {
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
@@ -118,16 +118,16 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
 }
 
 /// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
-template <class = void>
-inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& from_c, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double solid_angle(In<Vec3> from_a, In<Vec3> from_b, In<Vec3> from_c, In<Vec3> point) {
   const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
   const double la = a.norm(), lb = b.norm(), lc = c.norm();
   return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
-template <class = void>
-inline double winding(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double winding(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, In<Vec3> point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
@@ -139,7 +139,7 @@ inline double winding(const std::vector<Vec3>& vertices, const std::vector<Surfa
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-template <class = void>
+template <class Vec3 = Vec3>
 inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3& point, const Shell* without) {
     double sum = 0.0;
@@ -164,8 +164,8 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
-template <class = void>
-inline std::vector<Vec3> cavity_points(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+template <class Vec3 = Vec3>
+inline std::vector<Vec3> cavity_points(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3> points;
   const auto at = [&](int vertex) -> const Vec3& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {

@@ -16,7 +16,7 @@ namespace lumo {
 /// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
 class SignedDistance {
  public:
-  template <class = void>
+  template <class Vec3 = Vec3>
   explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3::Zero()) {
     for (const auto& t : surface.triangles) {
       const Vec3 n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
@@ -35,8 +35,8 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
-  template <class = void>
-  Sample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Sample sample(In<Vec3> p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
     const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
@@ -54,8 +54,8 @@ class SignedDistance {
   }
 
   /// Distance alone; `near`: a bound [m] that its size is known to keep.
-  template <class = void>
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const {
     const TriangleTree::Nearest n = tree_.nearest(p, near);
     return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
   }

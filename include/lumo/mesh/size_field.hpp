@@ -30,11 +30,11 @@ struct SizeField {
   static constexpr std::size_t max_cells = 60000;
   static constexpr double tolerance = 0.05;
 
-  template <class = void>
-  static SizeField sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high);
+  template <class Vec3 = Vec3>
+  static SizeField sample(In<std::function<double(const Vec3&)>> edge, In<Vec3> low, In<Vec3> high);
 
-  template <class = void>
-  double operator()(const Vec3& point) const {
+  template <class Vec3 = Vec3>
+  double operator()(In<Vec3> point) const {
     Vec3 local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
     int cell = 0;
     while (cells[static_cast<std::size_t>(cell)].child >= 0) {
@@ -59,8 +59,8 @@ struct SizeField {
 
 /// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
 /// what `edge` itself throws passes through.
-template <class>
-inline SizeField SizeField::sample(const std::function<double(const Vec3&)>& edge, const Vec3& low, const Vec3& high) {
+template <class Vec3>
+inline SizeField SizeField::sample(In<std::function<double(const Vec3&)>> edge, In<Vec3> low, In<Vec3> high) {
   SizeField field;
   if (!edge) return field;
   field.side = (high - low).maxCoeff();

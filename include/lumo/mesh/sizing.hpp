@@ -17,8 +17,8 @@ struct Focus {
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-template <class = void>
-inline Body focused(Body body, const std::vector<Vec3>& points, const Focus& focus = {}) {
+template <class Vec3 = Vec3>
+inline Body focused(Body body, In<std::vector<Vec3>> points, const Focus& focus = {}) {
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;

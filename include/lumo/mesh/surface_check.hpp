@@ -30,7 +30,7 @@ struct SurfaceReport {
 /// Vertices of no facet are interior points. Several separate solids and cavities are legal.
 /// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
 /// Time about n log n for n triangles, quadratic in the corners of a facet.
-template <class = void>
+template <class Vec3 = Vec3>
 SurfaceReport validate_surface(const MeshInput& input);
 
 namespace detail {
@@ -67,8 +67,8 @@ inline void check_numbers(const MeshInput& input) {
 }
 
 /// Vertices closer than `tolerance`, found by sorting along a direction in which hardly any two agree by accident.
-template <class = void>
-inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance) {
+template <class Vec3 = Vec3>
+inline void check_duplicates(In<std::vector<Vec3>> vertices, double tolerance) {
   const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
   std::vector<std::pair<double, int>> order;
   for (std::size_t i = 0; i < vertices.size(); ++i) order.emplace_back(direction.dot(vertices[i]), static_cast<int>(i));
@@ -84,7 +84,7 @@ inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance
 }
 
 /// Checks each facet alone and cuts it into triangles.
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
@@ -111,7 +111,7 @@ inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double 
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline SurfaceReport validate_surface(const MeshInput& input) {
   using Reason = MeshError::Reason;
   detail::check_numbers(input);

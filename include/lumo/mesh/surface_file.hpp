@@ -22,7 +22,7 @@ namespace lumo {
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
 /// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
 /// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
-template <class = void>
+template <class Vec3 = Vec3>
 TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
 
 namespace detail {
@@ -76,8 +76,8 @@ class SurfaceText {
 
 // Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
 // refused with its surface.
-template <class = void>
-inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
+template <class Vec3 = Vec3>
+inline void cut_polygon(In<std::vector<Vec3>> vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
   const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
   Vec3 normal = Vec3::Zero();   // Newell's
   for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
@@ -187,7 +187,7 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
   const std::string name = path.string();

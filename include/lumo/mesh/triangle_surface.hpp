@@ -24,8 +24,8 @@ inline SurfaceReport validate_surface(const TriangleSurface& surface) {
 }
 
 /// How often the surface winds around a point: 1 inside, 0 outside.
-template <class = void>
-inline double winding_number(const TriangleSurface& surface, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double winding_number(const TriangleSurface& surface, In<Vec3> point) {
   double angle = 0.0;
   const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
   for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);

@@ -19,8 +19,8 @@ struct TrianglePoint {
 };
 
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-template <class = void>
-inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+template <class Vec3 = Vec3>
+inline TrianglePoint closest_point(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
   if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
@@ -40,8 +40,8 @@ inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
-template <class = void>
-inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
+template <class Vec3 = Vec3>
+inline Vec3 closest_on_triangle(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
@@ -60,8 +60,8 @@ class TriangleTree {
   };
 
   /// Looks no farther than `near` [m] from p.
-  template <class = void>
-  Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+  template <class Vec3 = Vec3>
+  Nearest nearest(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const {
     Nearest best;
     double least = near * near;
     if (!nodes_.empty()) search(0, p, least, best);
@@ -70,8 +70,8 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  template <class = void>
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
   struct Node {
@@ -82,11 +82,11 @@ class TriangleTree {
 
   const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
 
-  template <class = void>
+  template <class AlignedBox3d = Eigen::AlignedBox3d>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
     nodes_.push_back({{}, begin, end - begin, -1});
-    Eigen::AlignedBox3d box;
+    AlignedBox3d box;
     for (int i = begin; i < end; ++i)
       for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
     nodes_[std::size_t(self)].box = box;
@@ -106,8 +106,8 @@ class TriangleTree {
     return self;
   }
 
-  template <class = void>
-  void search(int at, const Vec3& p, double& least, Nearest& best) const {
+  template <class Vec3 = Vec3>
+  void search(int at, In<Vec3> p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {

@@ -67,8 +67,8 @@ struct Body {
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
-template <class = void>
-inline Vec3 outward_normal(const Body& body, int patch, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 outward_normal(const Body& body, int patch, In<Vec3> p) {
   const Vec3 fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
 }

@@ -9,8 +9,8 @@ namespace detail {
 
 /// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
 /// Map Between Disk and Square", J. Graphics Tools 2 (1997).
-template <class = void>
-inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
+template <class Vec3 = Vec3>
+inline Vec3 on_unit_disc(double u, double v, In<Vec3> t1, In<Vec3> t2) {
   const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
   if (a == 0.0 && b == 0.0) return Vec3::Zero();
   const bool steep = std::abs(b) > std::abs(a);
@@ -19,8 +19,8 @@ inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
 }
 
 /// Point of the disc about `center` with unit normal `n`; the same for every description of it.
-template <class = void>
-inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
+template <class Vec3 = Vec3>
+inline Vec3 on_disc(In<Vec3> center, In<Vec3> n, double radius_m, double u, double v) {
   Vec3 t1, t2;
   tangents(n, t1, t2);
   return center + radius_m * on_unit_disc(u, v, t1, t2);
@@ -37,12 +37,12 @@ struct DiscEmitter {
   int channel = 0;                 ///< colour channel
 
   Vec3 axis() const { return normal; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class = void>
-  DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
+  template <class Vec3 = Vec3>
+  DiscEmitter mirrored(In<Vec3> m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
 };
 
 inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }

@@ -42,14 +42,14 @@ struct RectangleEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class = void>
-  RectangleEmitter mirrored(const Vec3& m) const;
+  template <class Vec3 = Vec3>
+  RectangleEmitter mirrored(In<Vec3> m) const;
 };
 
 static_assert(EmitterModel<RectangleEmitter>);
@@ -126,8 +126,8 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-template <class>
-inline RectangleEmitter RectangleEmitter::mirrored(const Vec3& m) const {
+template <class Vec3>
+inline RectangleEmitter RectangleEmitter::mirrored(In<Vec3> m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
   image.half_u = m.cwiseProduct(half_u);

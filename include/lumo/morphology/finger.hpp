@@ -45,12 +45,12 @@ void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
-template <class = void>
+template <class Vec3 = Vec3>
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
-template <class = void>
+template <class Vec3 = Vec3>
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
@@ -84,6 +84,7 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
+template <class = void>
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
@@ -125,7 +126,7 @@ inline void validate(const FingerOptions& o) {
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
 }
 
-template <class>
+template <class Vec3>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);

@@ -36,15 +36,15 @@ struct MeasuredLobe {
   int channel = 0;                    ///< colour channel
 
   Vec3 axis() const { return direction; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
-  template <class = void>
-  MeasuredLobe mirrored(const Vec3& m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
+  template <class Vec3 = Vec3>
+  MeasuredLobe mirrored(In<Vec3> m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
 };
 
 inline void validate(const MeasuredLobe& e) { require_in_range("radius of a measured lobe", e.radius_m * 1e3, 0.0, 1e3, "mm"); }

@@ -22,8 +22,8 @@ struct Plane {
   Vec3 point = Vec3::Zero();
   Vec3 direction = Vec3::UnitZ();
 
-  template <class = void>
-  Vec3 closest_point(const Vec3& p) const { return p - direction.dot(p - point) * direction; }
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const { return p - direction.dot(p - point) * direction; }
   Vec3 normal(const Vec3&) const { return direction; }
 };
 
@@ -34,8 +34,8 @@ struct EllipticCylinder {
   double semi_z = 1.0;
 
   Vec3 closest_point(const Vec3& p) const;
-  template <class = void>
-  Vec3 normal(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 normal(In<Vec3> p) const;
 };
 
 /// Sphere of `radius` [m] about `center`; the body is inside.
@@ -43,10 +43,10 @@ struct SphereShape {
   Vec3 center = Vec3::Zero();
   double radius = 1.0;
 
-  template <class = void>
-  Vec3 closest_point(const Vec3& p) const { return center + radius * normal(p); }
-  template <class = void>
-  Vec3 normal(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const { return center + radius * normal(p); }
+  template <class Vec3 = Vec3>
+  Vec3 normal(In<Vec3> p) const {
     const Vec3 d = p - center;
     const double r = d.norm();
     return r > 0.0 ? Vec3(d / r) : Vec3(Vec3::UnitZ());
@@ -55,10 +55,12 @@ struct SphereShape {
 
 using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
 
-inline Vec3 closest_point(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 closest_point(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.closest_point(p); }, shape);
 }
-inline Vec3 outward_normal(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.normal(p); }, shape);
 }
 
@@ -100,8 +102,8 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
 }
 
-template <class>
-inline Vec3 EllipticCylinder::normal(const Vec3& p) const {
+template <class Vec3>
+inline Vec3 EllipticCylinder::normal(In<Vec3> p) const {
   const Vec3 foot = closest_point(p) - center;
   return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
 }

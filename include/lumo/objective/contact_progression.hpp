@@ -39,6 +39,7 @@ struct ContactLoads {
 };
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
+template <class = void>
 ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
@@ -66,6 +67,7 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
+template <class>
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {

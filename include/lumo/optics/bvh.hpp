@@ -18,10 +18,12 @@ namespace lumo {
 class BvhScene {
  public:
   /// Throws InvalidArgument when a corner is not finite.
+  template <class Vec3 = Vec3>
   BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const;
+  template <class Vec3 = Vec3>
+  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
 
  private:
   static constexpr std::size_t bins = 16;
@@ -41,8 +43,11 @@ class BvhScene {
     Box box;
   };
 
+  template <class = void>
   Range bounds(int first, int last) const;
+  template <class Vec3 = Vec3>
   bool split(const Range& range, std::array<Range, 2>& halves);
+  template <class = void>
   int build(const Range& range);
 
   std::vector<Triangle> triangles_;
@@ -62,9 +67,11 @@ struct Bvh {
   };
   Config config{};
 
+  template <class = void>
   BvhScene build(const std::vector<SceneTriangle>& triangles) const { return BvhScene(triangles, config.leaf_size); }
 };
 
+template <class Vec3>
 inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
@@ -92,6 +99,7 @@ inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_
   order_ = {};
 }
 
+template <class>
 inline BvhScene::Range BvhScene::bounds(int first, int last) const {
   Range r{first, last, {}};
   for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
@@ -99,6 +107,7 @@ inline BvhScene::Range BvhScene::bounds(int first, int last) const {
 }
 
 // Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
+template <class Vec3>
 inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;
@@ -144,6 +153,7 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   return true;
 }
 
+template <class>
 inline int BvhScene::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
@@ -177,7 +187,8 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-inline RayHit BvhScene::first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
+template <class Vec3>
+inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
   const Vec3 o = origin - center_;

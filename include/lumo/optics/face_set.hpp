@@ -52,12 +52,14 @@ class FaceSet {
     std::uint32_t index = 0;  ///< in the sequence
   };
   /// Sample `i` of face `k`. Takes dimensions 2 and 3 of the sequence; 0 and 1 are for its direction.
+  template <class Vec3 = Vec3>
   Sample sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const;
 
  private:
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
   static std::uint64_t morton(const Vec3& unit_cube);
-  void number(const std::vector<Vec3>& centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
+  template <class Vec3 = Vec3>
+  void number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
@@ -114,7 +116,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
-inline void FaceSet::number(const std::vector<Vec3>& centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
+template <class Vec3>
+inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
                             std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
@@ -145,6 +148,7 @@ inline void FaceSet::number(const std::vector<Vec3>& centers, const std::vector<
   }
 }
 
+template <class Vec3>
 inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
   const Face& f = faces_[k];
   Sample x;

@@ -19,6 +19,7 @@ namespace lumo::detail {
 /// Source: linear elements for radiosity, Heckbert (thesis, 1991). In a plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
+  template <class Vec3 = Vec3>
   LightNodes(const OpticalScene& scene, Symmetry symmetry) : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
     std::map<PlaceKey, int> patch_at;

@@ -30,6 +30,7 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
 /// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
 /// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
+template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d>
 inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   struct Point {
     double weight, b1, b2;
@@ -42,7 +43,7 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(36 * faces.size());
-  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
+  MatrixX3d turned = MatrixX3d::Zero(size, 3);
   for (std::size_t f = 0; f < faces.size(); ++f) {
     const std::array<Vec3, 6>& x = faces[f].reference;
     const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();

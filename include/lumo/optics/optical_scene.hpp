@@ -39,22 +39,28 @@ class OpticalScene {
   /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
+  template <class Vec3 = Vec3>
+  OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field,
                Symmetry images, const Config& config);
 
   const std::vector<SceneTriangle>& triangles() const { return triangles_; }
 
   /// Locates the point `p` [m] on triangle `t`.
-  ScenePoint locate(int t, const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  ScenePoint locate(int t, In<Vec3> p) const;
   /// Unit normal of triangle `t` (flat, outward).
+  template <class Vec3 = Vec3>
   Vec3 flat_normal(int t) const;
   /// Unit outward normal of the deformed body.
+  template <class Vec3 = Vec3>
   Vec3 smooth_normal(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
   /// Undeformed position [m].
+  template <class Vec3 = Vec3>
   Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
+  template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
@@ -62,34 +68,44 @@ class OpticalScene {
   }
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
+  template <class = void>
   double triangle_area(int t) const;
+  template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
   bool has_region(int face) const { return labels_[0][std::size_t(face)] != -1; }  ///< may a point of it lie in a region?
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
+  template <class Vec3 = Vec3>
   int triangle_at(int face, double b1, double b2, Vec3& point) const;
   const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
+  template <class Vec3 = Vec3>
   std::array<Vec3, 3> reference_corners(int face, int sub) const;
   /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
+  template <class Vec3 = Vec3>
   std::array<Vec3, 3> reference_corners(int t) const {
     if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
     return reference_corners(t / triangles_per_face(), t % triangles_per_face());
   }
   /// Region of a place on a patch, or of its mirror image.
-  int region(int patch, const Vec3& reference, unsigned image) const;
+  template <class Vec3 = Vec3>
+  int region(int patch, In<Vec3> reference, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
   /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
-  Vec3 pulled_inward(int t, const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 pulled_inward(int t, In<Vec3> p) const;
 
  private:
   static constexpr int mixed = -2;
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
+  template <class Vec3 = Vec3>
+  void add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field);
+  template <class Vec3 = Vec3>
   void add_carrier(const Config& config);
+  template <class = void>
   void label(Symmetry images);
 
   const Body* body_;
@@ -103,7 +119,8 @@ class OpticalScene {
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
 };
 
-inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
+template <class Vec3>
+inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement,
                                   const std::vector<double>& contact_field, Symmetry images, const Config& config)
     : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
   require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
@@ -125,7 +142,8 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
   label(images);
 }
 
-inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field) {
+template <class Vec3>
+inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
     throw InvalidArgument(detail::text("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
@@ -167,6 +185,7 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
+template <class Vec3>
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3> soft;
   for (const detail::QuadraticFace& f : faces_)
@@ -184,7 +203,8 @@ inline void OpticalScene::add_carrier(const Config& config) {
   }
 }
 
-inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
+template <class Vec3>
+inline int OpticalScene::region(int patch, In<Vec3> reference, unsigned image) const {
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
@@ -193,6 +213,7 @@ inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image
 }
 
 // Faces whose nodes share a region need no look-up at a hit; most do.
+template <class>
 inline void OpticalScene::label(Symmetry images) {
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
@@ -204,12 +225,14 @@ inline void OpticalScene::label(Symmetry images) {
   }
 }
 
+template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
   return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
 }
 
-inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
+template <class Vec3>
+inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
@@ -226,6 +249,7 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
   return r;
 }
 
+template <class Vec3>
 inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) const {
   const std::array<Vec3, 6>& x = faces_[std::size_t(face)].reference;
   if (sub < 0) return {x[0], x[1], x[2]};
@@ -237,17 +261,20 @@ inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) co
   return corners;
 }
 
+template <class>
 inline double OpticalScene::triangle_area(int t) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
+template <class>
 inline double OpticalScene::area(int face) const {
   double sum = 0.0;
   for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
   return sum;
 }
 
+template <class Vec3>
 inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point) const {
   const double x = b1 * n_, y = b2 * n_;
   int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
@@ -259,12 +286,14 @@ inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point
   return t;
 }
 
+template <class Vec3>
 inline Vec3 OpticalScene::flat_normal(int t) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   return (b - a).cross(c - a).normalized();
 }
 
-inline Vec3 OpticalScene::pulled_inward(int t, const Vec3& p) const {
+template <class Vec3>
+inline Vec3 OpticalScene::pulled_inward(int t, In<Vec3> p) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   const double size = std::sqrt((b - a).cross(c - a).norm());
   return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);

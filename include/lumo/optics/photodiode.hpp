@@ -20,7 +20,9 @@ struct Photodiode {
   bool round = false;               ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 
+  template <class = void>
   double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
+  template <class Vec3 = Vec3>
   Vec3 normal() const { return half_u.cross(half_v).normalized(); }
 };
 
@@ -28,22 +30,27 @@ struct Photodiode {
 class Photodiodes {
  public:
   /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
+  template <class = void>
   explicit Photodiodes(std::vector<Photodiode> diodes);
 
   int channels(const Body&) const { return int(diodes_.size()); }
   /// Of several photodiodes behind each other the first one.
+  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return int(diodes_.size()); }
-  Connection connect(int k, const Vec3& from, double u, double v) const;
+  template <class Vec3 = Vec3>
+  Connection connect(int k, In<Vec3> from, double u, double v) const;
 
  private:
-  static bool accepts(const Photodiode& d, const Vec3& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+  template <class Vec3 = Vec3>
+  static bool accepts(const Photodiode& d, In<Vec3> direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
 
   std::vector<Photodiode> diodes_;
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
 
+template <class>
 inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
   if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
   for (const Photodiode& d : diodes_) {
@@ -53,6 +60,7 @@ inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::m
   }
 }
 
+template <class Vec3>
 inline int Photodiodes::channel(const Escape& escape) const {
   int best = -1;
   double nearest = std::numeric_limits<double>::infinity();
@@ -68,7 +76,8 @@ inline int Photodiodes::channel(const Escape& escape) const {
   return best;
 }
 
-inline Connection Photodiodes::connect(int k, const Vec3& from, double u, double v) const {
+template <class Vec3>
+inline Connection Photodiodes::connect(int k, In<Vec3> from, double u, double v) const {
   const Photodiode& d = diodes_[std::size_t(k)];
   const Vec3 at = d.center + (d.round ? detail::on_unit_disc(u, v, d.half_u, d.half_v) : Vec3((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
   const Vec3 way = at - from;

@@ -26,15 +26,19 @@ class PinholeCamera {
   };
 
   /// Throws InvalidArgument for numbers out of range.
+  template <class = void>
   explicit PinholeCamera(const Config& config);
 
   const Config& config() const { return config_; }
   int channels(const Body&) const { return config_.columns * config_.rows; }
+  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return 1; }
-  Connection connect(int, const Vec3& from, double u, double v) const;
+  template <class Vec3 = Vec3>
+  Connection connect(int, In<Vec3> from, double u, double v) const;
   /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
-  int pixel(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  int pixel(In<Vec3> p) const;
 
  private:
   int pixel_of(double right, double up) const;
@@ -46,6 +50,7 @@ class PinholeCamera {
 
 static_assert(ConnectedReadout<PinholeCamera>);
 
+template <class>
 inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
   require_in_range("columns of the camera", config.columns, 1, 4096, "");
   require_in_range("rows of the camera", config.rows, 1, 4096, "");
@@ -67,12 +72,14 @@ inline int PinholeCamera::pixel_of(double right, double up) const {
   return int(row) * config_.columns + int(column);
 }
 
-inline int PinholeCamera::pixel(const Vec3& p) const {
+template <class Vec3>
+inline int PinholeCamera::pixel(In<Vec3> p) const {
   const Vec3 way = p - config_.position;
   const double z = way.dot(view_);
   return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
 }
 
+template <class Vec3>
 inline int PinholeCamera::channel(const Escape& escape) const {
   const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
   if (!(toward > 0.0 && z > 0.0)) return -1;
@@ -81,7 +88,8 @@ inline int PinholeCamera::channel(const Escape& escape) const {
   return pixel(hit - (config_.focus_m / toward) * escape.direction);
 }
 
-inline Connection PinholeCamera::connect(int, const Vec3& from, double u, double v) const {
+template <class Vec3>
+inline Connection PinholeCamera::connect(int, In<Vec3> from, double u, double v) const {
   const Vec3 way = config_.position + config_.aperture_m * detail::on_unit_disc(u, v, right_, up_) - from;
   const double length = way.norm(), toward = -way.dot(view_);
   if (!(toward > 0.0)) return {};

@@ -12,7 +12,8 @@ namespace lumo::detail {
 /// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
 /// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
 /// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, const std::vector<Vec3>& like, double size_m) {
+template <class Vec3 = Vec3>
+inline std::vector<std::array<Vec3, 3>> polygon_cells(In<std::vector<Vec3>> c, In<std::vector<Vec3>> like, double size_m) {
   std::vector<std::array<Vec3, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
@@ -47,6 +48,7 @@ inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c
   }
   return cells;
 }
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, double size_m) { return polygon_cells(c, c, size_m); }
+template <class Vec3 = Vec3>
+inline std::vector<std::array<Vec3, 3>> polygon_cells(In<std::vector<Vec3>> c, double size_m) { return polygon_cells(c, c, size_m); }
 
 }  // namespace lumo::detail

@@ -15,14 +15,16 @@ inline std::array<double, 6> quadratic_shape(double b1, double b2) {
 }
 
 /// Its point at (b1, b2).
-inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+template <class Vec3 = Vec3>
+inline Vec3 on_quadratic(In<std::array<Vec3, 6>> x, double b1, double b2) {
   const std::array<double, 6> n = quadratic_shape(b1, b2);
   return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
 }
 
 /// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
 /// bits: no cracks.
-inline Vec3 lattice_point(const std::array<Vec3, 6>& x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
+template <class Vec3 = Vec3>
+inline Vec3 lattice_point(In<std::array<Vec3, 6>> x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
   const double h = 1.0 / n;
   const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
     if (kb == 0) return x[a];
@@ -39,7 +41,8 @@ inline Vec3 lattice_point(const std::array<Vec3, 6>& x, const std::array<int, 6>
 }
 
 /// Unit normal at (b1, b2); not finite where the triangle is crushed to nothing.
-inline Vec3 quadratic_normal(const std::array<Vec3, 6>& x, double b1, double b2) {
+template <class Vec3 = Vec3>
+inline Vec3 quadratic_normal(In<std::array<Vec3, 6>> x, double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
   const Vec3 d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
   const Vec3 d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);

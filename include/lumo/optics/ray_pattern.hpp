@@ -42,11 +42,13 @@ class RayPattern {
 
   /// `rays` per emitter and replicate, a power of two ≥ 4. With `symmetry` only one beam of each set of mirror images is kept.
   /// Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
+  template <class Vec3 = Vec3>
   RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry);
 
   const std::vector<Beam>& beams() const { return beams_; }
 
   /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
+  template <class Vec3 = Vec3>
   static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
     const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
     const Polar polar = beam.source.polar(u[0]);
@@ -54,11 +56,13 @@ class RayPattern {
     const Vec3 p = beam.source.point(u[2], u[3]);
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(seed, beam.orbit), index), -1};
   }
+  template <class = void>
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
     return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
+  template <class Vec3 = Vec3>
   static Symmetry symmetry_of(const std::vector<Emitter>& emitters);
 
  private:
@@ -68,9 +72,11 @@ class RayPattern {
 namespace detail {
 
 /// Lengths below which two places of an emitter are one [m].
+template <class = void>
 inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
+template <class = void>
 inline bool same(const Emitter& a, const Emitter& b) {
   if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel()) return false;
   const double reach = tolerance(a);
@@ -83,6 +89,7 @@ inline bool same(const Emitter& a, const Emitter& b) {
 }
 
 /// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
+template <class Vec3 = Vec3>
 inline Emitter fundamental(const Emitter& e, Vec3& mirror) {
   const Vec3 center = e.center(), axis = e.axis();
   mirror = Vec3::Ones();
@@ -97,6 +104,7 @@ inline const Vec3 flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 
 }  // namespace detail
 
+template <class Vec3>
 inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   const auto closed = [&](const Vec3& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
@@ -106,6 +114,7 @@ inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   return {closed(detail::flip_x), closed(detail::flip_y)};
 }
 
+template <class Vec3>
 inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();

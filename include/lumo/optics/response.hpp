@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
 #include "lumo/optics/ledger.hpp"
 
 #include <Eigen/Core>
@@ -23,7 +24,8 @@ struct Response {
 };
 
 /// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
-inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline std::vector<double> standard_error(In<MatrixXd> rows) {
   std::vector<double> error(std::size_t(rows.cols()), 0.0);
   const double n = double(rows.rows());
   if (rows.rows() < 2) return error;

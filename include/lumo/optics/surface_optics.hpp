@@ -24,7 +24,8 @@ constexpr double reflectance(const Absorber&) { return 0.0; }
 namespace detail {
 
 /// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
-inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, double u, double azimuth) {
+template <class Vec3 = Vec3>
+inline Vec3 cosine_direction(In<Vec3> t1, In<Vec3> t2, In<Vec3> n, double u, double azimuth) {
   const double sine = std::sqrt(u);
   return (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + std::sqrt(1.0 - u) * n).normalized();
 }
@@ -33,13 +34,15 @@ inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, doub
 
 /// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit side, and two
 /// numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take image directions.
-inline Vec3 reflected(const Lambertian&, const Vec3&, const Vec3& n, double u, double v, const Vec3& mirror) {
+template <class Vec3 = Vec3>
+inline Vec3 reflected(const Lambertian&, In<Vec3>, In<Vec3> n, double u, double v, In<Vec3> mirror) {
   const Vec3 m = mirror.cwiseProduct(n);
   Vec3 t1, t2;
   detail::tangents(m, t1, t2);
   return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
 }
-inline Vec3 reflected(const Mirror&, const Vec3& d, const Vec3& n, double, double, const Vec3&) { return reflect(d, n); }
+template <class Vec3 = Vec3>
+inline Vec3 reflected(const Mirror&, In<Vec3> d, In<Vec3> n, double, double, In<Vec3>) { return reflect(d, n); }
 inline Vec3 reflected(const Absorber&, const Vec3&, const Vec3& n, double, double, const Vec3&) { return n; }
 
 /// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.

@@ -32,6 +32,7 @@
 namespace lumo {
 
 /// Planes in which body, mesh and emitters are their own mirror images.
+template <class = void>
 inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
   const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
   return {s.x && m.x && b.x, s.y && m.y && b.y};

@@ -33,10 +33,10 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
 namespace detail {
 
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
-  Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
+  MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
   base << evidence.x, evidence.pending;
   return base;
 }

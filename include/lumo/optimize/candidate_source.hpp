@@ -32,10 +32,10 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
 
 namespace detail {
 
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
-  Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
-  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
+  MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
+  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const VectorXd>(designs[i].data(), Eigen::Index(rows));
   return x;
 }
 
@@ -65,11 +65,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
-template <class>
+template <class VectorXd>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
@@ -91,7 +91,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     double reach;
     bool stuck = false;
   };
-  const Eigen::VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
+  const VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
   std::vector<std::size_t> order(pool.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
@@ -111,7 +111,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     }
     std::vector<Climber> next = team;
     if (!moves.empty()) {
-      const Eigen::VectorXd values = score(detail::columns(moves, sampler.dimensions()));
+      const VectorXd values = score(detail::columns(moves, sampler.dimensions()));
       for (std::size_t i = 0; i < moves.size(); ++i)
         if (values[Eigen::Index(i)] > next[owner[i]].score) next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
 #include "lumo/optimize/hypervolume.hpp"
 #include "lumo/optimize/normal.hpp"
 
@@ -17,8 +18,8 @@ namespace lumo {
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
-  template <class = void>
-  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  ExpectedHypervolume(In<MatrixXd> y, In<VectorXd> reference) : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
   template <class Mean, class Deviation>

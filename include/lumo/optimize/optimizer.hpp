@@ -19,6 +19,10 @@ namespace lumo {
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
   requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+
  public:
   struct Config {
     typename GaussianProcess<Kernel>::Config model = {};
@@ -106,7 +110,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
   std::vector<int> ids;
   for (const Trial& t : trials())
     if (t.state == Trial::State::told) ids.push_back(t.id);
-  const Eigen::MatrixXd y = objectives();
+  const MatrixXd y = objectives();
   std::vector<Outcome> out;
   for (const Eigen::Index i : pareto_front(y)) {
     out.push_back({ids[std::size_t(i)], {}});
@@ -118,7 +122,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 double Optimizer<K, A, S, R>::hypervolume() const {
-  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+  VectorXd reference(Eigen::Index(problem().objectives.size()));
   for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
   return lumo::hypervolume(objectives(), reference);
 }
@@ -146,7 +150,7 @@ Evidence Optimizer<K, A, S, R>::evidence() const {
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
       if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+    ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
     const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
     if (largest > 0.0) {
       y /= largest;
@@ -162,16 +166,16 @@ Evidence Optimizer<K, A, S, R>::evidence() const {
     e.lower[Eigen::Index(i)] = variables[i].lower;
     e.upper[Eigen::Index(i)] = variables[i].upper;
   }
-  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+  e.reference = VectorXd::Zero(Eigen::Index(problem().objectives.size()));
   return e;
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
-  Eigen::MatrixXd y = log_.told_outputs();
+  MatrixXd y = log_.told_outputs();
   for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  return y.cols() ? MatrixXd(config_.reduction.objectives(y)) : MatrixXd(Eigen::Index(problem().objectives.size()), 0);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>

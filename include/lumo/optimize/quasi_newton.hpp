@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -35,14 +36,14 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
-  template <class Function>
-  Minimum minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                   const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Minimum minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
+                   In<std::optional<MatrixXd>> hessian = std::nullopt) const;
 };
 
-template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                              const std::optional<Eigen::MatrixXd>& known) const {
+template <class Function, class MatrixXd, class VectorXd>
+Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
+                              In<std::optional<MatrixXd>> known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(detail::text("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
@@ -54,9 +55,9 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
   if (!std::isfinite(best.value) || !best.gradient.allFinite())
     throw InvalidArgument(detail::text("function is ", best.value, " where the minimiser starts, must be finite"));
 
-  Eigen::MatrixXd hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
+  MatrixXd hessian = known.value_or(MatrixXd::Identity(n, n));
   bool fresh = !known;  // the Hessian has seen no curvature yet
-  Eigen::VectorXd step(n), trial(n), slope(n);
+  VectorXd step(n), trial(n), slope(n);
   while (best.evaluations < max_evaluations) {
     // A variable at a bound that the gradient pushes it against stays there.
     std::vector<Eigen::Index> free;
@@ -71,13 +72,13 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
       break;
     }
     step.setZero();
-    const Eigen::MatrixXd block = hessian(free, free);
-    step(free) = -block.llt().solve(Eigen::VectorXd(best.gradient(free)));
+    const MatrixXd block = hessian(free, free);
+    step(free) = -block.llt().solve(VectorXd(best.gradient(free)));
     if (!step.allFinite() || step.dot(best.gradient) >= 0.0) {
       hessian.setIdentity();
       fresh = true;
       step.setZero();
-      step(free) = -Eigen::VectorXd(best.gradient(free));
+      step(free) = -VectorXd(best.gradient(free));
     }
     const double longest = step.cwiseAbs().maxCoeff();
     double scale = std::min({1.0, longest_step / longest, fresh ? 0.5 / longest : 1.0});
@@ -100,10 +101,10 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
       fresh = true;
       continue;
     }
-    const Eigen::VectorXd s = trial - best.x;
-    Eigen::VectorXd y = slope - best.gradient;
-    if (fresh && s.dot(y) > 0.0) hessian = Eigen::MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
-    const Eigen::VectorXd hs = hessian * s;
+    const VectorXd s = trial - best.x;
+    VectorXd y = slope - best.gradient;
+    if (fresh && s.dot(y) > 0.0) hessian = MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
+    const VectorXd hs = hessian * s;
     const double curvature = s.dot(hs);
     if (s.dot(y) < 0.2 * curvature) {
       const double damping = 0.8 * curvature / (curvature - s.dot(y));

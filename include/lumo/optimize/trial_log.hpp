@@ -44,10 +44,10 @@ class TrialLog {
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd told_outputs() const;
 
  private:
@@ -114,21 +114,21 @@ inline void TrialLog::fail(int id, bool retry, std::string why) {
   trial.why = std::move(why);
 }
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
-  Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
+  MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state) x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
+    if (t.state == state) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
   return x;
 }
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::told_outputs() const {
-  Eigen::MatrixXd y(outputs_, count(Trial::State::told));
+  MatrixXd y(outputs_, count(Trial::State::told));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
+    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const VectorXd>(t.outputs.data(), outputs_);
   return y;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues>
@@ -22,8 +23,8 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 
-  template <class = void>
-  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  template <class Vector2d = Eigen::Vector2d>
+  double u_px(In<Vector2d> pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
     const double s = u / half_length_px;
     return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
@@ -36,9 +37,9 @@ struct AxisMap {
     return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
   }
   /// Variance of y at u [m²] that comes from the map itself.
-  template <class = void>
+  template <class Vector3d = Eigen::Vector3d>
   double variance_m2(double u) const {
-    const Eigen::Vector3d g = gradient(u);
+    const Vector3d g = gradient(u);
     return g.dot(covariance * g);
   }
   /// ∂y/∂(a, b, c).
@@ -50,12 +51,12 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
-  template <class = void>
-  static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
+  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class MatrixX3d = Eigen::MatrixX3d>
+  static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
 };
 
-template <class>
-inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class MatrixX3d>
+inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
@@ -65,11 +66,11 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
 
   AxisMap map;
   map.origin_px = pixel.rowwise().mean();
-  const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> spread(centred * centred.transpose());
+  const Matrix2Xd centred = pixel.colwise() - map.origin_px;
+  const Eigen::SelfAdjointEigenSolver<Matrix2d> spread(centred * centred.transpose());
   map.direction = spread.eigenvectors().col(1);
   if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
-  const Eigen::VectorXd u = centred.transpose() * map.direction;
+  const VectorXd u = centred.transpose() * map.direction;
   for (Eigen::Index i = 1; i < n; ++i)
     if (!(u[i] > u[i - 1])) throw InvalidArgument(detail::text("axis map: place ", i, " does not follow its predecessor in the image"));
   map.half_length_px = 0.5 * (u[n - 1] - u[0]);
@@ -77,8 +78,8 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
   const double b = 0.5 * (y_m[n - 1] - y_m[0]);
   map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
-  Eigen::MatrixX3d J(n, 3);
-  Eigen::VectorXd r(n);
+  MatrixX3d J(n, 3);
+  VectorXd r(n);
   const auto linearise = [&] {
     for (Eigen::Index i = 0; i < n; ++i) {
       const double slope = map.scale_m_per_px(u[i]);
@@ -88,14 +89,14 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
     const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.head<2>() = (J.leftCols<2>().transpose() * J.leftCols<2>()).ldlt().solve(J.leftCols<2>().transpose() * r);
-      map.coefficients.head<2>() -= step.head<2>();
+      step.template head<2>() = (J.template leftCols<2>().transpose() * J.template leftCols<2>()).ldlt().solve(J.template leftCols<2>().transpose() * r);
+      map.coefficients.head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
     }

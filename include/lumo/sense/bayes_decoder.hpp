@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
 #include "lumo/sense/linear_decoder.hpp"
 
 #include <algorithm>
@@ -13,14 +14,14 @@ namespace lumo {
 class PlaceFilter {
  public:
   /// Throws InvalidArgument for fewer than two places or a change that is no probability.
-  template <class = void>
-  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
+  template <class VectorXd = Eigen::VectorXd>
+  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
-  template <class = void>
-  const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
+  template <class VectorXd = Eigen::VectorXd>
+  const Eigen::VectorXd& update(In<VectorXd> log_likelihood) {
     const double n = double(probability_.size());
     probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
     probability_ = detail::decoding_of((probability_.array().log() + log_likelihood.array()).matrix()).probability;
@@ -44,8 +45,8 @@ struct BayesDecoder {
    public:
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const {
       const auto n = Eigen::Index(steps_.size());
       if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);

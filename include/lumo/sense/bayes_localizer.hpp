@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/grid_moments.hpp"
 #include "lumo/sense/location_estimator.hpp"
@@ -38,11 +39,11 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   explicit BayesLocalizer(Config config);
 
   void reset() { fresh_ = true; }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d>
   LocationEstimate update(const Profile& response);
 
   const Eigen::VectorXd& grid_m() const { return grid_; }
@@ -64,10 +65,10 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
-  template <class = void>
-  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
+  template <class VectorXd = Eigen::VectorXd>
+  bool dips_between(In<VectorXd> response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
-  template <class = void>
+  template <class Vector3d = Eigen::Vector3d>
   void predict(double step_s);
   template <class = void>
   ContactLocation one() const;
@@ -88,7 +89,7 @@ class BayesLocalizer {
   bool fresh_ = true;
 };
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
@@ -113,11 +114,11 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   require_positive("gap of the localiser", config_.gap_s, "s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
-  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
-  Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  grid_ = VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
   covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
   if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
-  precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
+  precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
     for (Eigen::Index j = 0; j < cells; ++j)
@@ -125,7 +126,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
-  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
+  place_ = VectorXd::Constant(cells, 1.0 / double(cells));
   likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
@@ -176,8 +177,8 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
-template <class>
-inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
+template <class VectorXd>
+inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
     (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
@@ -204,10 +205,10 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
-template <class>
+template <class Vector3d>
 inline void BayesLocalizer::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
-  number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
+  number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
   const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
   // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
@@ -225,7 +226,7 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
-template <class>
+template <class VectorXd, class Vector3d>
 inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -233,7 +234,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
   const Eigen::Index cells = grid_.size();
   if (fresh_ || step_s > config_.gap_s) {
-    number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
+    number_ = Vector3d(1.0, 1.0, 1.0) / 3.0;
     place_.setConstant(1.0 / double(cells));
     fresh_ = false;
   } else {
@@ -272,11 +273,11 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
   place_ = place_.cwiseProduct(likelihood_);
   const double sum = place_.sum();
-  place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
+  place_ = sum > 0.0 ? VectorXd(place_ / sum) : VectorXd(likelihood_ / likelihood_.sum());
 
   const double log_two = log_evidence(pair_, tempering);
   const double highest = std::max({0.0, log_one, log_two});
-  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseProduct(Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
   number_ = number_.cwiseMax(1e-12);
   number_ /= number_.sum();
   return answer(stamp_ns_);

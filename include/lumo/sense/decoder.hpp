@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 
 #include <Eigen/Core>
 
@@ -54,8 +55,8 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
 namespace detail {
 
 /// Softmax of log weights, and its mode.
-template <class = void>
-inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
+template <class VectorXd = Eigen::VectorXd>
+inline Decoding decoding_of(In<VectorXd> log_weight) {
   Decoding d;
   Eigen::Index top = 0;
   const double most = log_weight.maxCoeff(&top);
@@ -66,10 +67,10 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 }
 
 /// Mean response of each place, features × places.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
-  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
-  Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
+  MatrixXd mean = MatrixXd::Zero(t.response.rows(), t.places());
+  VectorXd count = VectorXd::Zero(t.places());
   for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
   return mean * count.cwiseInverse().asDiagonal();
 }

@@ -66,14 +66,14 @@ struct FingerView {
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
 /// the tip's direction in the image, in m at the map's scale.
-template <class = void>
+template <class Vector2d = Eigen::Vector2d>
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
   std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
   for (int y = 0; y < unloaded.height; ++y)
     for (int x = 0; x < unloaded.width; ++x) {
-      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
+      const Vector2d p = Vector2d(x, y) - map.origin_px;
       if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
       const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
       if (std::abs(across) > reach) continue;

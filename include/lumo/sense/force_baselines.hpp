@@ -54,11 +54,11 @@ class ContactTorques {
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
   int joints() const { return joints_; }
   /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:

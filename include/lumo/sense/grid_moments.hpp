@@ -1,5 +1,7 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
+
 #include <Eigen/Core>
 
 #include <algorithm>
@@ -13,8 +15,8 @@ struct GridMoments {
 };
 
 /// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
-template <class = void>
-inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
+template <class VectorXd = Eigen::VectorXd>
+inline GridMoments moments_about_mode(In<VectorXd> place, In<VectorXd> weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
   double sum = 0.0, first = 0.0, second = 0.0;

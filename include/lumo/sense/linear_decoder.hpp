@@ -12,12 +12,12 @@ namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
-template <class = void>
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline Eigen::MatrixXd shrunk_covariance(In<MatrixXd> residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
-  const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
+  const MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);
-  const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
+  const MatrixXd target = level * MatrixXd::Identity(d, d);
   if (shrinkage < 0.0) {
     double scatter = 0.0;
     for (Eigen::Index i = 0; i < n; ++i) scatter += (residual.col(i) * residual.col(i).transpose() - s).squaredNorm();
@@ -37,22 +37,22 @@ struct LinearDecoder {
 
   class Model {
    public:
-    template <class = void>
+    template <class MatrixXd = Eigen::MatrixXd>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
-      Eigen::MatrixXd residual = t.response;
+      MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
+      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean_);
       offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
-    template <class = void>
-    Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Eigen::VectorXd log_likelihood(In<VectorXd> response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
       return weight_.transpose() * response + offset_;
     }

@@ -13,18 +13,18 @@ struct LongitudinalBins {
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
   template <class = void>
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");
     require_in_range("last edge", to_m, -10.0, 10.0, "m");
-    LongitudinalBins bins{Eigen::VectorXd::LinSpaced(count + 1, from_m, to_m)};
+    LongitudinalBins bins{VectorXd::LinSpaced(count + 1, from_m, to_m)};
     validate(bins);
     return bins;
   }
 
   Eigen::Index size() const { return edges_m.size() - 1; }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.

@@ -20,8 +20,8 @@ struct NearestTemplate {
       variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const {
       if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
       return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
     }

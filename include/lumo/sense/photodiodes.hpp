@@ -28,12 +28,12 @@ class PhotodiodeArray {
   };
 
   /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
-    if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
-    if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
+    if (config_.dark_V.size() == 0) config_.dark_V = VectorXd::Zero(n);
+    if (config_.scale.size() == 0) config_.scale = VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
       throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
           " scales, must be as many"));

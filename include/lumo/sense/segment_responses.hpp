@@ -26,13 +26,13 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-template <class = void>
+template <class VectorXd = Eigen::VectorXd>
 inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
-    std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
+    std::pair<VectorXd, int> m{VectorXd(), 0};
     for (const Profile& p : profiles) {
       if (p.stamp_ns < s.from_ns || p.stamp_ns > s.to_ns) continue;
-      if (m.second == 0) m.first = Eigen::VectorXd::Zero(p.value.size());
+      if (m.second == 0) m.first = VectorXd::Zero(p.value.size());
       if (p.value.size() != m.first.size()) throw InvalidArgument(detail::text("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
       m.first += p.value;
       ++m.second;
@@ -41,7 +41,7 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
     return m;
   };
   std::vector<HoldResponse> list;
-  std::map<std::size_t, Eigen::VectorXd> unloaded;
+  std::map<std::size_t, VectorXd> unloaded;
   for (const Segment& s : segments) {
     if (s.kind != "hold" && s.kind != "cycle") continue;
     const Segment* before = nullptr;
@@ -100,18 +100,18 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
-  std::vector<Eigen::MatrixXd> slopes;
+  std::vector<MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
     if (next >= 0 && place.first != next) throw InvalidArgument(detail::text("place ", next, " has no re-contacts, but places before and after it have"));
     next = place.first + 1;
-    Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
+    MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
     for (const auto& recontact : place.second) {
-      Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
-      Eigen::VectorXd load(response.cols());
+      MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
+      VectorXd load(response.cols());
       Eigen::Index k = 0;
       for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
       m.col(column++) = intensity_force_slope(response, load);
@@ -170,7 +170,7 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
@@ -179,7 +179,7 @@ inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) 
   for (const auto& run : runs) {
     CycleRun r;
     for (const auto& load : run.second) {
-      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
+      MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
       for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
       r.load.push_back(std::move(m));
     }

@@ -19,13 +19,13 @@ class SerialChain {
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
-  template <class = void>
+  template <class Mat3 = Mat3, class Isometry3d = Eigen::Isometry3d>
   explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
       if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
-      for (const Eigen::Isometry3d& pose : {l.joint, l.finger})
+      for (const Isometry3d& pose : {l.joint, l.finger})
         if ((pose.linear().transpose() * pose.linear() - Mat3::Identity()).norm() > 1e-6 || pose.linear().determinant() < 0.0)
           throw InvalidArgument("serial chain: poses must turn and move, not stretch or mirror");
       require_positive("length of a joint's axis", l.axis.norm(), "");
@@ -35,7 +35,7 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
@@ -46,10 +46,10 @@ class SerialChain {
     return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
 
  private:
@@ -58,28 +58,28 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  template <class = void>
+  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
     Pose p;
     p.axis.resize(3, link + 1);
     p.origin.resize(3, link + 1);
-    Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
+    Isometry3d frame = Isometry3d::Identity();
     for (int i = 0; i <= link; ++i) {
       const Link& l = links_[std::size_t(i)];
       frame = frame * l.joint;
       p.axis.col(i) = frame.linear() * l.axis;
       p.origin.col(i) = frame.translation();
-      frame.rotate(Eigen::AngleAxisd(q[i], l.axis));
+      frame.rotate(AngleAxisd(q[i], l.axis));
     }
     p.finger = frame * links_[std::size_t(link)].finger;
     return p;
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class = void>
-  JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
+  template <class Vec3 = Vec3>
+  JointVector torques(const Pose& p, In<Vec3> place, In<Vec3> n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/sobol.hpp"
+#include "lumo/core/types.hpp"
 
 #include <Eigen/Core>
 
@@ -36,15 +37,15 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
-template <class = void>
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
+template <class VectorXd = Eigen::VectorXd>
+inline double rms(In<Eigen::Ref<const VectorXd>> v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
 
 /// Median of each row.
-template <class = void>
-inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
-  Eigen::VectorXd r(m.rows());
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline Eigen::VectorXd pointwise_median(In<MatrixXd> m) {
+  VectorXd r(m.rows());
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const Eigen::VectorXd row = m.row(i);
+    const VectorXd row = m.row(i);
     r[i] = median({row.data(), row.data() + row.size()});
   }
   return r;

@@ -110,10 +110,10 @@ class Cholmod {
     factor_ = nullptr;
   }
 
-  template <class = void>
+  template <class ArrayXd = Eigen::ArrayXd>
   FactorStatus factorize(const SparseLower& lower) {
     // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     cholmod_sparse view = view_of(lower);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
     common_->status = CHOLMOD_OK;

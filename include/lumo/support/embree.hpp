@@ -49,9 +49,9 @@ class FlushDenormals {
 class EmbreeScene {
  public:
   /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
-  template <class = void>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   explicit EmbreeScene(const std::vector<SceneTriangle>& triangles) {
-    Eigen::AlignedBox3d box;
+    AlignedBox3d box;
     for (const SceneTriangle& t : triangles)
       for (const Vec3& p : t.corners) {
         if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
@@ -71,8 +71,8 @@ class EmbreeScene {
   }
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class = void>
-  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
+  template <class Vec3 = Vec3>
+  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
     const detail::FlushDenormals flush;
     const Vec3 o = 1e3 * (origin - center_);
     alignas(16) RTCRayHit r;
@@ -112,7 +112,7 @@ class EmbreeScene {
     if (inside ? RTCHitN_geomID(args->hit, args->N, 0) == 1u || !(along > 0.0f) : !(along < 0.0f)) args->valid[0] = 0;
   }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   void attach(const std::vector<SceneTriangle>& triangles, bool in_air_only) {
     std::vector<int>& ids = ids_[in_air_only];
     for (std::size_t i = 0; i < triangles.size(); ++i)

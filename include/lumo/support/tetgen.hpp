@@ -33,7 +33,7 @@ struct TetgenMesher {
   /// The same input gives the same bits. Every edge of the input is an edge, or a chain of edges, of the mesh.
   /// The wanted edge length is evaluated here, in the calling thread, inside the bounding box; what it throws passes through.
   /// Throws MeshError; InvalidArgument if a number above is out of its range.
-  template <class = void>
+  template <class Vec3 = Vec3>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -55,7 +55,7 @@ namespace detail {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
   require_positive("TetGen time limit", time_limit_s, "s");
   require_in_range("TetGen radius-edge ratio", radius_edge_ratio, 1.0, 100.0, "");

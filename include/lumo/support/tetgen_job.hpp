@@ -132,7 +132,7 @@ struct TetgenSizes {
 inline const TetgenSizes* tetgen_sizes = nullptr;
 
 /// Whether a tetrahedron is too large: circumradius against the wanted edge length at its middle.
-template <class = void>
+template <class Vec3 = Vec3>
 inline bool tetgen_too_large(double* pa, double* pb, double* pc, double* pd, double*, double) {
   using Point = Eigen::Map<const Vec3>;
   const Vec3 a = Point(pa);
@@ -147,14 +147,14 @@ inline bool tetgen_too_large(double* pa, double* pb, double* pc, double* pd, dou
 
 /// TetGen 1.5 fails an assertion on about 1 in 100 turned prisms, where corners of a flat facet are a rounding error off its plane.
 /// In another frame the rounding errors are others, and it passes.
-template <class = void>
+template <class Mat3 = Mat3, class Quaterniond = Eigen::Quaterniond>
 inline Mat3 tetgen_frame(int turn) {
   if (turn == 0) return Mat3::Identity();
-  return Eigen::Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
+  return Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
 }
 
 /// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is freed.
-template <class = void>
+template <class Vec3 = Vec3, class Mat3 = Mat3>
 inline Bytes tetgen_job(std::span<const char> bytes) {
   TetgenRequest request = decode_request(bytes);
   auto* input = new tetgenio;  // lives as long as the process: TetGen's arrays mix new and malloc

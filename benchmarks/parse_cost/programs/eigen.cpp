@@ -1,0 +1,4 @@
+#include <Eigen/Dense>
+#include <Eigen/Sparse>
+
+int main() {}

@@ -1,0 +1,3 @@
+#include "lumo/lumo.hpp"
+
+int main() {}

@@ -1,0 +1,9 @@
+#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/simulator.hpp"
+
+std::vector<lumo::MechanicalState> press(const lumo::Body& body, const lumo::TetMesh& mesh) {
+  const lumo::Simulator<lumo::NeoHookean, lumo::SDFContact> simulator;
+  return simulator.press(body, mesh, lumo::Scenario<lumo::Sphere>{});
+}
+
+int main() {}
