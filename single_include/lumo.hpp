@@ -538,9 +538,11 @@ inline double HalfSection::exact_area_m2() const {
 
 // ---- lumo/core/types.hpp
 
-// `template <class = void>` stands before functions that need no template parameter. A compiler instantiates whatever an inline function uses, called
-// or not, and Eigen's expressions made up 98 % of what it cost to include lumo; the body of a function template waits for its first call. So a
-// function that computes with matrices, or calls one that does, carries this line. benchmarks/parse_cost measures, tests/repository/check_cost.py guards it.
+// What it costs to include lumo. A compiler instantiates whatever an inline function uses, called or not, and Eigen's expressions made up nearly all of
+// the cost. The body of a function template waits for its first call, so a function that computes with matrices, or calls one that does, is one:
+// `template <class = void>`. Even there the types of expressions are made at once if they do not depend on a parameter. Hence
+// `template <class Mat3 = Mat3>`: under their own names the matrix types are parameters, which nobody passes, and nothing is made before the call.
+// Arguments then convert by `In`. benchmarks/parse_cost measures it, tests/repository/check_cost.py guards it.
 
 namespace lumo {
 
@@ -548,6 +550,14 @@ using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
 /// Derivative of a 3 × 3 tensor by another, both flattened column by column: row i + 3 j, column k + 3 l.
 using Mat9 = Eigen::Matrix<double, 9, 9>;
+
+/// An argument of such a function. Nothing is deduced from it, so it converts as a plain parameter's does.
+template <class T>
+using In = const std::type_identity_t<T>&;
+
+/// `Type`, of which the compiler knows no more than that it depends on `Parameter`: the same for all members of a class template.
+template <class Type, class Parameter>
+using Dependent = std::conditional_t<true, Type, Parameter>;
 
 /// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
 struct Symmetry {
@@ -648,14 +658,14 @@ struct RectangleEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class = void>
-  RectangleEmitter mirrored(const Vec3& m) const;
+  template <class Vec3 = Vec3>
+  RectangleEmitter mirrored(In<Vec3> m) const;
 };
 
 static_assert(EmitterModel<RectangleEmitter>);
@@ -732,8 +742,8 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-template <class>
-inline RectangleEmitter RectangleEmitter::mirrored(const Vec3& m) const {
+template <class Vec3>
+inline RectangleEmitter RectangleEmitter::mirrored(In<Vec3> m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
   image.half_u = m.cwiseProduct(half_u);
@@ -803,8 +813,8 @@ struct Plane {
   Vec3 point = Vec3::Zero();
   Vec3 direction = Vec3::UnitZ();
 
-  template <class = void>
-  Vec3 closest_point(const Vec3& p) const { return p - direction.dot(p - point) * direction; }
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const { return p - direction.dot(p - point) * direction; }
   Vec3 normal(const Vec3&) const { return direction; }
 };
 
@@ -815,8 +825,8 @@ struct EllipticCylinder {
   double semi_z = 1.0;
 
   Vec3 closest_point(const Vec3& p) const;
-  template <class = void>
-  Vec3 normal(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 normal(In<Vec3> p) const;
 };
 
 /// Sphere of `radius` [m] about `center`; the body is inside.
@@ -824,10 +834,10 @@ struct SphereShape {
   Vec3 center = Vec3::Zero();
   double radius = 1.0;
 
-  template <class = void>
-  Vec3 closest_point(const Vec3& p) const { return center + radius * normal(p); }
-  template <class = void>
-  Vec3 normal(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const { return center + radius * normal(p); }
+  template <class Vec3 = Vec3>
+  Vec3 normal(In<Vec3> p) const {
     const Vec3 d = p - center;
     const double r = d.norm();
     return r > 0.0 ? Vec3(d / r) : Vec3(Vec3::UnitZ());
@@ -836,10 +846,12 @@ struct SphereShape {
 
 using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
 
-inline Vec3 closest_point(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 closest_point(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.closest_point(p); }, shape);
 }
-inline Vec3 outward_normal(const Shape& shape, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
   return std::visit([&](const auto& s) -> Vec3 { return s.normal(p); }, shape);
 }
 
@@ -881,8 +893,8 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
 }
 
-template <class>
-inline Vec3 EllipticCylinder::normal(const Vec3& p) const {
+template <class Vec3>
+inline Vec3 EllipticCylinder::normal(In<Vec3> p) const {
   const Vec3 foot = closest_point(p) - center;
   return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
 }
@@ -951,8 +963,8 @@ struct Body {
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
-template <class = void>
-inline Vec3 outward_normal(const Body& body, int patch, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline Vec3 outward_normal(const Body& body, int patch, In<Vec3> p) {
   const Vec3 fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
 }
@@ -1002,12 +1014,12 @@ void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
-template <class = void>
+template <class Vec3 = Vec3>
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
-template <class = void>
+template <class Vec3 = Vec3>
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
@@ -1041,6 +1053,7 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
+template <class = void>
 inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
@@ -1082,7 +1095,7 @@ inline void validate(const FingerOptions& o) {
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
 }
 
-template <class>
+template <class Vec3>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
@@ -1141,8 +1154,8 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
 namespace lumo::detail {
 
 /// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
-template <class = void>
-inline void tangents(const Vec3& n, Vec3& t1, Vec3& t2) {
+template <class Vec3 = Vec3>
+inline void tangents(In<Vec3> n, Vec3& t1, Vec3& t2) {
   const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
   const double a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
   t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
@@ -1159,8 +1172,8 @@ namespace detail {
 
 /// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
 /// Map Between Disk and Square", J. Graphics Tools 2 (1997).
-template <class = void>
-inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
+template <class Vec3 = Vec3>
+inline Vec3 on_unit_disc(double u, double v, In<Vec3> t1, In<Vec3> t2) {
   const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
   if (a == 0.0 && b == 0.0) return Vec3::Zero();
   const bool steep = std::abs(b) > std::abs(a);
@@ -1169,8 +1182,8 @@ inline Vec3 on_unit_disc(double u, double v, const Vec3& t1, const Vec3& t2) {
 }
 
 /// Point of the disc about `center` with unit normal `n`; the same for every description of it.
-template <class = void>
-inline Vec3 on_disc(const Vec3& center, const Vec3& n, double radius_m, double u, double v) {
+template <class Vec3 = Vec3>
+inline Vec3 on_disc(In<Vec3> center, In<Vec3> n, double radius_m, double u, double v) {
   Vec3 t1, t2;
   tangents(n, t1, t2);
   return center + radius_m * on_unit_disc(u, v, t1, t2);
@@ -1187,12 +1200,12 @@ struct DiscEmitter {
   int channel = 0;                 ///< colour channel
 
   Vec3 axis() const { return normal; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class = void>
-  DiscEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
+  template <class Vec3 = Vec3>
+  DiscEmitter mirrored(In<Vec3> m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
 };
 
 inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }
@@ -1211,13 +1224,13 @@ struct PointEmitter {
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 axis() const { return Vec3::UnitZ(); }
   Vec3 point(double, double) const { return center; }
   Polar polar(double u) const { return {2.0 * std::sqrt(u * (1.0 - u)), 1.0 - 2.0 * u}; }
   double intensity(double) const { return power_W / (4.0 * pi); }
-  template <class = void>
-  PointEmitter mirrored(const Vec3& m) const { return {m.cwiseProduct(center), power_W, channel}; }
+  template <class Vec3 = Vec3>
+  PointEmitter mirrored(In<Vec3> m) const { return {m.cwiseProduct(center), power_W, channel}; }
 };
 
 static_assert(EmitterModel<PointEmitter>);
@@ -1253,15 +1266,15 @@ struct MeasuredLobe {
   int channel = 0;                    ///< colour channel
 
   Vec3 axis() const { return direction; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
-  template <class = void>
-  MeasuredLobe mirrored(const Vec3& m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
+  template <class Vec3 = Vec3>
+  MeasuredLobe mirrored(In<Vec3> m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
 };
 
 inline void validate(const MeasuredLobe& e) { require_in_range("radius of a measured lobe", e.radius_m * 1e3, 0.0, 1e3, "mm"); }
@@ -1429,23 +1442,23 @@ struct MeshQuality {
 
 /// Bernstein coefficients of det(∂x/∂ξ) over one element: 1 (linear) or 20 (quadratic). All positive proves that the map is
 /// invertible at every point, not only at quadrature points. Source: Johnen, Remacle, Geuzaine 2013.
-template <class = void>
+template <class Vec3 = Vec3, class Mat3 = Mat3>
 std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& tet);
 
 /// Measures without judging.
-template <class = void>
+template <class Vec3 = Vec3>
 MeshQuality measure(const TetMesh& mesh);
 
 /// Throws MeshError unless all Jacobians are positive over the whole element, the surface is a closed manifold, and the volume is
 /// within `volume_tolerance` of `exact_volume_m3` (0: not checked).
-template <class = void>
+template <class Vec3 = Vec3>
 void require_valid(const TetMesh& mesh, double exact_volume_m3 = 0.0, double volume_tolerance = 0.01);
 
 namespace detail {
 
 // Symmetric multilinear form whose diagonal is the determinant.
-template <class = void>
-inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
+template <class Vec3 = Vec3, class Mat3 = Mat3>
+inline double mixed_determinant(In<Mat3> a, In<Mat3> b, In<Mat3> c) {
   const auto det = [](const Vec3& u, const Vec3& v, const Vec3& w) { return u.dot(v.cross(w)); };
   return (det(a.col(0), b.col(1), c.col(2)) + det(a.col(0), c.col(1), b.col(2)) + det(b.col(0), a.col(1), c.col(2)) +
           det(b.col(0), c.col(1), a.col(2)) + det(c.col(0), a.col(1), b.col(2)) + det(c.col(0), b.col(1), a.col(2))) / 6.0;
@@ -1453,7 +1466,7 @@ inline double mixed_determinant(const Mat3& a, const Mat3& b, const Mat3& c) {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3, class Mat3>
 inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std::array<int, 10>& t) {
   const auto x = [&](int k) -> const Vec3& { return mesh.nodes[std::size_t(t[std::size_t(k)])]; };
   if (mesh.order == 1) return {(x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0))};
@@ -1472,7 +1485,7 @@ inline std::vector<double> jacobian_coefficients(const TetMesh& mesh, const std:
   return coefficients;
 }
 
-template <class>
+template <class Vec3>
 inline MeshQuality measure(const TetMesh& mesh) {
   MeshQuality q;
   for (const auto& t : mesh.tets) {
@@ -1494,7 +1507,7 @@ inline MeshQuality measure(const TetMesh& mesh) {
   return q;
 }
 
-template <class>
+template <class Vec3>
 inline void require_valid(const TetMesh& mesh, double exact_volume_m3, double volume_tolerance) {
   using Reason = MeshError::Reason;
   for (const Vec3& x : mesh.nodes)
@@ -1535,8 +1548,8 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
-template <class = void>
-inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double tiny) {
+template <class Vec3 = Vec3>
+inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3> p, double tiny) {
   for (int round = 0; round < 2; ++round)
     for (int patch : patches)
       if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
@@ -1545,7 +1558,7 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, Vec3 p, double ti
   return p;
 }
 
-template <class = void>
+template <class Vec3 = Vec3>
 inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
@@ -1626,8 +1639,8 @@ struct Focus {
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-template <class = void>
-inline Body focused(Body body, const std::vector<Vec3>& points, const Focus& focus = {}) {
+template <class Vec3 = Vec3>
+inline Body focused(Body body, In<std::vector<Vec3>> points, const Focus& focus = {}) {
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;
@@ -1661,8 +1674,8 @@ using Point2 = std::array<double, 2>;
 int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
 /// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
-template <class = void>
-int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d);
+template <class Vec3 = Vec3>
+int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d);
 
 namespace detail {
 
@@ -1677,8 +1690,8 @@ inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
 }
 
 /// The sign where rounding errors cannot change it, else 0.
-template <class = void>
-inline int sure_orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+template <class Vec3 = Vec3>
+inline int sure_orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
   const Vec3 u = b - a;
   const Vec3 v = c - a;
   const Vec3 w = d - a;
@@ -1774,8 +1787,8 @@ inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   return detail::minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
 }
 
-template <class>
-inline int orient3d(const Vec3& a, const Vec3& b, const Vec3& c, const Vec3& d) {
+template <class Vec3>
+inline int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
   if (const int sure = detail::sure_orient3d(a, b, c, d); sure != 0) return sure;
   std::array<std::array<detail::Expansion, 3>, 3> rows;
   for (int k = 0; k < 3; ++k) {
@@ -1805,8 +1818,8 @@ struct SurfaceTriangle {
 };
 
 /// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
-template <class = void>
-inline Vec3 polygon_normal(const std::vector<Vec3>& vertices, const std::vector<int>& loop) {
+template <class Vec3 = Vec3>
+inline Vec3 polygon_normal(In<std::vector<Vec3>> vertices, const std::vector<int>& loop) {
   const Vec3& origin = vertices[static_cast<std::size_t>(loop[0])];
   Vec3 sum = Vec3::Zero();
   for (std::size_t i = 1; i + 1 < loop.size(); ++i)
@@ -1819,8 +1832,8 @@ struct Projection {
   std::size_t first = 0;
   std::size_t second = 1;
 
-  template <class = void>
-  explicit Projection(const Vec3& normal) {
+  template <class Vec3 = Vec3>
+  explicit Projection(In<Vec3> normal) {
     int axis = 0;
     normal.cwiseAbs().maxCoeff(&axis);
     first = static_cast<std::size_t>((axis + 1) % 3);
@@ -1871,8 +1884,8 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-template <class = void>
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3>& vertices, const std::vector<int>& loop, const Vec3& normal,
+template <class Vec3 = Vec3>
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vector<Vec3>> vertices, const std::vector<int>& loop, In<Vec3> normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
@@ -1932,7 +1945,7 @@ class SelfIntersection {
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
   /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
-  template <class = void>
+  template <class Vec3 = Vec3>
   std::optional<std::pair<int, int>> find() const;
 
  private:
@@ -1940,19 +1953,19 @@ class SelfIntersection {
 
   const Vec3& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
   static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool clash(const Corners& a, const Corners& b) const;
   template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool folded(const Corners& a, const Corners& b) const;
   template <class = void>
   bool meets(int p, int q, const Corners& t) const;
-  template <class = void>
+  template <class Vec3 = Vec3>
   bool close(const Corners& a, const Corners& b) const;
 
   const std::vector<Vec3>& vertices_;
@@ -1961,8 +1974,8 @@ class SelfIntersection {
 };
 
 /// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
-template <class = void>
-inline double segment_distance2(const Vec3& p1, const Vec3& q1, const Vec3& p2, const Vec3& q2) {
+template <class Vec3 = Vec3>
+inline double segment_distance2(In<Vec3> p1, In<Vec3> q1, In<Vec3> p2, In<Vec3> q2) {
   const Vec3 d1 = q1 - p1;
   const Vec3 d2 = q2 - p2;
   const Vec3 r = p1 - p2;
@@ -2008,7 +2021,7 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
 }
 
 /// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   int apex_a = 0, apex_b = 0;
   std::array<int, 2> edge{};
@@ -2052,7 +2065,7 @@ inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   return inside;
 }
 
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
     const Vec3 n = normal(*t).normalized();
@@ -2077,7 +2090,7 @@ inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class>
+template <class Vec3>
 inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
   if (shared == 3) return true;
@@ -2099,7 +2112,7 @@ inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class>
+template <class Vec3>
 inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   struct Box {
     Vec3 low, high;
@@ -2205,7 +2218,7 @@ inline void check_edges(const MeshInput& input) {
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
@@ -2236,16 +2249,16 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
 }
 
 /// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
-template <class = void>
-inline double solid_angle(const Vec3& from_a, const Vec3& from_b, const Vec3& from_c, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double solid_angle(In<Vec3> from_a, In<Vec3> from_b, In<Vec3> from_c, In<Vec3> point) {
   const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
   const double la = a.norm(), lb = b.norm(), lc = c.norm();
   return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
-template <class = void>
-inline double winding(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double winding(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, In<Vec3> point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
@@ -2257,7 +2270,7 @@ inline double winding(const std::vector<Vec3>& vertices, const std::vector<Surfa
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-template <class = void>
+template <class Vec3 = Vec3>
 inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3& point, const Shell* without) {
     double sum = 0.0;
@@ -2282,8 +2295,8 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
-template <class = void>
-inline std::vector<Vec3> cavity_points(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+template <class Vec3 = Vec3>
+inline std::vector<Vec3> cavity_points(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
   std::vector<Vec3> points;
   const auto at = [&](int vertex) -> const Vec3& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {
@@ -2329,7 +2342,7 @@ struct SurfaceReport {
 /// Vertices of no facet are interior points. Several separate solids and cavities are legal.
 /// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
 /// Time about n log n for n triangles, quadratic in the corners of a facet.
-template <class = void>
+template <class Vec3 = Vec3>
 SurfaceReport validate_surface(const MeshInput& input);
 
 namespace detail {
@@ -2366,8 +2379,8 @@ inline void check_numbers(const MeshInput& input) {
 }
 
 /// Vertices closer than `tolerance`, found by sorting along a direction in which hardly any two agree by accident.
-template <class = void>
-inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance) {
+template <class Vec3 = Vec3>
+inline void check_duplicates(In<std::vector<Vec3>> vertices, double tolerance) {
   const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
   std::vector<std::pair<double, int>> order;
   for (std::size_t i = 0; i < vertices.size(); ++i) order.emplace_back(direction.dot(vertices[i]), static_cast<int>(i));
@@ -2383,7 +2396,7 @@ inline void check_duplicates(const std::vector<Vec3>& vertices, double tolerance
 }
 
 /// Checks each facet alone and cuts it into triangles.
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
@@ -2410,7 +2423,7 @@ inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double 
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline SurfaceReport validate_surface(const MeshInput& input) {
   using Reason = MeshError::Reason;
   detail::check_numbers(input);
@@ -2469,8 +2482,8 @@ inline SurfaceReport validate_surface(const TriangleSurface& surface) {
 }
 
 /// How often the surface winds around a point: 1 inside, 0 outside.
-template <class = void>
-inline double winding_number(const TriangleSurface& surface, const Vec3& point) {
+template <class Vec3 = Vec3>
+inline double winding_number(const TriangleSurface& surface, In<Vec3> point) {
   double angle = 0.0;
   const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
   for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
@@ -2486,7 +2499,7 @@ namespace lumo {
 /// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
 /// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
 /// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
-template <class = void>
+template <class Vec3 = Vec3>
 TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
 
 namespace detail {
@@ -2540,8 +2553,8 @@ class SurfaceText {
 
 // Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
 // refused with its surface.
-template <class = void>
-inline void cut_polygon(const std::vector<Vec3>& vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
+template <class Vec3 = Vec3>
+inline void cut_polygon(In<std::vector<Vec3>> vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
   const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
   Vec3 normal = Vec3::Zero();   // Newell's
   for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
@@ -2651,7 +2664,7 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
   const std::string name = path.string();
@@ -2846,10 +2859,10 @@ struct Sphere {
 
   double radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return p.norm() - radius_m(); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return p.norm() - radius_m(); }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     const double r = p.norm();
     const Vec3 n = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::UnitZ());
     return {r - radius_m(), n, (Mat3::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
@@ -3115,8 +3128,8 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 };
 
 /// Derivative of det F by F: the cofactor matrix.
-template <class = void>
-inline Mat3 cofactor(const Mat3& F) {
+template <class Mat3 = Mat3>
+inline Mat3 cofactor(In<Mat3> F) {
   Mat3 c;
   c.col(0) = F.col(1).cross(F.col(2));
   c.col(1) = F.col(2).cross(F.col(0));
@@ -3125,20 +3138,20 @@ inline Mat3 cofactor(const Mat3& F) {
 }
 
 /// Second derivative of det F by F, flattened by columns.
-template <class = void>
-inline Mat9 determinant_hessian(const Mat3& F) {
+template <class Vec3 = Vec3, class Mat3 = Mat3, class Mat9 = Mat9>
+inline Mat9 determinant_hessian(In<Mat3> F) {
   const auto cross = [](const Vec3& v) {
     Mat3 m;
     m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
     return m;
   };
   Mat9 h = Mat9::Zero();
-  h.block<3, 3>(0, 3) = -cross(F.col(2));
-  h.block<3, 3>(0, 6) = cross(F.col(1));
-  h.block<3, 3>(3, 0) = cross(F.col(2));
-  h.block<3, 3>(3, 6) = -cross(F.col(0));
-  h.block<3, 3>(6, 0) = -cross(F.col(1));
-  h.block<3, 3>(6, 3) = cross(F.col(0));
+  h.template block<3, 3>(0, 3) = -cross(F.col(2));
+  h.template block<3, 3>(0, 6) = cross(F.col(1));
+  h.template block<3, 3>(3, 0) = cross(F.col(2));
+  h.template block<3, 3>(3, 6) = -cross(F.col(0));
+  h.template block<3, 3>(6, 0) = -cross(F.col(1));
+  h.template block<3, 3>(6, 3) = cross(F.col(0));
   return h;
 }
 
@@ -3176,16 +3189,16 @@ struct NeoHookean {
 
   double shear_modulus() const { return mu; }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const {
     const double J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
     return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * std::log(J);
   }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
     const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
@@ -3227,12 +3240,12 @@ struct StableNeoHookean {
   double shear_modulus() const { return mu; }
 
   // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
-  template <class = void>
-  double distortion_energy(const Mat3& F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const { return mu * (F - cofactor(F)); }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const { return mu * (Mat9::Identity() - determinant_hessian(F)); }
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const { return mu * (F - cofactor(F)); }
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const { return mu * (Mat9::Identity() - determinant_hessian(F)); }
   VolumetricSample volumetric(double J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};
@@ -3266,12 +3279,12 @@ struct InvariantSample {
 };
 
 /// Ī₁ = J^(−2/3) tr C; det F must be positive.
-template <class = void>
-InvariantSample first_isochoric_invariant(const Mat3& F);
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+InvariantSample first_isochoric_invariant(In<Mat3> F);
 
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
-template <class = void>
-InvariantSample second_isochoric_invariant(const Mat3& F);
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+InvariantSample second_isochoric_invariant(In<Mat3> F);
 
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
@@ -3282,8 +3295,8 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class = void>
-inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full, double m) {
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+inline InvariantSample without_volume(In<Mat3> F, const InvariantSample& full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
   const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data()), slope(full.gradient.data());
@@ -3295,13 +3308,13 @@ inline InvariantSample without_volume(const Mat3& F, const InvariantSample& full
 
 }  // namespace detail
 
-template <class>
-inline InvariantSample first_isochoric_invariant(const Mat3& F) {
+template <class Mat3, class Mat9>
+inline InvariantSample first_isochoric_invariant(In<Mat3> F) {
   return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, 2.0 * Mat9::Identity()}, 2.0 / 3.0);
 }
 
-template <class>
-inline InvariantSample second_isochoric_invariant(const Mat3& F) {
+template <class Mat3, class Mat9>
+inline InvariantSample second_isochoric_invariant(In<Mat3> F) {
   const Mat3 C = F.transpose() * F, B = F * F.transpose();
   const double I1 = C.trace();
   Mat9 h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
@@ -3331,15 +3344,15 @@ struct MooneyRivlin {
 
   double shear_modulus() const { return 2.0 * (c10 + c01); }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
   }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 };
 
@@ -3369,19 +3382,19 @@ struct Yeoh {
 
   double shear_modulus() const { return 2.0 * c1; }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const {
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const {
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
     const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
@@ -3428,12 +3441,12 @@ struct Ogden {
     return sum;
   }
 
-  template <class = void>
-  double distortion_energy(const Mat3& F) const;
-  template <class = void>
-  Mat3 distortion_stress(const Mat3& F) const;
-  template <class = void>
-  Mat9 distortion_tangent(const Mat3& F) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  double distortion_energy(In<Mat3> F) const;
+  template <class Mat3 = Mat3>
+  Mat3 distortion_stress(In<Mat3> F) const;
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  Mat9 distortion_tangent(In<Mat3> F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
  private:
@@ -3442,14 +3455,14 @@ struct Ogden {
     Mat3 U, V;
     Vec3 l, g;
   };
-  template <class = void>
-  Principal principal(const Mat3& F) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Principal principal(In<Mat3> F) const;
   // ∂gᵢ/∂ln lⱼ
-  template <class = void>
-  Mat3 log_slopes(const Vec3& l) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Mat3 log_slopes(In<Vec3> l) const;
   // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
-  template <class = void>
-  double divided_difference(const Vec3& l, int i, int j) const;
+  template <class Vec3 = Vec3>
+  double divided_difference(In<Vec3> l, int i, int j) const;
 };
 
 inline void validate(const Ogden& m) {
@@ -3461,8 +3474,8 @@ inline void validate(const Ogden& m) {
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
-template <class>
-inline Ogden::Principal Ogden::principal(const Mat3& F) const {
+template <class Vec3, class Mat3>
+inline Ogden::Principal Ogden::principal(In<Mat3> F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
   const double J = p.l.prod();
@@ -3473,8 +3486,8 @@ inline Ogden::Principal Ogden::principal(const Mat3& F) const {
   return p;
 }
 
-template <class>
-inline double Ogden::distortion_energy(const Mat3& F) const {
+template <class Vec3, class Mat3>
+inline double Ogden::distortion_energy(In<Mat3> F) const {
   const double J = F.determinant();
   if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
   const Vec3 l = principal(F).l / std::cbrt(J);
@@ -3484,14 +3497,14 @@ inline double Ogden::distortion_energy(const Mat3& F) const {
   return sum;
 }
 
-template <class>
-inline Mat3 Ogden::distortion_stress(const Mat3& F) const {
+template <class Mat3>
+inline Mat3 Ogden::distortion_stress(In<Mat3> F) const {
   const Principal p = principal(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
-template <class>
-inline Mat3 Ogden::log_slopes(const Vec3& l) const {
+template <class Vec3, class Mat3>
+inline Mat3 Ogden::log_slopes(In<Vec3> l) const {
   Mat3 d = Mat3::Zero();
   for (const Term& t : terms) {
     const Vec3 power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
@@ -3501,8 +3514,8 @@ inline Mat3 Ogden::log_slopes(const Vec3& l) const {
   return d;
 }
 
-template <class>
-inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
+template <class Vec3>
+inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
   const double apart = l[i] - l[j];
   double sum = 0.0;
   for (const Term& t : terms) {
@@ -3513,8 +3526,8 @@ inline double Ogden::divided_difference(const Vec3& l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
-template <class>
-inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
+template <class Mat3, class Mat9>
+inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
   const Principal p = principal(F);
   const Mat3 slopes = log_slopes(p.l);
   Mat9 local = Mat9::Zero();
@@ -3529,7 +3542,7 @@ inline Mat9 Ogden::distortion_tangent(const Mat3& F) const {
     }
   Mat9 frame;  // vec(U X Vᵀ) = frame · vec(X)
   for (int j = 0; j < 3; ++j)
-    for (int l = 0; l < 3; ++l) frame.block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
+    for (int l = 0; l < 3; ++l) frame.template block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
   return frame * local * frame.transpose();
 }
 
@@ -3544,8 +3557,8 @@ namespace lumo {
 namespace detail {
 
 /// Signed distance from p to the box |x| ≤ half about the origin.
-template <class = void>
-inline DistanceSample distance_to_box(const Vec3& half, const Vec3& p) {
+template <class Vec3 = Vec3, class Mat3 = Mat3>
+inline DistanceSample distance_to_box(In<Vec3> half, In<Vec3> p) {
   const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
   const Vec3 q = p.cwiseAbs() - half;
   int axis;
@@ -3574,10 +3587,10 @@ struct Box {
   template <class = void>
   double contact_radius_m() const { return 0.5 * size_m.minCoeff(); }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3>
+  DistanceSample sample(In<Vec3> p) const {
     DistanceSample d = detail::distance_to_box(0.5 * size_m - Vec3::Constant(edge_radius_m), p);
     d.distance -= edge_radius_m;
     return d;
@@ -3608,10 +3621,10 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     const Vec3 foot = nearest(p), out = p - foot;
     const double r = out.norm();
     const Vec3 n = r > 0.0 ? Vec3(out / r) : Vec3(Vec3::UnitX());
@@ -3649,10 +3662,10 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const;
 };
 
 inline void validate(const Cylinder& c) {
@@ -3662,8 +3675,8 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
-template <class>
-inline DistanceSample Cylinder::sample(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample Cylinder::sample(In<Vec3> p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
   const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();
   const Vec3 around = Vec3::UnitZ().cross(radial);
@@ -3749,8 +3762,8 @@ struct TrianglePoint {
 };
 
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-template <class = void>
-inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
+template <class Vec3 = Vec3>
+inline TrianglePoint closest_point(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) {
   const Vec3 ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
   if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
@@ -3770,8 +3783,8 @@ inline TrianglePoint closest_point(const Vec3& p, const Vec3& a, const Vec3& b, 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
-template <class = void>
-inline Vec3 closest_on_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) { return closest_point(p, a, b, c).point; }
+template <class Vec3 = Vec3>
+inline Vec3 closest_on_triangle(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
@@ -3790,8 +3803,8 @@ class TriangleTree {
   };
 
   /// Looks no farther than `near` [m] from p.
-  template <class = void>
-  Nearest nearest(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+  template <class Vec3 = Vec3>
+  Nearest nearest(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const {
     Nearest best;
     double least = near * near;
     if (!nodes_.empty()) search(0, p, least, best);
@@ -3800,8 +3813,8 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  template <class = void>
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
   struct Node {
@@ -3812,11 +3825,11 @@ class TriangleTree {
 
   const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
 
-  template <class = void>
+  template <class AlignedBox3d = Eigen::AlignedBox3d>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
     nodes_.push_back({{}, begin, end - begin, -1});
-    Eigen::AlignedBox3d box;
+    AlignedBox3d box;
     for (int i = begin; i < end; ++i)
       for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
     nodes_[std::size_t(self)].box = box;
@@ -3836,8 +3849,8 @@ class TriangleTree {
     return self;
   }
 
-  template <class = void>
-  void search(int at, const Vec3& p, double& least, Nearest& best) const {
+  template <class Vec3 = Vec3>
+  void search(int at, In<Vec3> p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {
@@ -3869,7 +3882,7 @@ namespace lumo {
 /// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
 class SignedDistance {
  public:
-  template <class = void>
+  template <class Vec3 = Vec3>
   explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3::Zero()) {
     for (const auto& t : surface.triangles) {
       const Vec3 n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
@@ -3888,8 +3901,8 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
-  template <class = void>
-  Sample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Sample sample(In<Vec3> p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
     const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
@@ -3907,8 +3920,8 @@ class SignedDistance {
   }
 
   /// Distance alone; `near`: a bound [m] that its size is known to keep.
-  template <class = void>
-  double distance(const Vec3& p, double near = std::numeric_limits<double>::infinity()) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const {
     const TriangleTree::Nearest n = tree_.nearest(p, near);
     return n.triangle >= 0 && (p - n.at.point).dot(outward(n)) < 0.0 ? -n.distance : n.distance;
   }
@@ -3942,17 +3955,17 @@ namespace lumo {
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
-  template <class = void>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   DistanceGrid(const TriangleSurface& surface, int cells);
   DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
-  template <class = void>
-  double distance(const Vec3& p) const { return sample(p).distance; }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const;
 
   double spacing_m() const { return h_; }
   const TriangleSurface& surface() const { return surface_; }
@@ -3964,18 +3977,18 @@ class DistanceGrid {
 
   double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
 
   template <class = void>
   void fill();
   void filter();
-  template <class = void>
+  template <class Vec3 = Vec3>
   void measure();
-  template <class = void>
-  DistanceSample spline(const Vec3& p) const;
-  template <class = void>
-  DistanceSample exact(const Vec3& p) const;
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample spline(In<Vec3> p) const;
+  template <class Vec3 = Vec3>
+  DistanceSample exact(In<Vec3> p) const;
 
   TriangleSurface surface_;
   SignedDistance exact_;
@@ -3985,10 +3998,10 @@ class DistanceGrid {
   std::vector<double> c_;      // spline coefficients
 };
 
-template <class>
+template <class Vec3, class AlignedBox3d>
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
   if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  Eigen::AlignedBox3d box;
+  AlignedBox3d box;
   for (const Vec3& v : surface_.vertices) box.extend(v);
   const Vec3 size = box.sizes();
   h_ = size.maxCoeff() / cells;
@@ -4030,7 +4043,7 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
-template <class>
+template <class Vec3>
 inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
@@ -4041,8 +4054,8 @@ inline void DistanceGrid::measure() {
       }
 }
 
-template <class>
-inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
@@ -4074,8 +4087,8 @@ inline DistanceSample DistanceGrid::spline(const Vec3& p) const {
   return d;
 }
 
-template <class>
-inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
+template <class Vec3, class Mat3>
+inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
   Vec3 slope = Vec3::Zero();
@@ -4104,8 +4117,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3& p) const {
           near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
-template <class>
-inline DistanceSample DistanceGrid::exact(const Vec3& p) const {
+template <class Vec3>
+inline DistanceSample DistanceGrid::exact(In<Vec3> p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};
 }
@@ -4121,9 +4134,9 @@ namespace lumo {
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
-  template <class = void>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
-    Eigen::AlignedBox3d box;
+    AlignedBox3d box;
     for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
@@ -4136,10 +4149,10 @@ class MeshIndenter {
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
-  template <class = void>
-  double distance(const Vec3& p) const { return grid_->distance(p); }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const { return grid_->sample(p); }
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const { return grid_->distance(p); }
+  template <class Vec3 = Vec3>
+  DistanceSample sample(In<Vec3> p) const { return grid_->sample(p); }
   const DistanceGrid& grid() const { return *grid_; }
 
  private:
@@ -4279,14 +4292,14 @@ namespace lumo {
 struct Carrier {
   std::vector<RigidBox> boxes;
 
-  template <class = void>
-  double distance(const Vec3& p) const {
+  template <class Vec3 = Vec3>
+  double distance(In<Vec3> p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
     return least;
   }
-  template <class = void>
-  DistanceSample sample(const Vec3& p) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  DistanceSample sample(In<Vec3> p) const {
     DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
     for (const RigidBox& b : boxes)
       if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
@@ -4294,8 +4307,8 @@ struct Carrier {
   }
 
  private:
-  template <class = void>
-  static DistanceSample to_box(const RigidBox& b, const Vec3& p) { return detail::distance_to_box(b.half, p - b.center); }
+  template <class Vec3 = Vec3>
+  static DistanceSample to_box(const RigidBox& b, In<Vec3> p) { return detail::distance_to_box(b.half, p - b.center); }
 };
 
 }  // namespace lumo
@@ -4333,15 +4346,15 @@ class EigenCholesky {
     pattern_ = lower;
     solver_.analyzePattern(lower);
   }
-  template <class = void>
+  template <class ArrayXd = Eigen::ArrayXd>
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
-  template <class = void>
-  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
+  template <class MatrixXd = Eigen::MatrixXd>
+  Eigen::MatrixXd solve(In<MatrixXd> rhs) const { return solver_.solve(rhs); }
 
  private:
   SparseLower pattern_;
@@ -4562,7 +4575,7 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   static Vec3 point(int) { return Vec3::Constant(0.25); }
   static double weight(int) { return 1.0 / 6.0; }
 };
@@ -4862,7 +4875,7 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
     Vec3 at = Vec3::Zero();
     for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
@@ -4870,7 +4883,7 @@ class ContactSurface {
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  template <class = void>
+  template <class Vec3 = Vec3>
   std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
     const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
@@ -4885,7 +4898,7 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
-  template <class = void>
+  template <class Vec3 = Vec3>
   void add(const BoundaryFace& face);
   void gather_at_vertices(double area_per_vertex);
 
@@ -4902,7 +4915,7 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
-template <class>
+template <class Vec3>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -4977,8 +4990,8 @@ struct NoFriction {
     Vec3 traction;
     Mat3 stiffness;
   };
-  template <class = void>
-  Answer answer(std::size_t, std::size_t, const Vec3&, const Vec3&, const Vec3&, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Answer answer(std::size_t, std::size_t, In<Vec3>, In<Vec3>, In<Vec3>, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
 };
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
@@ -5647,7 +5660,7 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class = void>
+template <class Vec3 = Vec3>
 inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
@@ -5689,8 +5702,8 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-template <class = void>
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3& p) {
+template <class Vec3 = Vec3>
+inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, In<Vec3> p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
   for (const EdgeSample& s : samples) {
@@ -5817,8 +5830,8 @@ struct FrictionHistory {
     Mat3 stiffness;
     Vec3 stretch;
   };
-  template <class = void>
-  Answer answer(std::size_t face, std::size_t point, const Vec3& at, const Vec3& rigid_origin, const Vec3& normal, double pressure) const {
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Answer answer(std::size_t face, std::size_t point, In<Vec3> at, In<Vec3> rigid_origin, In<Vec3> normal, double pressure) const {
     const Mat3 along = Mat3::Identity() - normal * normal.transpose();
     const Vec3 s = along * (stretch[face][point] + (at - place[face][point]) - (rigid_origin - origin));
     const double length = s.norm(), most = coefficient * std::max(pressure, 0.0) / stiffness_N_per_m3;
@@ -6011,6 +6024,9 @@ enum class Status {
   non_finite,              ///< NaN or infinity in the state or in a factor
   time_limit               ///< stopped by the caller's time limit
 };
+
+/// Whether objectives may rest on a state that ended so. `accept_held`: the problem says that it is about held states (the paper's mechanics).
+constexpr bool is_scored(Status s, bool accept_held = false) { return s == Status::converged || (accept_held && s == Status::held); }
 
 constexpr std::string_view to_string(Status s) {
   switch (s) {
@@ -7107,10 +7123,12 @@ namespace lumo {
 class BvhScene {
  public:
   /// Throws InvalidArgument when a corner is not finite.
+  template <class Vec3 = Vec3>
   BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const;
+  template <class Vec3 = Vec3>
+  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
 
  private:
   static constexpr std::size_t bins = 16;
@@ -7130,8 +7148,11 @@ class BvhScene {
     Box box;
   };
 
+  template <class = void>
   Range bounds(int first, int last) const;
+  template <class Vec3 = Vec3>
   bool split(const Range& range, std::array<Range, 2>& halves);
+  template <class = void>
   int build(const Range& range);
 
   std::vector<Triangle> triangles_;
@@ -7151,9 +7172,11 @@ struct Bvh {
   };
   Config config{};
 
+  template <class = void>
   BvhScene build(const std::vector<SceneTriangle>& triangles) const { return BvhScene(triangles, config.leaf_size); }
 };
 
+template <class Vec3>
 inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
@@ -7181,6 +7204,7 @@ inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_
   order_ = {};
 }
 
+template <class>
 inline BvhScene::Range BvhScene::bounds(int first, int last) const {
   Range r{first, last, {}};
   for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
@@ -7188,6 +7212,7 @@ inline BvhScene::Range BvhScene::bounds(int first, int last) const {
 }
 
 // Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
+template <class Vec3>
 inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;
@@ -7233,6 +7258,7 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   return true;
 }
 
+template <class>
 inline int BvhScene::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
@@ -7266,7 +7292,8 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-inline RayHit BvhScene::first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
+template <class Vec3>
+inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
   const Vec3 o = origin - center_;
@@ -7362,14 +7389,16 @@ inline std::array<double, 6> quadratic_shape(double b1, double b2) {
 }
 
 /// Its point at (b1, b2).
-inline Vec3 on_quadratic(const std::array<Vec3, 6>& x, double b1, double b2) {
+template <class Vec3 = Vec3>
+inline Vec3 on_quadratic(In<std::array<Vec3, 6>> x, double b1, double b2) {
   const std::array<double, 6> n = quadratic_shape(b1, b2);
   return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
 }
 
 /// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
 /// bits: no cracks.
-inline Vec3 lattice_point(const std::array<Vec3, 6>& x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
+template <class Vec3 = Vec3>
+inline Vec3 lattice_point(In<std::array<Vec3, 6>> x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
   const double h = 1.0 / n;
   const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
     if (kb == 0) return x[a];
@@ -7386,7 +7415,8 @@ inline Vec3 lattice_point(const std::array<Vec3, 6>& x, const std::array<int, 6>
 }
 
 /// Unit normal at (b1, b2); not finite where the triangle is crushed to nothing.
-inline Vec3 quadratic_normal(const std::array<Vec3, 6>& x, double b1, double b2) {
+template <class Vec3 = Vec3>
+inline Vec3 quadratic_normal(In<std::array<Vec3, 6>> x, double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
   const Vec3 d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
   const Vec3 d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
@@ -7443,6 +7473,7 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
 /// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
 /// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
+template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d>
 inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   struct Point {
     double weight, b1, b2;
@@ -7455,7 +7486,7 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(36 * faces.size());
-  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
+  MatrixX3d turned = MatrixX3d::Zero(size, 3);
   for (std::size_t f = 0; f < faces.size(); ++f) {
     const std::array<Vec3, 6>& x = faces[f].reference;
     const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
@@ -7489,7 +7520,8 @@ namespace lumo::detail {
 /// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
 /// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
 /// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, const std::vector<Vec3>& like, double size_m) {
+template <class Vec3 = Vec3>
+inline std::vector<std::array<Vec3, 3>> polygon_cells(In<std::vector<Vec3>> c, In<std::vector<Vec3>> like, double size_m) {
   std::vector<std::array<Vec3, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
@@ -7524,7 +7556,8 @@ inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c
   }
   return cells;
 }
-inline std::vector<std::array<Vec3, 3>> polygon_cells(const std::vector<Vec3>& c, double size_m) { return polygon_cells(c, c, size_m); }
+template <class Vec3 = Vec3>
+inline std::vector<std::array<Vec3, 3>> polygon_cells(In<std::vector<Vec3>> c, double size_m) { return polygon_cells(c, c, size_m); }
 
 }  // namespace lumo::detail
 
@@ -7535,7 +7568,8 @@ namespace lumo::detail {
 /// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the body lie behind
 /// it if that is more: where a body rests on its carrier the two may cross a little, and light in the gap must still meet the carrier.
 /// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
-inline std::vector<Vec3> set_back(const RigidFace& face, const std::vector<Vec3>& soft, double gap_m) {
+template <class Vec3 = Vec3>
+inline std::vector<Vec3> set_back(const RigidFace& face, In<std::vector<Vec3>> soft, double gap_m) {
   const double reach = 1e-3;  // [m]; what lies deeper behind the face does not rest on it
   const std::vector<Vec3>& c = face.corners;
   const std::size_t m = c.size();
@@ -7590,10 +7624,12 @@ inline FresnelSplit fresnel(double cosine, double index_ratio) {
 }
 
 /// Mirror image of the unit direction `d` in the plane with unit normal `n`.
-inline Vec3 reflect(const Vec3& d, const Vec3& n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
+template <class Vec3 = Vec3>
+inline Vec3 reflect(In<Vec3> d, In<Vec3> n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
 
 /// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes from.
-inline Vec3 refract(const Vec3& d, const Vec3& n, double index_ratio, double cosine_behind) {
+template <class Vec3 = Vec3>
+inline Vec3 refract(In<Vec3> d, In<Vec3> n, double index_ratio, double cosine_behind) {
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 
@@ -7614,7 +7650,8 @@ constexpr double reflectance(const Absorber&) { return 0.0; }
 namespace detail {
 
 /// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
-inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, double u, double azimuth) {
+template <class Vec3 = Vec3>
+inline Vec3 cosine_direction(In<Vec3> t1, In<Vec3> t2, In<Vec3> n, double u, double azimuth) {
   const double sine = std::sqrt(u);
   return (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + std::sqrt(1.0 - u) * n).normalized();
 }
@@ -7623,13 +7660,15 @@ inline Vec3 cosine_direction(const Vec3& t1, const Vec3& t2, const Vec3& n, doub
 
 /// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit side, and two
 /// numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take image directions.
-inline Vec3 reflected(const Lambertian&, const Vec3&, const Vec3& n, double u, double v, const Vec3& mirror) {
+template <class Vec3 = Vec3>
+inline Vec3 reflected(const Lambertian&, In<Vec3>, In<Vec3> n, double u, double v, In<Vec3> mirror) {
   const Vec3 m = mirror.cwiseProduct(n);
   Vec3 t1, t2;
   detail::tangents(m, t1, t2);
   return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
 }
-inline Vec3 reflected(const Mirror&, const Vec3& d, const Vec3& n, double, double, const Vec3&) { return reflect(d, n); }
+template <class Vec3 = Vec3>
+inline Vec3 reflected(const Mirror&, In<Vec3> d, In<Vec3> n, double, double, In<Vec3>) { return reflect(d, n); }
 inline Vec3 reflected(const Absorber&, const Vec3&, const Vec3& n, double, double, const Vec3&) { return n; }
 
 /// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.
@@ -7679,22 +7718,28 @@ class OpticalScene {
   /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
+  template <class Vec3 = Vec3>
+  OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field,
                Symmetry images, const Config& config);
 
   const std::vector<SceneTriangle>& triangles() const { return triangles_; }
 
   /// Locates the point `p` [m] on triangle `t`.
-  ScenePoint locate(int t, const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  ScenePoint locate(int t, In<Vec3> p) const;
   /// Unit normal of triangle `t` (flat, outward).
+  template <class Vec3 = Vec3>
   Vec3 flat_normal(int t) const;
   /// Unit outward normal of the deformed body.
+  template <class Vec3 = Vec3>
   Vec3 smooth_normal(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
   /// Undeformed position [m].
+  template <class Vec3 = Vec3>
   Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
+  template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
@@ -7702,34 +7747,44 @@ class OpticalScene {
   }
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
+  template <class = void>
   double triangle_area(int t) const;
+  template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
   bool has_region(int face) const { return labels_[0][std::size_t(face)] != -1; }  ///< may a point of it lie in a region?
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
+  template <class Vec3 = Vec3>
   int triangle_at(int face, double b1, double b2, Vec3& point) const;
   const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
+  template <class Vec3 = Vec3>
   std::array<Vec3, 3> reference_corners(int face, int sub) const;
   /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
+  template <class Vec3 = Vec3>
   std::array<Vec3, 3> reference_corners(int t) const {
     if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
     return reference_corners(t / triangles_per_face(), t % triangles_per_face());
   }
   /// Region of a place on a patch, or of its mirror image.
-  int region(int patch, const Vec3& reference, unsigned image) const;
+  template <class Vec3 = Vec3>
+  int region(int patch, In<Vec3> reference, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
   /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
-  Vec3 pulled_inward(int t, const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 pulled_inward(int t, In<Vec3> p) const;
 
  private:
   static constexpr int mixed = -2;
-  void add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field);
+  template <class Vec3 = Vec3>
+  void add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field);
+  template <class Vec3 = Vec3>
   void add_carrier(const Config& config);
+  template <class = void>
   void label(Symmetry images);
 
   const Body* body_;
@@ -7743,7 +7798,8 @@ class OpticalScene {
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
 };
 
-inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
+template <class Vec3>
+inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement,
                                   const std::vector<double>& contact_field, Symmetry images, const Config& config)
     : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
   require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
@@ -7765,7 +7821,8 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
   label(images);
 }
 
-inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field) {
+template <class Vec3>
+inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
     throw InvalidArgument(detail::text("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
@@ -7807,6 +7864,7 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3>
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
+template <class Vec3>
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3> soft;
   for (const detail::QuadraticFace& f : faces_)
@@ -7824,7 +7882,8 @@ inline void OpticalScene::add_carrier(const Config& config) {
   }
 }
 
-inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image) const {
+template <class Vec3>
+inline int OpticalScene::region(int patch, In<Vec3> reference, unsigned image) const {
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
@@ -7833,6 +7892,7 @@ inline int OpticalScene::region(int patch, const Vec3& reference, unsigned image
 }
 
 // Faces whose nodes share a region need no look-up at a hit; most do.
+template <class>
 inline void OpticalScene::label(Symmetry images) {
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
@@ -7844,12 +7904,14 @@ inline void OpticalScene::label(Symmetry images) {
   }
 }
 
+template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
   return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
 }
 
-inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
+template <class Vec3>
+inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
@@ -7866,6 +7928,7 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3& p) const {
   return r;
 }
 
+template <class Vec3>
 inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) const {
   const std::array<Vec3, 6>& x = faces_[std::size_t(face)].reference;
   if (sub < 0) return {x[0], x[1], x[2]};
@@ -7877,17 +7940,20 @@ inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) co
   return corners;
 }
 
+template <class>
 inline double OpticalScene::triangle_area(int t) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
+template <class>
 inline double OpticalScene::area(int face) const {
   double sum = 0.0;
   for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
   return sum;
 }
 
+template <class Vec3>
 inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point) const {
   const double x = b1 * n_, y = b2 * n_;
   int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
@@ -7899,12 +7965,14 @@ inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point
   return t;
 }
 
+template <class Vec3>
 inline Vec3 OpticalScene::flat_normal(int t) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   return (b - a).cross(c - a).normalized();
 }
 
-inline Vec3 OpticalScene::pulled_inward(int t, const Vec3& p) const {
+template <class Vec3>
+inline Vec3 OpticalScene::pulled_inward(int t, In<Vec3> p) const {
   const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
   const double size = std::sqrt((b - a).cross(c - a).norm());
   return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
@@ -7943,6 +8011,7 @@ namespace lumo::detail {
 /// Source: linear elements for radiosity, Heckbert (thesis, 1991). In a plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
+  template <class Vec3 = Vec3>
   LightNodes(const OpticalScene& scene, Symmetry symmetry) : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
     std::map<PlaceKey, int> patch_at;
@@ -8075,11 +8144,13 @@ class RayPattern {
 
   /// `rays` per emitter and replicate, a power of two ≥ 4. With `symmetry` only one beam of each set of mirror images is kept.
   /// Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
+  template <class Vec3 = Vec3>
   RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry);
 
   const std::vector<Beam>& beams() const { return beams_; }
 
   /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
+  template <class Vec3 = Vec3>
   static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
     const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
     const Polar polar = beam.source.polar(u[0]);
@@ -8087,11 +8158,13 @@ class RayPattern {
     const Vec3 p = beam.source.point(u[2], u[3]);
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(seed, beam.orbit), index), -1};
   }
+  template <class = void>
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
     return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
+  template <class Vec3 = Vec3>
   static Symmetry symmetry_of(const std::vector<Emitter>& emitters);
 
  private:
@@ -8101,9 +8174,11 @@ class RayPattern {
 namespace detail {
 
 /// Lengths below which two places of an emitter are one [m].
+template <class = void>
 inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
+template <class = void>
 inline bool same(const Emitter& a, const Emitter& b) {
   if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel()) return false;
   const double reach = tolerance(a);
@@ -8116,6 +8191,7 @@ inline bool same(const Emitter& a, const Emitter& b) {
 }
 
 /// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
+template <class Vec3 = Vec3>
 inline Emitter fundamental(const Emitter& e, Vec3& mirror) {
   const Vec3 center = e.center(), axis = e.axis();
   mirror = Vec3::Ones();
@@ -8130,6 +8206,7 @@ inline const Vec3 flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 
 }  // namespace detail
 
+template <class Vec3>
 inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   const auto closed = [&](const Vec3& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
@@ -8139,6 +8216,7 @@ inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   return {closed(detail::flip_x), closed(detail::flip_y)};
 }
 
+template <class Vec3>
 inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
@@ -8216,12 +8294,14 @@ class FaceSet {
     std::uint32_t index = 0;  ///< in the sequence
   };
   /// Sample `i` of face `k`. Takes dimensions 2 and 3 of the sequence; 0 and 1 are for its direction.
+  template <class Vec3 = Vec3>
   Sample sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const;
 
  private:
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
   static std::uint64_t morton(const Vec3& unit_cube);
-  void number(const std::vector<Vec3>& centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
+  template <class Vec3 = Vec3>
+  void number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
@@ -8278,7 +8358,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
-inline void FaceSet::number(const std::vector<Vec3>& centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
+template <class Vec3>
+inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
                             std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
@@ -8309,6 +8390,7 @@ inline void FaceSet::number(const std::vector<Vec3>& centers, const std::vector<
   }
 }
 
+template <class Vec3>
 inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
   const Face& f = faces_[k];
   Sample x;
@@ -9160,7 +9242,8 @@ struct Response {
 };
 
 /// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
-inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline std::vector<double> standard_error(In<MatrixXd> rows) {
   std::vector<double> error(std::size_t(rows.cols()), 0.0);
   const double n = double(rows.rows());
   if (rows.rows() < 2) return error;
@@ -9176,6 +9259,7 @@ inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
 namespace lumo {
 
 /// Planes in which body, mesh and emitters are their own mirror images.
+template <class = void>
 inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
   const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
   return {s.x && m.x && b.x, s.y && m.y && b.y};
@@ -9200,7 +9284,7 @@ class Tracer {
   struct Config {
     int rays_per_emitter = 1 << 16;   ///< over all replicates; a power of two
     int replicates = 8;               ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
-    int carrier_rays = 1 << 16;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
+    int carrier_rays = 1 << 15;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
     int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
     double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
     double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
@@ -9377,7 +9461,9 @@ struct Photodiode {
   bool round = false;               ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 
+  template <class = void>
   double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
+  template <class Vec3 = Vec3>
   Vec3 normal() const { return half_u.cross(half_v).normalized(); }
 };
 
@@ -9385,22 +9471,27 @@ struct Photodiode {
 class Photodiodes {
  public:
   /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
+  template <class = void>
   explicit Photodiodes(std::vector<Photodiode> diodes);
 
   int channels(const Body&) const { return int(diodes_.size()); }
   /// Of several photodiodes behind each other the first one.
+  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return int(diodes_.size()); }
-  Connection connect(int k, const Vec3& from, double u, double v) const;
+  template <class Vec3 = Vec3>
+  Connection connect(int k, In<Vec3> from, double u, double v) const;
 
  private:
-  static bool accepts(const Photodiode& d, const Vec3& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+  template <class Vec3 = Vec3>
+  static bool accepts(const Photodiode& d, In<Vec3> direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
 
   std::vector<Photodiode> diodes_;
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
 
+template <class>
 inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
   if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
   for (const Photodiode& d : diodes_) {
@@ -9410,6 +9501,7 @@ inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::m
   }
 }
 
+template <class Vec3>
 inline int Photodiodes::channel(const Escape& escape) const {
   int best = -1;
   double nearest = std::numeric_limits<double>::infinity();
@@ -9425,7 +9517,8 @@ inline int Photodiodes::channel(const Escape& escape) const {
   return best;
 }
 
-inline Connection Photodiodes::connect(int k, const Vec3& from, double u, double v) const {
+template <class Vec3>
+inline Connection Photodiodes::connect(int k, In<Vec3> from, double u, double v) const {
   const Photodiode& d = diodes_[std::size_t(k)];
   const Vec3 at = d.center + (d.round ? detail::on_unit_disc(u, v, d.half_u, d.half_v) : Vec3((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
   const Vec3 way = at - from;
@@ -9459,15 +9552,19 @@ class PinholeCamera {
   };
 
   /// Throws InvalidArgument for numbers out of range.
+  template <class = void>
   explicit PinholeCamera(const Config& config);
 
   const Config& config() const { return config_; }
   int channels(const Body&) const { return config_.columns * config_.rows; }
+  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return 1; }
-  Connection connect(int, const Vec3& from, double u, double v) const;
+  template <class Vec3 = Vec3>
+  Connection connect(int, In<Vec3> from, double u, double v) const;
   /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
-  int pixel(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  int pixel(In<Vec3> p) const;
 
  private:
   int pixel_of(double right, double up) const;
@@ -9479,6 +9576,7 @@ class PinholeCamera {
 
 static_assert(ConnectedReadout<PinholeCamera>);
 
+template <class>
 inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
   require_in_range("columns of the camera", config.columns, 1, 4096, "");
   require_in_range("rows of the camera", config.rows, 1, 4096, "");
@@ -9500,12 +9598,14 @@ inline int PinholeCamera::pixel_of(double right, double up) const {
   return int(row) * config_.columns + int(column);
 }
 
-inline int PinholeCamera::pixel(const Vec3& p) const {
+template <class Vec3>
+inline int PinholeCamera::pixel(In<Vec3> p) const {
   const Vec3 way = p - config_.position;
   const double z = way.dot(view_);
   return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
 }
 
+template <class Vec3>
 inline int PinholeCamera::channel(const Escape& escape) const {
   const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
   if (!(toward > 0.0 && z > 0.0)) return -1;
@@ -9514,7 +9614,8 @@ inline int PinholeCamera::channel(const Escape& escape) const {
   return pixel(hit - (config_.focus_m / toward) * escape.direction);
 }
 
-inline Connection PinholeCamera::connect(int, const Vec3& from, double u, double v) const {
+template <class Vec3>
+inline Connection PinholeCamera::connect(int, In<Vec3> from, double u, double v) const {
   const Vec3 way = config_.position + config_.aperture_m * detail::on_unit_disc(u, v, right_, up_) - from;
   const double length = way.norm(), toward = -way.dot(view_);
   if (!(toward > 0.0)) return {};
@@ -9555,6 +9656,7 @@ struct ContactLoads {
 };
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
+template <class = void>
 ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
@@ -9582,11 +9684,12 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
+template <class>
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
-      if (std::abs(s.load_N - load) <= 1e-9 * load && (s.status == Status::converged || s.status == Status::held)) return &s;
+      if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
     return nullptr;
   };
   const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third), *four = at(loads.fourth);
@@ -9603,7 +9706,9 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
     const double late = (four->force_N - three->force_N) / (four->depth_m - three->depth_m);
     const double ratio = early / late;
-    q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+    // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
+    const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
+    if (advanced && late > 0.0) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }
@@ -9635,6 +9740,7 @@ struct OpticalError {
 };
 
 /// (r − r_0)/P_emit by replicate.
+template <class MatrixXd = Eigen::MatrixXd>
 inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
@@ -9642,7 +9748,8 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the mean over pairs of
 /// *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding 1948): unlike the square of the mean difference it
 /// is not raised by noise. Where noise makes it negative the distance is 0. The error is that of the larger of distance and noise.
-Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
+template <class MatrixXd = Eigen::MatrixXd, class RowVectorXd = Eigen::RowVectorXd>
+Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b);
 
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
@@ -9652,17 +9759,20 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
 /// two errors (of the difference) of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
 /// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+template <class = void>
 std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
+template <class = void>
 std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
 
-inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
-  const Eigen::MatrixXd d = a - b;
-  const Eigen::RowVectorXd mean = d.colwise().mean();
+template <class MatrixXd, class RowVectorXd>
+inline Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b) {
+  const MatrixXd d = a - b;
+  const RowVectorXd mean = d.colwise().mean();
   const double n = double(d.rows());
   if (d.rows() < 2) return {mean.norm(), 0.0};
-  const Eigen::MatrixXd off = d.rowwise() - mean;
+  const MatrixXd off = d.rowwise() - mean;
   const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
   const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
   if (scale == 0.0) return {0.0, 0.0};
@@ -9674,6 +9784,7 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
 namespace detail {
 
 /// Distances of all pairs that may be compared.
+template <class = void>
 inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
   std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
@@ -9684,6 +9795,7 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 }  // namespace detail
 
+template <class>
 inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
@@ -9697,6 +9809,7 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   return {wanted.begin(), wanted.end()};
 }
 
+template <class>
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
   const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
@@ -10049,10 +10162,10 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
 
 namespace detail {
 
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
-  Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
-  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
+  MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
+  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const VectorXd>(designs[i].data(), Eigen::Index(rows));
   return x;
 }
 
@@ -10082,11 +10195,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
-template <class>
+template <class VectorXd>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
@@ -10108,7 +10221,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     double reach;
     bool stuck = false;
   };
-  const Eigen::VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
+  const VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
   std::vector<std::size_t> order(pool.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
@@ -10128,7 +10241,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     }
     std::vector<Climber> next = team;
     if (!moves.empty()) {
-      const Eigen::VectorXd values = score(detail::columns(moves, sampler.dimensions()));
+      const VectorXd values = score(detail::columns(moves, sampler.dimensions()));
       for (std::size_t i = 0; i < moves.size(); ++i)
         if (values[Eigen::Index(i)] > next[owner[i]].score) next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
     }
@@ -10331,22 +10444,22 @@ concept CovarianceKernel = requires(const K& kernel, const Eigen::ArrayXXd& r2, 
 
 /// Squared exponential: exp(−r²/2). Samples are smooth.
 struct RbfKernel {
-  template <class = void>
-  Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const { return (-0.5 * r2).exp(); }
-  template <class = void>
-  Eigen::ArrayXXd slope(const Eigen::ArrayXXd&, const Eigen::ArrayXXd& correlation) const { return -0.5 * correlation; }
+  template <class ArrayXXd = Eigen::ArrayXXd>
+  Eigen::ArrayXXd correlation(In<ArrayXXd> r2) const { return (-0.5 * r2).exp(); }
+  template <class ArrayXXd = Eigen::ArrayXXd>
+  Eigen::ArrayXXd slope(In<ArrayXXd>, In<ArrayXXd> correlation) const { return -0.5 * correlation; }
 };
 
 /// Matérn with ν = 5/2: (1 + s + s²/3) e⁻ˢ with s = √5 r. Samples have two derivatives. Source: Stein, Interpolation of Spatial Data, 1999.
 struct Matern52Kernel {
-  template <class = void>
-  Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const {
-    const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
+  template <class ArrayXXd = Eigen::ArrayXXd>
+  Eigen::ArrayXXd correlation(In<ArrayXXd> r2) const {
+    const ArrayXXd s = (5.0 * r2).sqrt();
     return (1.0 + s + s.square() / 3.0) * (-s).exp();
   }
-  template <class = void>
-  Eigen::ArrayXXd slope(const Eigen::ArrayXXd& r2, const Eigen::ArrayXXd& correlation) const {
-    const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
+  template <class ArrayXXd = Eigen::ArrayXXd>
+  Eigen::ArrayXXd slope(In<ArrayXXd> r2, In<ArrayXXd> correlation) const {
+    const ArrayXXd s = (5.0 * r2).sqrt();
     return -5.0 / 6.0 * (1.0 + s) / (1.0 + s + s.square() / 3.0) * correlation;
   }
 };
@@ -10364,30 +10477,34 @@ namespace lumo {
 /// (1ᵀK⁻¹y) / (1ᵀK⁻¹1), at each. Source: Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, §5.4.
 template <CovarianceKernel Kernel>
 class MarginalLikelihood {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+
  public:
   struct Value {
     double log_likelihood = -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
     double log_prior = 0.0;
     double mean = 0.0;
-    Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
-    Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
+    VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
+    VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
   /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior);
+  MarginalLikelihood(const MatrixXd& x, const VectorXd& y, Kernel kernel, HyperparameterPrior prior);
 
   Value operator()(const Hyperparameters& h, bool with_gradient = true) const;
 
  private:
   Eigen::Index size_;
-  Eigen::VectorXd y_;
+  VectorXd y_;
   Kernel kernel_;
   HyperparameterPrior prior_;
-  Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
+  MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
 };
 
 template <CovarianceKernel Kernel>
-MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
+MarginalLikelihood<Kernel>::MarginalLikelihood(const MatrixXd& x, const VectorXd& y, Kernel kernel, HyperparameterPrior prior)
     : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
   for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
     const Eigen::Index below = size_ - 1 - k;
@@ -10403,21 +10520,21 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   for (Eigen::Index j = 0; j < d; ++j) value.log_prior += prior_.length_scale.log_density(h.length_scale[j]);
   value.log_prior += prior_.noise.log_density(h.noise);
 
-  const Eigen::VectorXd weight = h.length_scale.array().square().inverse();
-  const Eigen::ArrayXXd r2 = squares_ * weight, correlation = kernel_.correlation(r2);
-  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
+  const VectorXd weight = h.length_scale.array().square().inverse();
+  const ArrayXXd r2 = squares_ * weight, correlation = kernel_.correlation(r2);
+  MatrixXd covariance = MatrixXd::Zero(n, n);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     covariance(k, k) = 1.0 + h.noise;
     covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
   }
-  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
+  const Eigen::LLT<MatrixXd> factor(covariance);
   if (factor.info() != Eigen::Success) return value;
 
-  Eigen::MatrixXd both(n, 2);
-  both << y_, Eigen::VectorXd::Ones(n);
+  MatrixXd both(n, 2);
+  both << y_, VectorXd::Ones(n);
   factor.solveInPlace(both);
   value.mean = both.col(0).sum() / both.col(1).sum();
-  const Eigen::VectorXd alpha = both.col(0) - value.mean * both.col(1);
+  const VectorXd alpha = both.col(0) - value.mean * both.col(1);
   double log_determinant = 0.0;
   for (Eigen::Index i = 0; i < n; ++i) log_determinant += 2.0 * std::log(factor.matrixLLT()(i, i));
   value.log_likelihood = -0.5 * (alpha.dot((y_.array() - value.mean).matrix()) + log_determinant + double(n) * std::log(2.0 * pi));
@@ -10425,14 +10542,14 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   if (!with_gradient || !std::isfinite(value.log_likelihood)) return value;
 
   // ½ tr((α αᵀ − K⁻¹) dK): each pair counts twice. The mean is at its optimum and adds nothing.
-  Eigen::MatrixXd inverse_factor = Eigen::MatrixXd::Identity(n, n);
+  MatrixXd inverse_factor = MatrixXd::Identity(n, n);
   for (Eigen::Index first = 0; first < n; first += 32) {  // in blocks of columns, which are zero above the diagonal
     auto below = inverse_factor.block(first, first, n - first, std::min<Eigen::Index>(32, n - first));
     factor.matrixLLT().bottomRightCorner(n - first, n - first).template triangularView<Eigen::Lower>().solveInPlace(below);
   }
-  Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
+  MatrixXd inverse = MatrixXd::Zero(n, n);
   inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());
-  Eigen::ArrayXXd pull = kernel_.slope(r2, correlation);
+  ArrayXXd pull = kernel_.slope(r2, correlation);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     const Eigen::Index below = n - 1 - k;
     pull.col(0).segment(first, below) *= alpha.tail(below).array() * alpha[k] - inverse.col(k).tail(below).array();
@@ -10474,14 +10591,14 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
-  template <class Function>
-  Minimum minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                   const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Minimum minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
+                   In<std::optional<MatrixXd>> hessian = std::nullopt) const;
 };
 
-template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                              const std::optional<Eigen::MatrixXd>& known) const {
+template <class Function, class MatrixXd, class VectorXd>
+Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
+                              In<std::optional<MatrixXd>> known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
     throw InvalidArgument(detail::text("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
@@ -10493,9 +10610,9 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
   if (!std::isfinite(best.value) || !best.gradient.allFinite())
     throw InvalidArgument(detail::text("function is ", best.value, " where the minimiser starts, must be finite"));
 
-  Eigen::MatrixXd hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
+  MatrixXd hessian = known.value_or(MatrixXd::Identity(n, n));
   bool fresh = !known;  // the Hessian has seen no curvature yet
-  Eigen::VectorXd step(n), trial(n), slope(n);
+  VectorXd step(n), trial(n), slope(n);
   while (best.evaluations < max_evaluations) {
     // A variable at a bound that the gradient pushes it against stays there.
     std::vector<Eigen::Index> free;
@@ -10510,13 +10627,13 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
       break;
     }
     step.setZero();
-    const Eigen::MatrixXd block = hessian(free, free);
-    step(free) = -block.llt().solve(Eigen::VectorXd(best.gradient(free)));
+    const MatrixXd block = hessian(free, free);
+    step(free) = -block.llt().solve(VectorXd(best.gradient(free)));
     if (!step.allFinite() || step.dot(best.gradient) >= 0.0) {
       hessian.setIdentity();
       fresh = true;
       step.setZero();
-      step(free) = -Eigen::VectorXd(best.gradient(free));
+      step(free) = -VectorXd(best.gradient(free));
     }
     const double longest = step.cwiseAbs().maxCoeff();
     double scale = std::min({1.0, longest_step / longest, fresh ? 0.5 / longest : 1.0});
@@ -10539,10 +10656,10 @@ Minimum QuasiNewton::minimize(Function&& function, Eigen::VectorXd start, const 
       fresh = true;
       continue;
     }
-    const Eigen::VectorXd s = trial - best.x;
-    Eigen::VectorXd y = slope - best.gradient;
-    if (fresh && s.dot(y) > 0.0) hessian = Eigen::MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
-    const Eigen::VectorXd hs = hessian * s;
+    const VectorXd s = trial - best.x;
+    VectorXd y = slope - best.gradient;
+    if (fresh && s.dot(y) > 0.0) hessian = MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
+    const VectorXd hs = hessian * s;
     const double curvature = s.dot(hs);
     if (s.dot(y) < 0.2 * curvature) {
       const double damping = 0.8 * curvature / (curvature - s.dot(y));
@@ -10583,15 +10700,15 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
-template <class = void>
-inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
-    Eigen::MatrixXd a = covariance;
+    MatrixXd a = covariance;
     a.diagonal().array() += jitter * top;
-    const Eigen::LLT<Eigen::MatrixXd> factor(a);
+    const Eigen::LLT<MatrixXd> factor(a);
     if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.0)
-      return JitteredFactor{Eigen::MatrixXd(factor.matrixL()), jitter * top};
+      return JitteredFactor{MatrixXd(factor.matrixL()), jitter * top};
   }
   return std::nullopt;
 }
@@ -10600,6 +10717,11 @@ inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& cova
 /// bounds and outputs standardised (n − 1) inside; everything is told in the units of the data. Equal inputs and constant outputs are fine.
 template <CovarianceKernel Kernel = RbfKernel>
 class GaussianProcess {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+  using ArrayXd = Dependent<Eigen::ArrayXd, Kernel>;
+
  public:
   struct Config {
     Kernel kernel = {};
@@ -10626,50 +10748,50 @@ class GaussianProcess {
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
   struct Prediction {
-    Eigen::VectorXd mean, variance;
+    VectorXd mean, variance;
   };
-  Prediction predict(const Eigen::MatrixXd& x) const;
-  Eigen::VectorXd mean(const Eigen::MatrixXd& x) const;
+  Prediction predict(const MatrixXd& x) const;
+  Eigen::VectorXd mean(const MatrixXd& x) const;
   /// Posterior covariance of the latent function between two sets of points.
-  Eigen::MatrixXd covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const;
+  Eigen::MatrixXd covariance(const MatrixXd& a, const MatrixXd& b) const;
   /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. Empty when the covariance
   /// cannot be factorised.
-  std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const;
+  std::optional<Eigen::MatrixXd> sample(const MatrixXd& x, const MatrixXd& normals) const;
   /// What each observation would be predicted as without it, with its noise, from the fitted hyper-parameters.
   /// Source: Rasmussen & Williams 2006, eq. 5.12.
   Prediction leave_one_out() const;
 
   /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b). In standardised units.
-  Eigen::MatrixXd whitened(const Eigen::MatrixXd& unit_x) const {
-    Eigen::MatrixXd v = correlation(x_, unit_x);
+  Eigen::MatrixXd whitened(const MatrixXd& unit_x) const {
+    MatrixXd v = correlation(x_, unit_x);
     factor_.matrixL().solveInPlace(v);
     return v;
   }
-  Eigen::MatrixXd correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const;
-  Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const { return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix(); }
-  const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
+  Eigen::MatrixXd correlation(const MatrixXd& unit_a, const MatrixXd& unit_b) const;
+  Eigen::MatrixXd normalized(const MatrixXd& x) const { return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix(); }
+  const VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
   double output_mean() const { return output_mean_; }
   double output_scale() const { return output_scale_; }
 
  private:
-  Eigen::MatrixXd x_;  ///< normalised
-  Eigen::VectorXd y_;  ///< standardised
-  Eigen::VectorXd lower_, inverse_width_;
+  MatrixXd x_;  ///< normalised
+  VectorXd y_;  ///< standardised
+  VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
   Config config_;
-  Eigen::LLT<Eigen::MatrixXd> factor_;
-  Eigen::VectorXd whitened_y_;
+  Eigen::LLT<MatrixXd> factor_;
+  VectorXd whitened_y_;
   double jitter_ = 0.0;
   bool converged_ = true;
 
   explicit GaussianProcess(const TrainingData& data, const Config& config);
   void condition(const Hyperparameters& h);
   // The search for hyper-parameters is in their logarithms; it minimises −(log p(y) + log prior)/n.
-  static Hyperparameters unpack(const Eigen::VectorXd& u);
-  static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient);
+  static Hyperparameters unpack(const VectorXd& u);
+  static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& u, VectorXd* gradient);
   Eigen::VectorXd modes() const;
-  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& start, const std::optional<MatrixXd>& hessian = std::nullopt) const;
   std::vector<Minimum> optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const;
   HyperparameterPrior prior() const { return config_.prior ? *config_.prior : HyperparameterPrior::for_dimension(x_.rows()); }
 };
@@ -10687,13 +10809,13 @@ GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Config&
   x_ = normalized(data.x);
 
   const double size = std::max(data.y.cwiseAbs().maxCoeff(), std::numeric_limits<double>::min());  // so that squares neither overflow nor vanish
-  const Eigen::VectorXd scaled = data.y / size;
+  const VectorXd scaled = data.y / size;
   const double mean = scaled.mean();
   const double deviation = n > 1 ? std::sqrt((scaled.array() - mean).square().sum() / double(n - 1)) : 0.0;
   const bool constant = deviation < 1e-14;  // no more than rounding
   output_mean_ = mean * size;
   output_scale_ = constant ? 1.0 : deviation * size;
-  y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
+  y_ = constant ? VectorXd::Zero(n) : VectorXd((scaled.array() - mean) / deviation);
 }
 
 template <CovarianceKernel Kernel>
@@ -10704,10 +10826,10 @@ GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Hyperpa
 }
 
 template <CovarianceKernel Kernel>
-Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const {
-  const Eigen::ArrayXd inverse = hyperparameters_.length_scale.array().inverse();
-  const Eigen::MatrixXd a = (unit_a.array().colwise() * inverse).matrix(), b = (unit_b.array().colwise() * inverse).matrix();
-  Eigen::ArrayXXd r2 = Eigen::ArrayXXd::Zero(a.cols(), b.cols());
+Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const MatrixXd& unit_a, const MatrixXd& unit_b) const {
+  const ArrayXd inverse = hyperparameters_.length_scale.array().inverse();
+  const MatrixXd a = (unit_a.array().colwise() * inverse).matrix(), b = (unit_b.array().colwise() * inverse).matrix();
+  ArrayXXd r2 = ArrayXXd::Zero(a.cols(), b.cols());
   for (Eigen::Index i = 0; i < b.cols(); ++i)
     for (Eigen::Index j = 0; j < a.rows(); ++j) r2.col(i) += (a.row(j).array() - b(j, i)).square().transpose();
   return config_.kernel.correlation(r2);
@@ -10716,11 +10838,11 @@ Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const Eigen::MatrixXd& unit
 template <CovarianceKernel Kernel>
 void GaussianProcess<Kernel>::condition(const Hyperparameters& h) {
   hyperparameters_ = h;
-  Eigen::MatrixXd covariance = correlation(x_, x_);
+  MatrixXd covariance = correlation(x_, x_);
   covariance.diagonal().array() += h.noise;
   for (jitter_ = 0.0;; jitter_ = jitter_ == 0.0 ? 1e-12 : 10.0 * jitter_) {
     if (jitter_ > 2e-4) throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
-    Eigen::MatrixXd a = covariance;
+    MatrixXd a = covariance;
     a.diagonal().array() += jitter_;
     factor_.compute(a);
     if (factor_.info() == Eigen::Success && factor_.matrixLLT().diagonal().minCoeff() > 0.0) break;
@@ -10760,13 +10882,13 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
 }
 
 template <CovarianceKernel Kernel>
-Hyperparameters GaussianProcess<Kernel>::unpack(const Eigen::VectorXd& u) {
+Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
   const Eigen::Index d = u.size() - 1;
   return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
 }
 
 template <CovarianceKernel Kernel>
-double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient) {
+double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& u, VectorXd* gradient) {
   const auto value = likelihood(unpack(u), gradient != nullptr);
   if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
   if (gradient) *gradient = -value.posterior_gradient / double(n);
@@ -10775,20 +10897,20 @@ double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likel
 
 template <CovarianceKernel Kernel>
 Eigen::VectorXd GaussianProcess<Kernel>::modes() const {
-  Eigen::VectorXd u = Eigen::VectorXd::Constant(x_.rows() + 1, std::log(prior().length_scale.mode()));
+  VectorXd u = VectorXd::Constant(x_.rows() + 1, std::log(prior().length_scale.mode()));
   u[x_.rows()] = std::log(prior().noise.mode());
   return u;
 }
 
 template <CovarianceKernel Kernel>
-Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
-                                         const std::optional<Eigen::MatrixXd>& hessian) const {
+Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& start,
+                                         const std::optional<MatrixXd>& hessian) const {
   const Eigen::Index d = x_.rows();
   const HyperparameterPrior p = prior();
-  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(p.max_length_scale));
+  VectorXd lower = VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = VectorXd::Constant(d + 1, std::log(p.max_length_scale));
   lower[d] = std::log(p.min_noise);
   upper[d] = std::log(p.max_noise);
-  return config_.search.minimize([&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper, hessian);
+  return config_.search.minimize([&](const VectorXd& u, VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper, hessian);
 }
 
 /// One start stops in local optima: after the prior's modes come the most promising of some places spread between short and long length
@@ -10797,9 +10919,9 @@ template <CovarianceKernel Kernel>
 std::vector<Minimum> GaussianProcess<Kernel>::optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const {
   const Eigen::Index d = x_.rows();
   std::vector<Minimum> found = {descend(likelihood, n, modes())};
-  std::vector<std::pair<double, Eigen::VectorXd>> probes;
+  std::vector<std::pair<double, VectorXd>> probes;
   for (int k = 0; config_.starts > 1 && k < config_.probes; ++k) {
-    Eigen::VectorXd u(d + 1);
+    VectorXd u(d + 1);
     for (Eigen::Index j = 0; j <= d; ++j) {
       const double t = OwenSobol{detail::combine(7, std::uint64_t(j / Sobol::dimensions))}(std::uint32_t(k), int(j % Sobol::dimensions));
       u[j] = j < d ? std::log(0.1) + t * (std::log(100.0) + 0.5 * std::log(double(d))) : std::log(1e-4) + t * std::log(1e3);
@@ -10818,27 +10940,27 @@ double GaussianProcess<Kernel>::objective() const {
 }
 
 template <CovarianceKernel Kernel>
-typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::predict(const Eigen::MatrixXd& x) const {
-  const Eigen::MatrixXd v = whitened(normalized(x));
-  const Eigen::VectorXd standard = (v.transpose() * whitened_y_).array() + hyperparameters_.mean;
-  const Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).max(0.0).transpose();
+typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::predict(const MatrixXd& x) const {
+  const MatrixXd v = whitened(normalized(x));
+  const VectorXd standard = (v.transpose() * whitened_y_).array() + hyperparameters_.mean;
+  const VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).max(0.0).transpose();
   return {(output_mean_ + output_scale_ * standard.array()).matrix(), output_scale_ * output_scale_ * variance};
 }
 
 template <CovarianceKernel Kernel>
-Eigen::VectorXd GaussianProcess<Kernel>::mean(const Eigen::MatrixXd& x) const {
-  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+Eigen::VectorXd GaussianProcess<Kernel>::mean(const MatrixXd& x) const {
+  const VectorXd alpha = factor_.matrixU().solve(whitened_y_);
   return (output_mean_ + output_scale_ * ((correlation(normalized(x), x_) * alpha).array() + hyperparameters_.mean)).matrix();
 }
 
 template <CovarianceKernel Kernel>
-Eigen::MatrixXd GaussianProcess<Kernel>::covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const {
-  const Eigen::MatrixXd ua = normalized(a), ub = normalized(b);
+Eigen::MatrixXd GaussianProcess<Kernel>::covariance(const MatrixXd& a, const MatrixXd& b) const {
+  const MatrixXd ua = normalized(a), ub = normalized(b);
   return output_scale_ * output_scale_ * (correlation(ua, ub) - whitened(ua).transpose() * whitened(ub));
 }
 
 template <CovarianceKernel Kernel>
-std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
+std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const MatrixXd& x, const MatrixXd& normals) const {
   if (normals.rows() != x.cols()) throw InvalidArgument(detail::text("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
   const auto factor = jittered_factor(covariance(x, x));
   if (!factor) return std::nullopt;
@@ -10847,9 +10969,9 @@ std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const Eigen::Matr
 
 template <CovarianceKernel Kernel>
 typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::leave_one_out() const {
-  const Eigen::MatrixXd inverse = factor_.solve(Eigen::MatrixXd::Identity(size(), size()));
-  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
-  const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
+  const MatrixXd inverse = factor_.solve(MatrixXd::Identity(size(), size()));
+  const VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+  const ArrayXd variance = inverse.diagonal().array().inverse();
   return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(), (output_scale_ * output_scale_ * variance).matrix()};
 }
 
@@ -10883,9 +11005,9 @@ struct EachOutput {
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
-  template <class = void>
-  Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
-    Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
+  template <class MatrixXd = Eigen::MatrixXd>
+  Eigen::MatrixXd objectives(In<MatrixXd> y) const {
+    MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;
     for (std::size_t j = 0; j < terms.size(); first += terms[j++]) least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
     return least;
@@ -10920,9 +11042,12 @@ struct Evidence {
 /// there is one empty draw, and what is conditional on it is the plain posterior.
 template <CovarianceKernel Kernel>
 class ConditionalPosterior {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+
  public:
   /// `normals`: base points × draws. Throws InvalidArgument when they do not fit.
-  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
+  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const MatrixXd& base, const MatrixXd& normals)
       : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
     if (normals.rows() != base.cols()) throw InvalidArgument(detail::text("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
     if (base.cols() == 0) return;
@@ -10935,25 +11060,25 @@ class ConditionalPosterior {
 
   /// Draws at the base points: points × draws, in the units of the data.
   Eigen::MatrixXd draws() const {
-    if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
-    const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
+    if (base_.cols() == 0) return MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
+    const MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
     return (gp_->output_mean() + gp_->output_scale() * standard.array()).matrix();
   }
 
   /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and deviations (points).
   struct Conditional {
-    Eigen::MatrixXd mean;
-    Eigen::VectorXd deviation;
+    MatrixXd mean;
+    VectorXd deviation;
   };
-  Conditional at(const Eigen::MatrixXd& x) const {
-    const Eigen::MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
-    Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
-    Eigen::MatrixXd standard = standard_mean(v);
+  Conditional at(const MatrixXd& x) const {
+    const MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
+    VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
+    MatrixXd standard = standard_mean(v);
     if (base_.cols() > 0) {
-      Eigen::MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
+      MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
       factor_.template triangularView<Eigen::Lower>().solveInPlace(cross);
       variance.array() -= cross.colwise().squaredNorm().array().transpose();
-      standard = (cross.transpose() * normals_).colwise() + Eigen::VectorXd(standard.col(0));
+      standard = (cross.transpose() * normals_).colwise() + VectorXd(standard.col(0));
     }
     const double scale = gp_->output_scale();
     return {(gp_->output_mean() + scale * standard.array()).matrix(), scale * variance.cwiseMax(1e-18).cwiseSqrt()};
@@ -10962,10 +11087,10 @@ class ConditionalPosterior {
   double jitter() const { return jitter_; }
 
  private:
-  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const { return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix(); }
+  Eigen::VectorXd standard_mean(const MatrixXd& v) const { return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix(); }
 
   const GaussianProcess<Kernel>* gp_;
-  Eigen::MatrixXd base_, normals_, whitened_, factor_;
+  MatrixXd base_, normals_, whitened_, factor_;
   double jitter_ = 0.0;
 };
 
@@ -10996,10 +11121,10 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
 namespace detail {
 
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
-  Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
+  MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
   base << evidence.x, evidence.pending;
   return base;
 }
@@ -11030,8 +11155,8 @@ bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
 }
 
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by index.
-template <class = void>
-inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline std::vector<Eigen::Index> pareto_front(In<MatrixXd> y) {
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
@@ -11063,9 +11188,9 @@ struct BoxDecomposition {
 namespace detail {
 
 /// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
-template <class = void>
-inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
-                  std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline void slice(In<MatrixXd> y, Eigen::Index along, VectorXd& low, VectorXd& high, In<VectorXd> reference,
+                  std::vector<VectorXd>& lower, std::vector<VectorXd>& upper) {
   const double infinite = std::numeric_limits<double>::infinity();
   if (along + 1 == reference.size()) {
     low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
@@ -11093,19 +11218,19 @@ inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd&
 
 /// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
 /// objectives: one more box than the front has points for two, more than proportional for three and above.
-template <class = void>
-inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline BoxDecomposition nondominated_boxes(In<MatrixXd> y, In<VectorXd> reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
   std::vector<Eigen::Index> above;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
-  Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
-  front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
-  std::vector<Eigen::VectorXd> lower, upper;
-  Eigen::VectorXd low(reference.size()), high(reference.size());
+  MatrixXd front = y.cols() ? MatrixXd(y(Eigen::all, above)) : MatrixXd(reference.size(), 0);
+  front = MatrixXd(front(Eigen::all, pareto_front(front)));
+  std::vector<VectorXd> lower, upper;
+  VectorXd low(reference.size()), high(reference.size());
   detail::slice(front, 0, low, high, reference, lower, upper);
-  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())), Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
+  BoxDecomposition boxes{MatrixXd(reference.size(), Eigen::Index(lower.size())), MatrixXd(reference.size(), Eigen::Index(lower.size()))};
   for (std::size_t k = 0; k < lower.size(); ++k) {
     boxes.lower.col(Eigen::Index(k)) = lower[k];
     boxes.upper.col(Eigen::Index(k)) = upper[k];
@@ -11115,8 +11240,8 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
 
 /// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
 /// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
-template <class = void>
-inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline double hypervolume(In<MatrixXd> y, In<VectorXd> reference) {
   const Eigen::Index m = reference.size();
   if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", m));
   std::vector<Eigen::Index> order;
@@ -11138,7 +11263,7 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
       volume += height * (widest - reference[0]);
     } else if (height > 0.0) {
       const std::vector<Eigen::Index> reach(order.begin(), order.begin() + std::ptrdiff_t(k) + 1);
-      volume += height * hypervolume(Eigen::MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
+      volume += height * hypervolume(MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
     }
   }
   return volume;
@@ -11156,8 +11281,8 @@ namespace lumo {
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
-  template <class = void>
-  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  ExpectedHypervolume(In<MatrixXd> y, In<VectorXd> reference) : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
   template <class Mean, class Deviation>
@@ -11475,10 +11600,10 @@ class TrialLog {
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd told_outputs() const;
 
  private:
@@ -11545,21 +11670,21 @@ inline void TrialLog::fail(int id, bool retry, std::string why) {
   trial.why = std::move(why);
 }
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
-  Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
+  MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state) x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
+    if (t.state == state) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
   return x;
 }
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::told_outputs() const {
-  Eigen::MatrixXd y(outputs_, count(Trial::State::told));
+  MatrixXd y(outputs_, count(Trial::State::told));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
+    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const VectorXd>(t.outputs.data(), outputs_);
   return y;
 }
 
@@ -11576,6 +11701,10 @@ namespace lumo {
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
   requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+
  public:
   struct Config {
     typename GaussianProcess<Kernel>::Config model = {};
@@ -11663,7 +11792,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
   std::vector<int> ids;
   for (const Trial& t : trials())
     if (t.state == Trial::State::told) ids.push_back(t.id);
-  const Eigen::MatrixXd y = objectives();
+  const MatrixXd y = objectives();
   std::vector<Outcome> out;
   for (const Eigen::Index i : pareto_front(y)) {
     out.push_back({ids[std::size_t(i)], {}});
@@ -11675,7 +11804,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 double Optimizer<K, A, S, R>::hypervolume() const {
-  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+  VectorXd reference(Eigen::Index(problem().objectives.size()));
   for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
   return lumo::hypervolume(objectives(), reference);
 }
@@ -11703,7 +11832,7 @@ Evidence Optimizer<K, A, S, R>::evidence() const {
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
       if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+    ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
     const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
     if (largest > 0.0) {
       y /= largest;
@@ -11719,16 +11848,16 @@ Evidence Optimizer<K, A, S, R>::evidence() const {
     e.lower[Eigen::Index(i)] = variables[i].lower;
     e.upper[Eigen::Index(i)] = variables[i].upper;
   }
-  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+  e.reference = VectorXd::Zero(Eigen::Index(problem().objectives.size()));
   return e;
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
-  Eigen::MatrixXd y = log_.told_outputs();
+  MatrixXd y = log_.told_outputs();
   for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  return y.cols() ? MatrixXd(config_.reduction.objectives(y)) : MatrixXd(Eigen::Index(problem().objectives.size()), 0);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
@@ -11980,30 +12109,30 @@ class TimeSeries {
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
     const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return Eigen::VectorXd(value_.col(j));
+    if (*after == stamp_ns) return VectorXd(value_.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
     if (1e-9 * gap > max_gap_s) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
-    return Eigen::VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+    return VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
   }
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd interpolation_residual() const {
-    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value_.rows());
+    VectorXd squares = VectorXd::Zero(value_.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
       const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
       const auto k = Eigen::Index(i);
       squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
     }
-    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+    return stamp_.size() < 3 ? squares : VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }
   double largest_gap_s() const {
     std::int64_t gap = 0;
@@ -12441,12 +12570,12 @@ class PhotodiodeArray {
   };
 
   /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
-    if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
-    if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
+    if (config_.dark_V.size() == 0) config_.dark_V = VectorXd::Zero(n);
+    if (config_.scale.size() == 0) config_.scale = VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
       throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
           " scales, must be as many"));
@@ -12604,8 +12733,8 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 
-  template <class = void>
-  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
+  template <class Vector2d = Eigen::Vector2d>
+  double u_px(In<Vector2d> pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
     const double s = u / half_length_px;
     return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
@@ -12618,9 +12747,9 @@ struct AxisMap {
     return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
   }
   /// Variance of y at u [m²] that comes from the map itself.
-  template <class = void>
+  template <class Vector3d = Eigen::Vector3d>
   double variance_m2(double u) const {
-    const Eigen::Vector3d g = gradient(u);
+    const Vector3d g = gradient(u);
     return g.dot(covariance * g);
   }
   /// ∂y/∂(a, b, c).
@@ -12632,12 +12761,12 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
-  template <class = void>
-  static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
+  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class MatrixX3d = Eigen::MatrixX3d>
+  static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
 };
 
-template <class>
-inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
+template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class MatrixX3d>
+inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
@@ -12647,11 +12776,11 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
 
   AxisMap map;
   map.origin_px = pixel.rowwise().mean();
-  const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> spread(centred * centred.transpose());
+  const Matrix2Xd centred = pixel.colwise() - map.origin_px;
+  const Eigen::SelfAdjointEigenSolver<Matrix2d> spread(centred * centred.transpose());
   map.direction = spread.eigenvectors().col(1);
   if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
-  const Eigen::VectorXd u = centred.transpose() * map.direction;
+  const VectorXd u = centred.transpose() * map.direction;
   for (Eigen::Index i = 1; i < n; ++i)
     if (!(u[i] > u[i - 1])) throw InvalidArgument(detail::text("axis map: place ", i, " does not follow its predecessor in the image"));
   map.half_length_px = 0.5 * (u[n - 1] - u[0]);
@@ -12659,8 +12788,8 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
   const double b = 0.5 * (y_m[n - 1] - y_m[0]);
   map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
-  Eigen::MatrixX3d J(n, 3);
-  Eigen::VectorXd r(n);
+  MatrixX3d J(n, 3);
+  VectorXd r(n);
   const auto linearise = [&] {
     for (Eigen::Index i = 0; i < n; ++i) {
       const double slope = map.scale_m_per_px(u[i]);
@@ -12670,14 +12799,14 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    Eigen::Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
     const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.head<2>() = (J.leftCols<2>().transpose() * J.leftCols<2>()).ldlt().solve(J.leftCols<2>().transpose() * r);
-      map.coefficients.head<2>() -= step.head<2>();
+      step.template head<2>() = (J.template leftCols<2>().transpose() * J.template leftCols<2>()).ldlt().solve(J.template leftCols<2>().transpose() * r);
+      map.coefficients.head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
     }
@@ -12718,7 +12847,7 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -12726,7 +12855,7 @@ struct LedDetector {
     Eigen::Vector2d place;
     double contrast;
   };
-  template <class = void>
+  template <class Vector2d = Eigen::Vector2d>
   std::vector<Spot> spots(const ImageView& image, int radius) const;
 };
 
@@ -12760,7 +12889,7 @@ class IntegralImage {
 
 }  // namespace detail
 
-template <class>
+template <class Vector2d>
 inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
   const detail::IntegralImage sums(image);
   const int r = radius, far = 4 * radius;
@@ -12790,15 +12919,15 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
         }
       if (!top) continue;
       // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must not pull it.
-      Eigen::Vector2d centre(x, y);
+      Vector2d centre(x, y);
       const double ground = sums.mean(x, y, far);
       for (int pass = 0; pass < 3; ++pass) {
-        Eigen::Vector2d moment = Eigen::Vector2d::Zero();
+        Vector2d moment = Vector2d::Zero();
         double weight = 0.0;
         const int cx = int(std::lround(centre.x())), cy = int(std::lround(centre.y()));
         for (int yy = std::max(0, cy - 3 * r); yy <= std::min(image.height - 1, cy + 3 * r); ++yy)
           for (int xx = std::max(0, cx - 3 * r); xx <= std::min(image.width - 1, cx + 3 * r); ++xx) {
-            const Eigen::Vector2d p(xx, yy);
+            const Vector2d p(xx, yy);
             const double window = std::exp(-0.5 * (p - centre).squaredNorm() / (1.5 * r * 1.5 * r));
             const double w = window * std::max(0.0, image.green(xx, yy) - ground);
             moment += w * p;
@@ -12808,14 +12937,14 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
         // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as far.
         centre += 1.8 * (moment / weight - centre);
       }
-      if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
+      if ((centre - Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
     }
   std::stable_sort(found.begin(), found.end(), [](const Spot& a, const Spot& b) { return a.contrast > b.contrast; });
   if (found.size() > std::size_t(max_candidates)) found.resize(std::size_t(max_candidates));
   return found;
 }
 
-template <class>
+template <class VectorXd, class Vector2d, class Matrix2Xd>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");
@@ -12824,21 +12953,21 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   const int radius = spot_radius_px > 0 ? spot_radius_px : std::max(2, std::max(image.width, image.height) / 120);
   const std::vector<Spot> all = spots(image, radius);
 
-  Eigen::VectorXd y(count);
+  VectorXd y(count);
   for (int k = 0; k < count; ++k) y[k] = first_y_m + pitch_m * k;
   std::optional<LedDetection> best;
   double best_score = 0.0;
   for (const Spot& first : all)
     for (const Spot& last : all) {
-      const Eigen::Vector2d step = (last.place - first.place) / double(count - 1);
+      const Vector2d step = (last.place - first.place) / double(count - 1);
       if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
-      LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
+      LedDetection row{Matrix2Xd(2, count), VectorXd(count), {}};
       bool whole = true;
       for (int k = 0; whole && k < count; ++k) {
-        const Eigen::Vector2d expected = first.place + k * step;
+        const Vector2d expected = first.place + k * step;
         const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
         const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
-        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
+        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Vector2d(row.centroid_px.col(k - 1)));
         row.centroid_px.col(k) = near->place;
         row.contrast[k] = near->contrast;
       }
@@ -12846,7 +12975,7 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
       for (int k = 1; whole && k < count; ++k) whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
       if (!whole || row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) continue;
       row.map = AxisMap::fit(row.centroid_px, y, centroid_sigma_px);
-      const Eigen::Vector2d across(-row.map.direction.y(), row.map.direction.x());
+      const Vector2d across(-row.map.direction.y(), row.map.direction.x());
       const double off = ((row.centroid_px.colwise() - row.map.origin_px).transpose() * across).squaredNorm() / count;
       const double residual = std::sqrt(row.map.residual_px * row.map.residual_px + off) / step.norm();
       if (residual > max_residual) continue;
@@ -12886,15 +13015,15 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
-template <class = void>
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
+template <class VectorXd = Eigen::VectorXd>
+inline double rms(In<Eigen::Ref<const VectorXd>> v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
 
 /// Median of each row.
-template <class = void>
-inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
-  Eigen::VectorXd r(m.rows());
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline Eigen::VectorXd pointwise_median(In<MatrixXd> m) {
+  VectorXd r(m.rows());
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const Eigen::VectorXd row = m.row(i);
+    const VectorXd row = m.row(i);
     r[i] = median({row.data(), row.data() + row.size()});
   }
   return r;
@@ -12940,15 +13069,15 @@ struct CycleRun {
 /// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
 /// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
 /// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
-    for (const Eigen::MatrixXd& cycles : run.load) {
+    for (const MatrixXd& cycles : run.load) {
       if (cycles.cols() < 2 || cycles.rows() < 1)
         throw InvalidArgument(detail::text("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
-      const Eigen::VectorXd middle = pointwise_median(cycles);
+      const VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
     }
   if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
@@ -12956,8 +13085,8 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 }
 
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
-template <class = void>
-inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline Eigen::VectorXd regional_rms_change(In<MatrixXd> low, In<MatrixXd> high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
     throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
         " responses, must be the same, at least one re-contact"));
@@ -13024,8 +13153,8 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
 namespace detail {
 
 /// Softmax of log weights, and its mode.
-template <class = void>
-inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
+template <class VectorXd = Eigen::VectorXd>
+inline Decoding decoding_of(In<VectorXd> log_weight) {
   Decoding d;
   Eigen::Index top = 0;
   const double most = log_weight.maxCoeff(&top);
@@ -13036,10 +13165,10 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 }
 
 /// Mean response of each place, features × places.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
-  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
-  Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
+  MatrixXd mean = MatrixXd::Zero(t.response.rows(), t.places());
+  VectorXd count = VectorXd::Zero(t.places());
   for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
   return mean * count.cwiseInverse().asDiagonal();
 }
@@ -13054,12 +13183,12 @@ namespace lumo {
 
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
-template <class = void>
-inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline Eigen::VectorXd intensity_force_slope(In<MatrixXd> response, In<VectorXd> force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
     throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
   if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
-  const Eigen::VectorXd centred = force_N.array() - force_N.mean();
+  const VectorXd centred = force_N.array() - force_N.mean();
   const double spread = centred.squaredNorm();
   if (!(spread > 1e-12 * force_N.squaredNorm())) throw InvalidArgument("slope over force: all loads are the same");
   return response * centred / spread;
@@ -13083,23 +13212,23 @@ struct RecontactQuality {
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
-template <class = void>
-RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+RecontactMetrics recontact_metrics(In<std::vector<MatrixXd>> slope);
 
 /// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
 /// of log Q: re-contacts are drawn about each place's median from a Gaussian with the covariance that the place's own re-contacts have (channels scatter
 /// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
 /// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
 /// Throws InvalidArgument where Q is not defined.
-template <class = void>
-RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
-template <class>
-inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
+template <class MatrixXd, class VectorXd>
+inline RecontactMetrics recontact_metrics(In<std::vector<MatrixXd>> slope) {
   if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
-  std::vector<Eigen::VectorXd> middle;
+  std::vector<VectorXd> middle;
   std::vector<double> between, within;
-  for (const Eigen::MatrixXd& p : slope) {
+  for (const MatrixXd& p : slope) {
     if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
       throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
           slope.front().rows(), " channels"));
@@ -13113,20 +13242,20 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
   return m;
 }
 
-template <class>
-inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
+template <class MatrixXd, class VectorXd>
+inline RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int resamples, std::uint64_t seed, double confidence) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
   q.metrics = recontact_metrics(slope);
   const Eigen::Index repeats = slope.front().cols();
-  for (const Eigen::MatrixXd& p : slope)
+  for (const MatrixXd& p : slope)
     if (p.cols() != repeats || repeats < 3)
       throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
   if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
-  std::vector<Eigen::MatrixXd> some(slope.size());
+  std::vector<MatrixXd> some(slope.size());
   for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
     for (std::size_t i = 0; i < slope.size(); ++i) {
       some[i].resize(slope[i].rows(), repeats - 1);
@@ -13134,17 +13263,17 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
     }
     if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
   }
-  std::vector<Eigen::VectorXd> middle;
-  std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
-  for (const Eigen::MatrixXd& p : slope) {
+  std::vector<VectorXd> middle;
+  std::vector<MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
+  for (const MatrixXd& p : slope) {
     middle.push_back(pointwise_median(p));
     scatter.push_back((p.colwise() - p.rowwise().mean()) / std::sqrt(double(repeats) - 1.0));
   }
   detail::CountedNormals normal(seed);
-  Eigen::VectorXd numbers(repeats);
+  VectorXd numbers(repeats);
   const auto deviation = [&](std::size_t place) {
     for (double& z : numbers) z = normal();
-    return Eigen::VectorXd(scatter[place] * numbers);
+    return VectorXd(scatter[place] * numbers);
   };
   std::vector<double> sizes, error;
   for (int k = 0; k < resamples; ++k)
@@ -13208,39 +13337,39 @@ struct Identification {
 /// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
 /// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
 /// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
-template <class = void>
-inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+inline Identification identify(In<MatrixXd> a, In<VectorXd> b, In<VectorXd> scale, double sigma = 0.0, double tolerance = 1e-6,
                                double known = 0.0) {
   const Eigen::Index n = a.cols();
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
     throw InvalidArgument(detail::text("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(), " observations and ", scale.size(), " scales"));
   if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all()) throw InvalidArgument("identification: numbers must be finite, scales positive");
   Identification r;
-  const Eigen::MatrixXd scaled = a * scale.asDiagonal();
+  const MatrixXd scaled = a * scale.asDiagonal();
   if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {
-    r.value = Eigen::VectorXd::Zero(n);
-    r.covariance = Eigen::MatrixXd::Zero(n, n);
-    r.null_space = Eigen::MatrixXd::Identity(n, n);
+    r.value = VectorXd::Zero(n);
+    r.covariance = MatrixXd::Zero(n, n);
+    r.null_space = MatrixXd::Identity(n, n);
     r.residual = b.size() ? b.norm() / std::sqrt(double(b.size())) : 0.0;
     return r;
   }
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
-  const Eigen::VectorXd& s = svd.singularValues();
+  const Eigen::JacobiSVD<MatrixXd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
+  const VectorXd& s = svd.singularValues();
   r.rank = (s.array() > tolerance * s[0]).count();
-  const Eigen::VectorXd projection = svd.matrixU().transpose() * b;
+  const VectorXd projection = svd.matrixU().transpose() * b;
   const auto deviation = [&] {
     const double left = std::max(b.squaredNorm() - projection.head(r.rank).squaredNorm(), 0.0);
     return sigma > 0.0 ? sigma : b.size() > r.rank ? std::sqrt(left / double(b.size() - r.rank)) : 0.0;
   };
   while (known > 0.0 && r.rank > 0 && deviation() > known * s[r.rank - 1]) --r.rank;
-  const Eigen::MatrixXd v = svd.matrixV().leftCols(r.rank);
-  const Eigen::VectorXd inverse = s.head(r.rank).cwiseInverse();
+  const MatrixXd v = svd.matrixV().leftCols(r.rank);
+  const VectorXd inverse = s.head(r.rank).cwiseInverse();
   r.value = scale.asDiagonal() * (v * inverse.cwiseProduct(projection.head(r.rank)));
   r.null_space = svd.matrixV().rightCols(n - r.rank);
   const double left = (a * r.value - b).squaredNorm();
   r.residual = std::sqrt(left / double(b.size()));
   const double variance = sigma > 0.0 ? sigma * sigma : b.size() > r.rank ? left / double(b.size() - r.rank) : 0.0;
-  const Eigen::MatrixXd half = scale.asDiagonal() * v * inverse.asDiagonal();
+  const MatrixXd half = scale.asDiagonal() * v * inverse.asDiagonal();
   r.covariance = variance * half * half.transpose();
   return r;
 }
@@ -13301,7 +13430,7 @@ struct TorqueIdentification {
 
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
 /// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
@@ -13311,15 +13440,15 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   }
   if (t.empty()) throw InvalidArgument("unloaded run has no samples");
   const auto n = Eigen::Index(t.size());
-  const Eigen::VectorXd torque = Eigen::Map<const Eigen::VectorXd>(t.data(), n);
+  const VectorXd torque = Eigen::Map<const VectorXd>(t.data(), n);
   const auto fit = [&](double stribeck_velocity) {
-    Eigen::MatrixXd a(n, 6);
+    MatrixXd a(n, 6);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
       a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
     }
     // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
-    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
+    return identify(a, torque, VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
   };
   // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
   double fastest = 0.0;
@@ -13333,7 +13462,7 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
   const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
   TorqueIdentification result{start, fit(best)};
-  const Eigen::VectorXd& x = result.linear.value;
+  const VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
   m.stribeck_velocity_rad_per_s = best;
   m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
@@ -13426,13 +13555,13 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-template <class = void>
+template <class VectorXd = Eigen::VectorXd>
 inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
-    std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
+    std::pair<VectorXd, int> m{VectorXd(), 0};
     for (const Profile& p : profiles) {
       if (p.stamp_ns < s.from_ns || p.stamp_ns > s.to_ns) continue;
-      if (m.second == 0) m.first = Eigen::VectorXd::Zero(p.value.size());
+      if (m.second == 0) m.first = VectorXd::Zero(p.value.size());
       if (p.value.size() != m.first.size()) throw InvalidArgument(detail::text("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
       m.first += p.value;
       ++m.second;
@@ -13441,7 +13570,7 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
     return m;
   };
   std::vector<HoldResponse> list;
-  std::map<std::size_t, Eigen::VectorXd> unloaded;
+  std::map<std::size_t, VectorXd> unloaded;
   for (const Segment& s : segments) {
     if (s.kind != "hold" && s.kind != "cycle") continue;
     const Segment* before = nullptr;
@@ -13500,18 +13629,18 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
-  std::vector<Eigen::MatrixXd> slopes;
+  std::vector<MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
     if (next >= 0 && place.first != next) throw InvalidArgument(detail::text("place ", next, " has no re-contacts, but places before and after it have"));
     next = place.first + 1;
-    Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
+    MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
     for (const auto& recontact : place.second) {
-      Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
-      Eigen::VectorXd load(response.cols());
+      MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
+      VectorXd load(response.cols());
       Eigen::Index k = 0;
       for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
       m.col(column++) = intensity_force_slope(response, load);
@@ -13570,7 +13699,7 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
@@ -13579,7 +13708,7 @@ inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) 
   for (const auto& run : runs) {
     CycleRun r;
     for (const auto& load : run.second) {
-      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
+      MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
       for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
       r.load.push_back(std::move(m));
     }
@@ -13607,8 +13736,8 @@ struct NearestTemplate {
       variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const {
       if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
       return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
     }
@@ -13639,12 +13768,12 @@ namespace detail {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
-template <class = void>
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline Eigen::MatrixXd shrunk_covariance(In<MatrixXd> residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
-  const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
+  const MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);
-  const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
+  const MatrixXd target = level * MatrixXd::Identity(d, d);
   if (shrinkage < 0.0) {
     double scatter = 0.0;
     for (Eigen::Index i = 0; i < n; ++i) scatter += (residual.col(i) * residual.col(i).transpose() - s).squaredNorm();
@@ -13664,22 +13793,22 @@ struct LinearDecoder {
 
   class Model {
    public:
-    template <class = void>
+    template <class MatrixXd = Eigen::MatrixXd>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
-      Eigen::MatrixXd residual = t.response;
+      MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const Eigen::MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
+      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean_);
       offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const { return detail::decoding_of(log_likelihood(response)); }
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
-    template <class = void>
-    Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Eigen::VectorXd log_likelihood(In<VectorXd> response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
       return weight_.transpose() * response + offset_;
     }
@@ -13714,14 +13843,14 @@ namespace lumo {
 class PlaceFilter {
  public:
   /// Throws InvalidArgument for fewer than two places or a change that is no probability.
-  template <class = void>
-  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
+  template <class VectorXd = Eigen::VectorXd>
+  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
-  template <class = void>
-  const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
+  template <class VectorXd = Eigen::VectorXd>
+  const Eigen::VectorXd& update(In<VectorXd> log_likelihood) {
     const double n = double(probability_.size());
     probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
     probability_ = detail::decoding_of((probability_.array().log() + log_likelihood.array()).matrix()).probability;
@@ -13745,8 +13874,8 @@ struct BayesDecoder {
    public:
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const {
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const {
       const auto n = Eigen::Index(steps_.size());
       if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);
@@ -14068,8 +14197,8 @@ struct GridMoments {
 };
 
 /// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
-template <class = void>
-inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
+template <class VectorXd = Eigen::VectorXd>
+inline GridMoments moments_about_mode(In<VectorXd> place, In<VectorXd> weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -14112,11 +14241,11 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   explicit BayesLocalizer(Config config);
 
   void reset() { fresh_ = true; }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d>
   LocationEstimate update(const Profile& response);
 
   const Eigen::VectorXd& grid_m() const { return grid_; }
@@ -14138,10 +14267,10 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
-  template <class = void>
-  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
+  template <class VectorXd = Eigen::VectorXd>
+  bool dips_between(In<VectorXd> response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
-  template <class = void>
+  template <class Vector3d = Eigen::Vector3d>
   void predict(double step_s);
   template <class = void>
   ContactLocation one() const;
@@ -14162,7 +14291,7 @@ class BayesLocalizer {
   bool fresh_ = true;
 };
 
-template <class>
+template <class MatrixXd, class VectorXd>
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
@@ -14187,11 +14316,11 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   require_positive("gap of the localiser", config_.gap_s, "s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
-  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
-  Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  grid_ = VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
   covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
   if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
-  precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
+  precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
     for (Eigen::Index j = 0; j < cells; ++j)
@@ -14199,7 +14328,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
-  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
+  place_ = VectorXd::Constant(cells, 1.0 / double(cells));
   likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
@@ -14250,8 +14379,8 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
-template <class>
-inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
+template <class VectorXd>
+inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
     (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
@@ -14278,10 +14407,10 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
-template <class>
+template <class Vector3d>
 inline void BayesLocalizer::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
-  number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
+  number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
   const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
   // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
@@ -14299,7 +14428,7 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
-template <class>
+template <class VectorXd, class Vector3d>
 inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
@@ -14307,7 +14436,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
   const Eigen::Index cells = grid_.size();
   if (fresh_ || step_s > config_.gap_s) {
-    number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
+    number_ = Vector3d(1.0, 1.0, 1.0) / 3.0;
     place_.setConstant(1.0 / double(cells));
     fresh_ = false;
   } else {
@@ -14346,11 +14475,11 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
   place_ = place_.cwiseProduct(likelihood_);
   const double sum = place_.sum();
-  place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
+  place_ = sum > 0.0 ? VectorXd(place_ / sum) : VectorXd(likelihood_ / likelihood_.sum());
 
   const double log_two = log_evidence(pair_, tempering);
   const double highest = std::max({0.0, log_one, log_two});
-  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseProduct(Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
   number_ = number_.cwiseMax(1e-12);
   number_ /= number_.sum();
   return answer(stamp_ns_);
@@ -14435,13 +14564,13 @@ class SerialChain {
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
-  template <class = void>
+  template <class Mat3 = Mat3, class Isometry3d = Eigen::Isometry3d>
   explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
       if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
-      for (const Eigen::Isometry3d& pose : {l.joint, l.finger})
+      for (const Isometry3d& pose : {l.joint, l.finger})
         if ((pose.linear().transpose() * pose.linear() - Mat3::Identity()).norm() > 1e-6 || pose.linear().determinant() < 0.0)
           throw InvalidArgument("serial chain: poses must turn and move, not stretch or mirror");
       require_positive("length of a joint's axis", l.axis.norm(), "");
@@ -14451,7 +14580,7 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class = void>
+  template <class Vec3 = Vec3>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
@@ -14462,10 +14591,10 @@ class SerialChain {
     return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class = void>
+  template <class Vec3 = Vec3>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
 
  private:
@@ -14474,28 +14603,28 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  template <class = void>
+  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
     Pose p;
     p.axis.resize(3, link + 1);
     p.origin.resize(3, link + 1);
-    Eigen::Isometry3d frame = Eigen::Isometry3d::Identity();
+    Isometry3d frame = Isometry3d::Identity();
     for (int i = 0; i <= link; ++i) {
       const Link& l = links_[std::size_t(i)];
       frame = frame * l.joint;
       p.axis.col(i) = frame.linear() * l.axis;
       p.origin.col(i) = frame.translation();
-      frame.rotate(Eigen::AngleAxisd(q[i], l.axis));
+      frame.rotate(AngleAxisd(q[i], l.axis));
     }
     p.finger = frame * links_[std::size_t(link)].finger;
     return p;
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class = void>
-  JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
+  template <class Vec3 = Vec3>
+  JointVector torques(const Pose& p, In<Vec3> place, In<Vec3> n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;
@@ -15047,18 +15176,18 @@ struct LongitudinalBins {
   /// The paper's 11 regions: 5 mm each on [−27.5, 27.5] mm.
   template <class = void>
   static LongitudinalBins regions() { return uniform(-27.5e-3, 27.5e-3, 11); }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   static LongitudinalBins uniform(double from_m, double to_m, int count) {
     require_in_range("number of bins", count, 1, 4096, "");
     require_in_range("first edge", from_m, -10.0, 10.0, "m");
     require_in_range("last edge", to_m, -10.0, 10.0, "m");
-    LongitudinalBins bins{Eigen::VectorXd::LinSpaced(count + 1, from_m, to_m)};
+    LongitudinalBins bins{VectorXd::LinSpaced(count + 1, from_m, to_m)};
     validate(bins);
     return bins;
   }
 
   Eigen::Index size() const { return edges_m.size() - 1; }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.
@@ -15456,13 +15585,13 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   void add(const Profile& p) {
-    if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
+    if (count_ == 0) mean_ = squares_ = VectorXd::Zero(p.value.size());
     if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
     if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
     ++count_;
-    const Eigen::VectorXd before = p.value - mean_;
+    const VectorXd before = p.value - mean_;
     mean_ += before / double(count_);
     squares_ += before.cwiseProduct(p.value - mean_);
   }
@@ -15471,9 +15600,9 @@ class UnloadedReference {
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
   /// mean's own error is part of it.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd noise(double floor = 0.02) const {
-    if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
+    if (count_ < 2) return VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
     return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
@@ -15499,6 +15628,11 @@ namespace lumo {
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
   requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
+  using JointVector = Dependent<lumo::JointVector, Jacobian>;
+  using MatrixXd = Dependent<Eigen::MatrixXd, Jacobian>;
+  using Vector2d = Dependent<Eigen::Vector2d, Jacobian>;
+  using Matrix2d = Dependent<Eigen::Matrix2d, Jacobian>;
+
   static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
       "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
 
@@ -15697,7 +15831,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   ContactBelief b = filter_.at(now_ns_, joint_q_);
   const ContactPoint point{config_.filter.link, std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m)};
   const JointVector arm = filter_.jacobian().column(joint_q_, point), slope = filter_.jacobian().slope(joint_q_, point);
-  const Eigen::Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
+  const Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
   b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
   ContactForce& c = e.contact[0];
   c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
@@ -15707,9 +15841,9 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = point.y_m;
   if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
   // Directions of the posterior that are wider than what counts as known are open.
-  const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
-  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(scaled);  // ascending
+  const Vector2d unit(config_.known_location_m, config_.known_force_N);
+  const Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix2d> axes(scaled);  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
 }
@@ -15733,18 +15867,18 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   JointVector torque = joint_torque_;
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
   const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
-  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
+  const Dependent<Identification, Jacobian> forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
   e.rank = int(forces.rank);
   e.null_directions.setZero();
   e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
   // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
-  const Eigen::MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
-  Eigen::Matrix2d by_place;
+  const MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
+  Matrix2d by_place;
   for (Eigen::Index i = 0; i < 2; ++i) by_place.col(i) = -forces.value[i] * (inverse * filter_.jacobian().slope(joint_q_, points[std::size_t(i)]));
-  Eigen::Matrix2d place = Eigen::Matrix2d::Constant(map2);
+  Matrix2d place = Matrix2d::Constant(map2);
   for (Eigen::Index i = 0; i < 2; ++i) place(i, i) += location_.contact[std::size_t(i)].variance_m2;
-  const Eigen::Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
-  const Eigen::Matrix2d mixed = place * by_place.transpose();  // of places with forces
+  const Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
+  const Matrix2d mixed = place * by_place.transpose();  // of places with forces
   for (Eigen::Index i = 0; i < 2; ++i) {
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
@@ -15799,11 +15933,11 @@ class ContactTorques {
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
   int joints() const { return joints_; }
   /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
@@ -15873,7 +16007,7 @@ struct StiffnessFit {
 /// Fits force = factor · nominal(depth − onset). `nominal_N`: force of the nominal pad at a depth [m], 0 below 0, increasing: with the ratio of moduli kept, force is
 /// proportional to the modulus at given depth. Samples of one press are not independent (the silicone creeps, the servo swings), so that the
 /// interval counts `independent` of them (0: all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not tell both.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d>
 StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
 
 /// Photon transfer of a camera (EMVA 1288): temporal variance of pixels over their signal. Row offsets and common changes of the lamps are taken out of each
@@ -15889,7 +16023,7 @@ class PhotonTransfer {
   void add(const ImageView& v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2d = Eigen::Matrix2d>
   Result result(double black_DN = 0.0, double full_DN = 230.0) const;
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -15921,14 +16055,14 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   return {level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
-template <class>
+template <class MatrixXd, class VectorXd, class Vector2d>
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent) {
   if (depth_m.size() != force_N.size()) throw InvalidArgument(detail::text("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
   const auto n = Eigen::Index(depth_m.size());
   StiffnessFit fit{{1.0, 1.0, 1.0}, 0.0, 0.0};
   constexpr double step_m = 1e-6;
-  Eigen::MatrixXd a(n, 2);
-  Eigen::VectorXd left(n);
+  MatrixXd a(n, 2);
+  VectorXd left(n);
   Identification last;
   for (int k = 0; k < 30; ++k) {
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -15937,7 +16071,7 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
       left[i] = force_N[std::size_t(i)] - fit.factor.value * f;
     }
     if ((a.col(0).array() > 0.0).count() < 3) throw InvalidArgument("press curve: fewer than three samples in contact");
-    last = identify(a, left, Eigen::Vector2d(1.0, 1e-4), 0.0, 1e-4);
+    last = identify(a, left, Vector2d(1.0, 1e-4), 0.0, 1e-4);
     if (!last.complete()) throw InvalidArgument("press curve does not tell stiffness and onset apart");
     fit.factor.value = std::max(0.01, fit.factor.value + last.value[0]);
     fit.onset_m += std::clamp(last.value[1], -1e-3, 1e-3);
@@ -15971,7 +16105,7 @@ inline void PhotonTransfer::add(const ImageView& v) {
   ++frames_;
 }
 
-template <class>
+template <class MatrixXd, class VectorXd, class Vector2d, class Matrix2d>
 inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double full_DN) const {
   if (pairs() < 8) throw InvalidArgument(detail::text("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
   std::vector<double> signal, variance;
@@ -15981,18 +16115,18 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
   const double low = signal.empty() ? 0.0 : quantile(signal, 0.02), high = signal.empty() ? 0.0 : quantile(signal, 0.98);
   if (n < 100 || !(high > 1.5 * low + 5.0)) throw InvalidArgument("photon transfer: signals are all alike, they tell no slope");
   // Variance of a variance is 2 σ⁴/pairs: weights by the signal, from a first look.
-  Eigen::Vector2d line(0.5, 0.02);
+  Vector2d line(0.5, 0.02);
   Identification fit;
   for (int k = 0; k < 4; ++k) {
-    Eigen::MatrixXd a(n, 2);
-    Eigen::VectorXd b(n);
+    MatrixXd a(n, 2);
+    VectorXd b(n);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double weight = 1.0 / std::max(line[0] + line[1] * signal[std::size_t(i)], 0.05);
       a.row(i) << weight, weight * signal[std::size_t(i)];
       b[i] = weight * variance[std::size_t(i)];
     }
     // Normal equations: pixels are many, parameters two.
-    const Eigen::Matrix2d normal = a.transpose() * a;
+    const Matrix2d normal = a.transpose() * a;
     line = normal.ldlt().solve(a.transpose() * b);
     fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * normal.inverse();
   }
@@ -16056,14 +16190,14 @@ struct FingerView {
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
 /// the tip's direction in the image, in m at the map's scale.
-template <class = void>
+template <class Vector2d = Eigen::Vector2d>
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
   std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
   for (int y = 0; y < unloaded.height; ++y)
     for (int x = 0; x < unloaded.width; ++x) {
-      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
+      const Vector2d p = Vector2d(x, y) - map.origin_px;
       if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
       const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
       if (std::abs(across) > reach) continue;
@@ -16614,8 +16748,8 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
 /// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.01;   ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 8;            ///< at most this many doublings; 0: everything is traced once
+  double tolerance = 0.0125; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 6;            ///< at most this many doublings; 0: everything is traced once
 };
 
 namespace detail {
@@ -16636,7 +16770,7 @@ class Lighting {
       : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
-        if (const Status status = solved[k].states[s].status; status == Status::converged || status == Status::held) all_.push_back({k, s});
+        if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
   }
 
   struct State {
@@ -16675,7 +16809,7 @@ class Lighting {
       if (state == nullptr)
         lit[i] = light.trace(body_, mesh);
       else
-        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(body_, mesh, plan_.solves[state->solve].scenario));
+        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(*state));
       spent[i] = watch.seconds();
       report(jobs.size());
     });
@@ -16717,6 +16851,12 @@ class Lighting {
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
+  // Sweeps visit vertices one after the other: what they leave is not its own mirror image.
+  Symmetry symmetry_of(const State& s) const {
+    const auto& [scenario, place] = plan_.solves[s.solve];
+    return solved_[s.solve].states[s.state].status == Status::held ? Symmetry{} : lumo::symmetry_of(body_, places_[place]->mesh(), scenario);
+  }
+
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;
@@ -16746,6 +16886,8 @@ struct Pipeline {
   OpticalError optical_error = {};
   bool mirror_once = true;               ///< solve mirror images once
   RayRefinement rays = {};
+  int mesh_order = 2;                    ///< of the simulator's elements
+  bool accept_held = false;              ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
 };
 
 /// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
@@ -16826,7 +16968,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
     const detail::Stopwatch watch;
     std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus)));
+    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
     meshing[k] = watch.seconds();
     report("mesh", places.size());
   });
@@ -16840,7 +16982,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
     report("press", order.size());
   });
-  const bool all_converged = std::all_of(solved.begin(), solved.end(), [](const auto& s) { return s.record.status == Status::converged; });
+  const bool all_converged = std::all_of(solved.begin(), solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
 
   // Light, first for all states, then with more and more rays for those that decide.
   detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
@@ -16885,7 +17027,7 @@ concept ObservedObjective = requires(const O& objective, const Observations& all
   { objective(all) } -> std::same_as<std::optional<Estimate>>;
 };
 
-/// What an evaluation of any body gives. Where a scenario did not converge all objectives are empty.
+/// What an evaluation of any body gives. Where a scenario did not converge (or, where the pipeline accepts held states, was not held) all objectives are empty.
 struct Scores {
   bool converged = false;
   std::vector<std::optional<Estimate>> objectives;
@@ -16900,7 +17042,7 @@ Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, 
   Scores scores;
   scores.observations = observe(body, scenarios, pipeline, executor, progress);
   scores.converged = true;
-  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && s.status == Status::converged;
+  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && is_scored(s.status, pipeline.accept_held);
   const auto score = [&](const auto&... objective) {
     // A numerical failure is a status, never a score.
     (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);
@@ -17266,26 +17408,26 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   return p;
 }
 
-/// The first scenario that failed, and how; empty when all converged.
-inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios) {
+/// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
+inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
-    if (s.status != Status::converged)
+    if (!is_scored(s.status, accept_held))
       return detail::text("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
                           " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
 /// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
-inline std::string failure_of(const Evaluation& e) {
+inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
-  if (std::string why = failed_press(e.observations.scenarios); !why.empty()) return why;
+  if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
   return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
 }
 
 /// What a campaign keeps of an evaluation; a solve that ran out of time may be tried again.
-inline Verdict verdict_of(const Evaluation& e) {
+inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
-  v.why = failure_of(e);
+  v.why = failure_of(e, accept_held);
   if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
   for (const ScenarioRecord& s : e.observations.scenarios) v.retry = v.retry || s.status == Status::time_limit;
   return v;
@@ -17415,13 +17557,13 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
     const auto state = std::find_if(s.states.begin(), s.states.end(), [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
     if (state == s.states.end()) return std::nullopt;
-    const Estimate d = response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
+    const Estimate d = response_distance(state->change, MatrixXd::Zero(state->change.rows(), state->change.cols()));
     norms.push_back({d.value, std::hypot(2.0 * d.error, error.mesh * d.value)});
   }
   if (norms.empty()) return std::nullopt;
@@ -17528,14 +17670,14 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
-    template <class = void>
-    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
-      TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
+      TrainingData data{MatrixXd(1, n), VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
       for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
-      Eigen::MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
+      MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
       mean_.resize(d, t.places());
-      Eigen::MatrixXd variance(d, t.places());
+      MatrixXd variance(d, t.places());
       for (Eigen::Index f = 0; f < d; ++f) {
         data.y = t.response.row(f).transpose();
         const auto process = GaussianProcess<>::fit(data);
@@ -17551,23 +17693,23 @@ struct GaussianProcessDecoder {
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class = void>
-    Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
+    template <class VectorXd = Eigen::VectorXd>
+    Decoding decode(In<VectorXd> response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
-    template <class = void>
-    double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
+    template <class VectorXd = Eigen::VectorXd>
+    double coordinate_m(In<VectorXd> response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
-    template <class = void>
-    Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
-    template <class = void>
-    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Factor>& factors) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    Factor factor(In<VectorXd> variance) const { return Factor(covariance_ + MatrixXd(variance.asDiagonal())); }
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Factor>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
-      Eigen::VectorXd log_likelihood(mean.cols());
+      VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
         const Factor& l = factors[std::size_t(p)];
-        const Eigen::VectorXd z = l.matrixL().solve(response - mean.col(p));
+        const VectorXd z = l.matrixL().solve(response - mean.col(p));
         log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
       }
       return detail::decoding_of(log_likelihood);
@@ -17614,13 +17756,13 @@ struct PadResponses {
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
   };
   const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
-  const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
+  const auto ascend = [](const VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
   require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
@@ -17629,18 +17771,18 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
   require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
-    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+    for (const MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
 }
 
 /// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
 class PadLight {
  public:
   /// Throws InputError for responses that do not fit together.
-  template <class = void>
+  template <class MatrixXd = Eigen::MatrixXd>
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
-    for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
-    for (const Eigen::MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
+    for (const MatrixXd& m : r_.change) slope_.push_back(slopes(m));
+    for (const MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
     depth_slope_ = slopes(r_.depth_m.transpose());
   }
 
@@ -17650,22 +17792,22 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
+    VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
-    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
+    return y_m < 0.0 ? VectorXd(v.reverse()) : v;
   }
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
+    const VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
@@ -17684,8 +17826,8 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
-  template <class = void>
-  static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
+  template <class VectorXd = Eigen::VectorXd>
+  static std::pair<std::size_t, double> between(In<VectorXd> x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
     if (at >= x[last]) return {std::size_t(last), 0.0};
@@ -17696,11 +17838,11 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
-  template <class = void>
-  Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Eigen::MatrixXd slopes(In<MatrixXd> value) const {
     const Eigen::Index n = value.cols();
-    Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
-    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
+    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? VectorXd(value.col(k - 1)) : VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
     slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
@@ -17711,15 +17853,15 @@ class PadLight {
     }
     return slope;
   }
-  template <class = void>
-  Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
+  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  Eigen::VectorXd at_load(In<MatrixXd> value, In<MatrixXd> slope, double at) const {
     const Eigen::Index n = value.cols();
-    if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
+    if (!(at > 0.0)) return VectorXd::Zero(value.rows());
     if (at >= load(n)) return value.col(n - 1);
     Eigen::Index k = 0;
     while (at >= load(k + 1)) ++k;
     const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
-    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
     if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
     return v;
   }
@@ -18036,7 +18178,7 @@ struct SideGeometry {
 
 /// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
 /// without LEDs or visible surface.
-template <class = void>
+template <class Vec3 = Vec3>
 inline SideGeometry side_geometry(const Body& body) {
   if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
   SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};
@@ -18077,17 +18219,17 @@ struct CameraPlace {
 class SidePainter {
  public:
   /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
-  template <class = void>
-  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m, std::uint64_t seed);
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
+  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
   Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// Pixel of a point on the facing side.
-  template <class = void>
+  template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
-  template <class = void>
+  template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
 
  private:
@@ -18096,10 +18238,10 @@ class SidePainter {
     float share;        ///< of the right one
     float side, spot, vignette, gain, room;
   };
-  template <class = void>
-  Eigen::Vector2d project(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d d = axes_.transpose() * (p - eye_);
-    return centre_ + camera_.focal_px / d.z() * d.head<2>();
+  template <class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
+  Eigen::Vector2d project(In<Vector3d> p) const {
+    const Vector3d d = axes_.transpose() * (p - eye_);
+    return centre_ + camera_.focal_px / d.z() * d.template head<2>();
   }
 
   CameraRig camera_;
@@ -18110,17 +18252,17 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-template <class>
-inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, const Eigen::VectorXd& position_m,
+template <class VectorXd, class Vector2d, class Vector3d, class Matrix3d, class AngleAxisd>
+inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m,
                                 std::uint64_t seed)
     : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
   const double middle = 0.5 * (side.low_m + side.high_m);
   // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
-  Eigen::Matrix3d level;
+  Matrix3d level;
   level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
-  const Eigen::Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
-  const Eigen::Matrix3d turn = (Eigen::AngleAxisd(place.yaw_rad, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(place.pitch_rad, Eigen::Vector3d::UnitY()) *
-                                Eigen::AngleAxisd(place.roll_rad, Eigen::Vector3d::UnitX())).toRotationMatrix();
+  const Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
+  const Matrix3d turn = (AngleAxisd(place.yaw_rad, Vector3d::UnitZ()) * AngleAxisd(place.pitch_rad, Vector3d::UnitY()) *
+                                AngleAxisd(place.roll_rad, Vector3d::UnitX())).toRotationMatrix();
   axes_ = turn * level;
   eye_ = aim - camera.distance_m * axes_.col(2);
 
@@ -18132,9 +18274,9 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      const Eigen::Vector2d off = (Eigen::Vector2d(u, v) - centre_) / camera.focal_px;
-      const Eigen::Vector3d ray = axes_ * Eigen::Vector3d(off.x(), off.y(), 1.0);
-      const Eigen::Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
+      const Vector2d off = (Vector2d(u, v) - centre_) / camera.focal_px;
+      const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
+      const Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
       const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
       const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
       p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
@@ -18142,7 +18284,7 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
       p.side = float(cover);
       double spot = 0.0;
       for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Eigen::Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
@@ -18153,7 +18295,7 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
     }
   for (const double y : {-side.half_length_m, side.half_length_m})
     for (const double z : {side.low_m, side.high_m}) {
-      const Eigen::Vector2d corner = pixel(y, z);
+      const Vector2d corner = pixel(y, z);
       if (!(corner.x() >= 1.0 && corner.y() >= 1.0 && corner.x() <= camera.width - 2.0 && corner.y() <= camera.height - 2.0))
         throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
     }
@@ -18357,7 +18499,7 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
 
  private:
@@ -18385,7 +18527,7 @@ class VirtualRig {
   void deform();
   template <class = void>
   void record_joints();
-  template <class = void>
+  template <class Vec3 = Vec3>
   void record_forces();
   template <class = void>
   void record_frames();
@@ -18569,7 +18711,7 @@ inline void VirtualRig::record_joints() {
   }
 }
 
-template <class>
+template <class Vec3>
 inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
@@ -18622,10 +18764,10 @@ inline void VirtualRig::record_frames() {
   }
 }
 
-template <class>
+template <class VectorXd>
 inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
-  Eigen::VectorXd light = light_->responses().unloaded;
+  VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
   light *= per_DN_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
@@ -18727,13 +18869,13 @@ class BlockReader {
 }  // namespace detail
 
 /// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(detail::pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
-  const auto add = [&](const char* name, const Eigen::MatrixXd& m) { detail::append_block(t, name, m); };
-  add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
-  add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
+  const auto add = [&](const char* name, const MatrixXd& m) { detail::append_block(t, name, m); };
+  add("theta_mm", Eigen::Map<const VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
+  add("diameter_m", MatrixXd::Constant(1, 1, r.diameter_m));
   add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N), add("depth_m", r.depth_m);
   for (const auto& m : r.change) add("change", m);
   add("tilt_place_m", r.tilt_place_m);
@@ -18743,7 +18885,7 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
 }
 
 /// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
-template <class = void>
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
   detail::BlockReader reader(text, name);
   if (!text.starts_with(detail::pad_file_head)) reader.fail("holds no responses of a pad");
@@ -18755,9 +18897,9 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   PadResponses r;
   const std::string_view material = reader.line();
   r.material = material.substr(std::min<std::size_t>(material.size(), 9));
-  const Eigen::VectorXd theta = reader.block("theta_mm");
+  const VectorXd theta = reader.block("theta_mm");
   r.theta_mm.assign(theta.begin(), theta.end());
-  const Eigen::MatrixXd diameter = reader.block("diameter_m");
+  const MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
   r.position_m = reader.block("position_m"), r.unloaded = reader.block("unloaded"), r.place_m = reader.block("place_m"), r.load_N = reader.block("load_N");
