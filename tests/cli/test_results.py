@@ -209,6 +209,23 @@ class Quick(unittest.TestCase):
             self.assertIsNone(state["distance_over_height"])
         self.assertLess(linear["states"][-1]["depth_mm"], quadratic["states"][-1]["depth_mm"])   # linear elements lock
 
+    def test_a_store_knows_its_mode(self):
+        with tempfile.TemporaryDirectory() as folder:
+            store = os.path.join(folder, "s.db")
+            process = subprocess.Popen([LUMO, "campaign", "run", "--store", store, "--mode", "paper", "--evaluations", "1", "--threads", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            try:
+                while process.poll() is None and (status := run("campaign", "status", "--store", store, "--json")).returncode != 0:
+                    time.sleep(0.1)
+                self.assertEqual(strict(status.stdout)["mode"], "paper")
+                self.assertIn("paper mode", self.good("campaign", "status", "--store", store).stdout)
+            finally:
+                process.send_signal(signal.SIGTERM)
+                process.communicate(timeout=60)
+            self.assertEqual(process.returncode, 130)
+            other = run("campaign", "run", "--store", store, "--evaluations", "1")
+            self.assertEqual((other.returncode, other.stdout), (5, ""))
+            self.assertIn("mechanics", other.stderr)
+
     def test_little_memory_is_a_numerical_failure(self):   # OpenBLAS would ask for its work area for ever
         for command, megabytes in [("press", 250), ("press", 300), ("press", 350), ("trace", 500)]:
             limited = f"ulimit -v {1000 * megabytes}; exec '{LUMO}' {command} --loads 1 --threads 2"
