@@ -16745,6 +16745,12 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return {unloaded.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0), unloaded.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
 }
 
+/// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
+template <Indenter Tool>
+Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, Status status) {
+  return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
+}
+
 /// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
 /// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
@@ -16808,8 +16814,10 @@ class Lighting {
       const TetMesh& mesh = places_[place]->mesh();
       if (state == nullptr)
         lit[i] = light.trace(body_, mesh);
-      else
-        lit[i] = light.trace(body_, mesh, solved_[state->solve].states[state->state], symmetry_of(*state));
+      else {
+        const MechanicalState& loaded = solved_[state->solve].states[state->state];
+        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status));
+      }
       spent[i] = watch.seconds();
       report(jobs.size());
     });
@@ -16851,12 +16859,6 @@ class Lighting {
   double seconds = 0.0;  ///< spent in tracing, summed over threads
 
  private:
-  // Sweeps visit vertices one after the other: what they leave is not its own mirror image.
-  Symmetry symmetry_of(const State& s) const {
-    const auto& [scenario, place] = plan_.solves[s.solve];
-    return solved_[s.solve].states[s.state].status == Status::held ? Symmetry{} : lumo::symmetry_of(body_, places_[place]->mesh(), scenario);
-  }
-
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;

@@ -10,6 +10,7 @@
 #include "program/contacts.hpp"
 #include "program/json.hpp"
 #include "program/pad.hpp"
+#include "program/press_report.hpp"
 #include "program/simulation.hpp"
 #include "program/text.hpp"
 #include "program/version.hpp"
@@ -56,21 +57,6 @@ ProgressReport shown_in(Progress& progress) {
   };
 }
 
-double value_of(const std::optional<Estimate>& e) { return e ? e->value : undefined; }
-
-void report_terms(ScenarioReport& report, const ContactTerms& terms) {
-  report.q_form = value_of(terms.form);
-  report.q_stable = value_of(terms.stable);
-  report.q_stiff = value_of(terms.stiff);
-}
-
-/// Of a MechanicalState or a StateRecord. Of a solve that failed only the load is known.
-template <class State>
-StateReport report_state(const State& s) {
-  if (!is_scored(s.status, true)) return {s.load_N};
-  return {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N, 1e3 * s.penetration_m};
-}
-
 std::vector<double> per_power(const Response& r, const std::vector<double>& watts) {
   std::vector<double> out = watts;
   for (double& v : out) v /= r.ledger.emitted;
@@ -98,7 +84,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
   report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
   result.seconds.mechanics = watch.seconds();
-  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return s.status == Status::converged; })) progress.step();   // else it is not done
+  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return is_scored(s.status, true); })) progress.step();   // else it is not done
 
   result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
   for (const auto& s : result.states) {
@@ -205,7 +191,7 @@ PressResult make_press(const Options& o, Progress& progress) {
 std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int threads, Progress& progress) {
   std::map<std::pair<std::string, bool>, decltype(pipeline_for(Options{}))> pipelines;   // all before threads start
   for (const Options& o : requests)
-    pipelines.try_emplace({o.material, o.mechanics.paper}, pipeline_for(o));
+    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind)) pipelines.emplace(kind, pipeline_for(o));
   std::vector<PressOutcome> outcomes(requests.size());
   progress.stage("press", int(requests.size()));
   TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
@@ -233,7 +219,7 @@ TraceResult make_trace(const Options& o, Progress& progress) {
 
   const lumo::detail::Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
-  const Symmetry symmetry = press.states.back().status == Status::held ? Symmetry{} : symmetry_of(body, press.mesh, scenario_of(o));
+  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
   TbbExecutor{o.threads}.for_each(responses.size(), [&](std::size_t k) {
     responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);

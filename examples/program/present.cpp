@@ -10,19 +10,19 @@
 
 namespace lumo::program {
 
-namespace {
-
-std::string dump(const Json& j) { return j.dump(2) + "\n"; }
-
 std::string theta_text(const Options& o) {
   return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material;
 }
 
-std::string how(const Options& o) { return o.mechanics == Mechanics{} ? "" : mechanics_text(o.mechanics) + "\n"; }
-
 std::string scenario_text(const ScenarioReport& s) {
   return "sphere " + short_number(s.diameter_mm) + " mm, " + short_number(s.angle_deg) + "°, y = " + short_number(s.y_mm) + " mm";
 }
+
+namespace {
+
+std::string dump(const Json& j) { return j.dump(2) + "\n"; }
+
+std::string how(const Options& o) { return o.mechanics == Mechanics{} ? "" : mechanics_text(o.mechanics) + "\n"; }
 
 std::string state_table(const ScenarioReport& s) {
   std::string t = "load [N]  force [N]  depth [mm]  contact area [mm²]  residual [N]\n";

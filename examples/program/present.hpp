@@ -10,6 +10,10 @@
 /// Results as text or JSON for standard output (the return value) and as files (added to `files` when wanted).
 namespace lumo::program {
 
+/// The design, and the press, in the words of all captions.
+std::string theta_text(const Options& options);
+std::string scenario_text(const ScenarioReport& scenario);
+
 std::string present(const Options& options, const SectionDrawing& section, Output& files);
 std::string present(const Options& options, const MeshResult& mesh, Output& files);
 std::string present(const Options& options, const PressResult& press, Output& files);

@@ -6,6 +6,7 @@
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "program/pad.hpp"
+#include "program/press_report.hpp"
 #include "program/simulation.hpp"
 
 #include <algorithm>
@@ -60,12 +61,11 @@ SolverRow row(const Options& o, const std::string& name, const Mechanics& m, con
   row.scenario.diameter_mm = o.diameter_mm, row.scenario.angle_deg = o.angle_deg, row.scenario.y_mm = o.y_mm;
   row.scenario.status = std::string(to_string(states.back().status));
   const ContactTerms terms = contact_terms(on.body, on.mesh, states, 0.5e-3 * o.diameter_mm);
-  const auto value = [](const std::optional<Estimate>& e) { return e ? e->value : undefined; };
-  row.scenario.q_form = value(terms.form), row.scenario.q_stable = value(terms.stable), row.scenario.q_stiff = value(terms.stiff), row.score = value(terms.score());
+  report_terms(row.scenario, terms);
+  row.score = value_of(terms.score());
   for (const MechanicalState& s : states) {
     SolverState k;
-    k.state.load_N = s.load_N;
-    if (is_scored(s.status, true)) k.state = {s.load_N, s.force_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, 1e6 * s.reference_area_m2, s.residual_N};
+    k.state = report_state(s);
     if (s.status == Status::held) k.met_force_N = s.met_force_N;
     row.scenario.states.push_back(k.state);
     row.states.push_back(k);

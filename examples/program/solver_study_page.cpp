@@ -2,6 +2,7 @@
 
 #include "program/chart.hpp"
 #include "program/json.hpp"
+#include "program/present.hpp"
 #include "program/text.hpp"
 
 #include <algorithm>
@@ -43,9 +44,7 @@ std::vector<std::string> cells(const SolverRow& r) {
   return {r.scenario.status, std::to_string(r.size.nodes), cell(r.seconds, 1), cell(r.scenario.q_form, 4), cell(r.scenario.q_stable, 4), cell(r.scenario.q_stiff, 4), cell(r.score, 4)};
 }
 
-std::string subject(const Options& o) {
-  return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material + "; sphere " + short_number(o.diameter_mm) + " mm, " + short_number(o.angle_deg) + "°, y = " + short_number(o.y_mm) + " mm";
-}
+std::string subject(const Options& o, const SolverStudy& study) { return theta_text(o) + "; " + scenario_text(study.rows.front().scenario); }
 
 constexpr std::string_view meaning =
     "In equilibrium: the depth at which the quasi-static solver bears the force that was reached, on the same mesh. Distance: root mean square over nodes of "
@@ -87,22 +86,14 @@ LineChart distance_chart(const SolverStudy& study) {
   return chart;
 }
 
-/// Characters, not bytes.
-std::size_t length(const std::string& s) {
-  return std::size_t(std::count_if(s.begin(), s.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0u) != 0x80u; }));
-}
-
 /// Lines of cells in columns: the first to the left, the others to the right.
 std::string aligned(const std::vector<std::vector<std::string>>& lines) {
-  std::vector<std::size_t> width(lines.front().size(), 0);
+  std::vector<int> width(lines.front().size(), 0);
   for (const auto& line : lines)
     for (std::size_t k = 0; k < line.size(); ++k) width[k] = std::max(width[k], length(line[k]));
   std::string text;
   for (const auto& line : lines) {
-    for (std::size_t k = 0; k < line.size(); ++k) {
-      const std::string blanks(width[k] - length(line[k]), ' ');
-      text += k == 0 ? line[k] + blanks : "  " + blanks + line[k];
-    }
+    for (std::size_t k = 0; k < line.size(); ++k) text += k == 0 ? pad(line[k], -width[k]) : "  " + pad(line[k], width[k]);
     text += "\n";
   }
   return text;
@@ -144,7 +135,7 @@ tr.first td { border-top: 1.5px solid #999; }
 svg { max-width: 100%; height: auto; display: block; margin-top: 1.5rem; }
 </style>
 )";
-  page += "<h1>One press, four ways</h1>\n<p>" + subject(o) + "</p>\n<h2>Solvers</h2>\n<div class=\"scroll\"><table>\n" + html_row(with("solver", row_columns), "th");
+  page += "<h1>One press, four ways</h1>\n<p>" + subject(o, study) + "</p>\n<h2>Solvers</h2>\n<div class=\"scroll\"><table>\n" + html_row(with("solver", row_columns), "th");
   for (const SolverRow& r : study.rows) page += html_row(with(r.name, cells(r)), "td");
   page += "</table></div>\n<ul>\n";
   for (const SolverRow& r : study.rows) page += "<li>" + r.name + ": " + mechanics_text(r.mechanics) + "</li>\n";
@@ -178,7 +169,7 @@ std::string present(const Options& o, const SolverStudy& study, Output& files) {
     solvers.push_back(with(r.name, cells(r)));
     for (const SolverState& s : r.states) states.push_back(with(&s == &r.states.front() ? r.name : "", cells(s)));
   }
-  return subject(o) + "\n\n" + aligned(solvers) + "\n" + aligned(states) + "\n" + std::string(meaning) + "\n";
+  return subject(o, study) + "\n\n" + aligned(solvers) + "\n" + aligned(states) + "\n" + std::string(meaning) + "\n";
 }
 
 }  // namespace lumo::program

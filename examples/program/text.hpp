@@ -2,6 +2,7 @@
 
 #include "program/mechanics.hpp"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -55,10 +56,14 @@ inline std::string scientific(double v) {
   return buffer;
 }
 
+/// Of UTF-8: characters, not bytes.
+inline int length(std::string_view s) {
+  return int(std::count_if(s.begin(), s.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0u) != 0x80u; }));
+}
+
 /// Filled up with blanks, on the left, or for a negative width on the right.
 inline std::string pad(std::string s, int width) {
-  const std::size_t wanted = std::size_t(std::abs(width));
-  if (s.size() < wanted) s.insert(width > 0 ? 0 : s.size(), wanted - s.size(), ' ');
+  if (const int missing = std::abs(width) - length(s); missing > 0) s.insert(width > 0 ? 0 : s.size(), std::size_t(missing), ' ');
   return s;
 }
 
