@@ -8114,6 +8114,24 @@ static_assert(!ExitReadout<int> && !ConnectedReadout<ExitPower>);
 
 }  // namespace lumo
 
+// ---- lumo/optics/ray_focus.hpp
+
+namespace lumo {
+
+/// How densely rays are sent along y: most where the body is pressed, since rays far from there find nothing changed. Default: evenly.
+/// Changes how sure a response is, not its expected value. Compare responses of one focus: then only what the press changed is left.
+struct RayFocus {
+  double y_m = 0.0;
+  double length_m = 0.0;      ///< the density falls by e over this distance; 0: nowhere
+  double least = 1.0 / 8.0;  ///< of the density at y_m
+
+  double density(double y) const { return length_m > 0.0 ? std::max(least, std::exp(-std::abs(y - y_m) / length_m)) : 1.0; }
+  /// The same for y and −y?
+  bool is_symmetric() const { return y_m == 0.0 || length_m == 0.0; }
+};
+
+}  // namespace lumo
+
 // ---- lumo/optics/ray_pattern.hpp
 
 namespace lumo {
@@ -8142,10 +8160,10 @@ class RayPattern {
     double power_W = 0.0;        ///< per ray
   };
 
-  /// `rays` per emitter and replicate, a power of two ≥ 4. With `symmetry` only one beam of each set of mirror images is kept.
-  /// Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
+  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two. With `symmetry` only one
+  /// beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
   template <class Vec3 = Vec3>
-  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry);
+  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
 
   const std::vector<Beam>& beams() const { return beams_; }
 
@@ -8217,12 +8235,14 @@ inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
 }
 
 template <class Vec3>
-inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
+inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
   const Symmetry has = symmetry_of(emitters);
   if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
     throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");
+  double density = 0.0;
+  for (const Emitter& e : emitters) density += focus.density(e.center().y()) / double(emitters.size());
   std::vector<Emitter> orbits;
   for (const Emitter& e : emitters) {
     Vec3 home;
@@ -8242,7 +8262,8 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
       beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
-    beam.rays = std::max(1u, rays / images);
+    const double wish = rays * focus.density(e.center().y()) / density;
+    beam.rays = std::max(1u, std::max(4u, std::bit_floor(std::uint32_t(1.4142 * wish))) / images);
     beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
@@ -8276,9 +8297,10 @@ class FaceSet {
   };
 
   /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
-  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face.
+  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
+  /// focus is, which must have the symmetry.
   template <class Predicate>
-  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, Predicate&& wanted);
+  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
   const Face& operator[](std::size_t k) const { return faces_[k]; }
@@ -8301,7 +8323,7 @@ class FaceSet {
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
   static std::uint64_t morton(const Vec3& unit_cube);
   template <class Vec3 = Vec3>
-  void number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
+  void number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
@@ -8316,11 +8338,11 @@ inline std::uint64_t FaceSet::morton(const Vec3& p) {
 }
 
 template <class Predicate>
-FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, Predicate&& wanted)
+FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
-  std::vector<Vec3> centers;      // with x ≥ 0, y ≥ 0
-  std::vector<double> areas;      // undeformed [m²]
+  std::vector<Vec3> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
+  std::vector<double> shares;     // undeformed area [m²] × density
   std::vector<int> images;        // faces folded onto each
   std::vector<bool> in_plane;
   const auto add = [&](int f, int triangle, const std::array<Vec3, 3>& corner) {
@@ -8337,8 +8359,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
     const std::size_t k = std::size_t(it->second);
     if (fresh) {
       faces_.push_back(face);
-      centers.push_back(mirror.cwiseProduct(center));
-      areas.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm());
+      centers.push_back(folded(center, {true, focus.is_symmetric()}));
+      shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * focus.density(center.y()));
       images.push_back(0);
       in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
     } else if (fundamental) {
@@ -8354,27 +8376,27 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
   for (std::size_t k = 0; k < faces_.size(); ++k)
     if (images[k] != expected && !in_plane[k])
       throw InvalidArgument("optical scene: a symmetric state is claimed, but the surface mesh is not symmetric");
-  number(centers, areas, images, total, least);
+  number(centers, shares, images, total, least);
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
 template <class Vec3>
-inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
+inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
                             std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
     std::uint32_t first = 0, count = 0;
   };
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  double area = 0.0;
+  double all = 0.0;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     low = low.cwiseMin(centers[k]), high = high.cwiseMax(centers[k]);
-    area += areas[k] * images[k];
+    all += shares[k] * images[k];
   }
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * areas[k] / area));
+    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * shares[k] / all));
     blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::bit_floor(std::max(least, wish))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
@@ -9312,15 +9334,15 @@ class Tracer {
   Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
-  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}) const {
-    return trace(body, mesh, state.displacement, state.contact_field, symmetry);
+  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it.
+  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it. `focus` must have the symmetry.
   /// Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
-                 Symmetry symmetry = {}) const;
+                 Symmetry symmetry = {}, const RayFocus& focus = {}) const;
 
  private:
   Config config_{};
@@ -9355,7 +9377,8 @@ std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
-                                                 const std::vector<double>& contact_field, Symmetry symmetry) const {
+                                                 const std::vector<double>& contact_field, Symmetry symmetry,
+                                                 const RayFocus& focus) const {
   const auto power_of_two = [](const char* what, int value, int low) {
     require_in_range(what, value, low, 1 << 28, "");
     if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(detail::text(what, " is ", value, ", must be a power of two"));
@@ -9370,14 +9393,18 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   if (body.surroundings.extinction_per_m != 0.0)
     throw InvalidArgument(detail::text("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
+  require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
+  require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
+  require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
+  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(detail::text("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
   validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
   const detail::LightNodes nodes(surface, symmetry);
-  const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1,
+  const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
                                 [&](int t) { return nodes.of(t)[0] >= 0; });
-  const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, [&](int t) {
+  const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
     return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
   const int channels = readout_.channels(body), colors = color_count(body.emitters);
@@ -9400,7 +9427,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   for (int c = 0; c < colors; ++c) {
     std::vector<Emitter> emitters;
     std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
-    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry),
+    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
                      {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
   constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
@@ -16751,14 +16778,24 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
-/// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
+/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.0125; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 6;            ///< at most this many doublings; 0: everything is traced once
+  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 9;            ///< at most this many, which is 62 times the rays; 0: everything is traced once
+  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
 };
 
 namespace detail {
+
+/// Rays of a round, in those of round 0: 1, 1, 2, 2, 4, 4, …
+inline int rays_of(int round) { return 1 << (round / 2); }
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
+inline int rays_up_to(int round) {
+  int all = 0;
+  for (int r = 0; r <= round; ++r) all += rays_of(r);
+  return all;
+}
 
 /// A solved scenario with its fields.
 struct SolvedScenario {
@@ -16772,8 +16809,8 @@ template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
-      : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
         if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
@@ -16786,7 +16823,7 @@ class Lighting {
   const std::vector<State>& all() const { return all_; }
 
   /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
-  /// Round 0 takes all meshes. Rounds have independent patterns and 1, 1, 2, 4, … times the rays, so that each is worth all before it.
+  /// Round 0 takes all meshes, and sends its rays evenly; later ones send them to the contact's place. Rounds have independent patterns.
   template <Executor E, class Report>
   void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
     struct Job {
@@ -16810,13 +16847,16 @@ class Lighting {
       const Stopwatch watch;
       const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
       const auto& [place, r, state] = jobs[i];
-      const Light light = light_.refined(r > 0 ? 1 << (r - 1) : 1, std::uint64_t(r));
+      const Light light = light_.refined(rays_of(r), std::uint64_t(r));
       const TetMesh& mesh = places_[place]->mesh();
-      if (state == nullptr)
-        lit[i] = light.trace(body_, mesh);
-      else {
+      RayFocus focus;  // round 0 is for all there is to see
+      if (r > 0) focus.y_m = plan_.places[place].y_m, focus.length_m = focus_m_;
+      if (state == nullptr) {
+        const Symmetry unloaded = symmetry_of(body_, mesh);
+        lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+      } else {
         const MechanicalState& loaded = solved_[state->solve].states[state->state];
-        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status));
+        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
       }
       spent[i] = watch.seconds();
       report(jobs.size());
@@ -16832,7 +16872,8 @@ class Lighting {
       if (state == nullptr) continue;
       const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
       Eigen::MatrixXd& sum = solved_[state->solve].record.states[state->state].change;
-      sum = r == 0 ? change : Eigen::MatrixXd(0.5 * (sum + change));
+      const double share = double(rays_of(r)) / rays_up_to(r);
+      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
@@ -16862,6 +16903,7 @@ class Lighting {
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;
+  double focus_m_;
   const std::vector<Pad>& places_;
   std::vector<SolvedScenario>& solved_;
   std::vector<State> all_;
@@ -16987,7 +17029,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   const bool all_converged = std::all_of(solved.begin(), solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
 
   // Light, first for all states, then with more and more rays for those that decide.
-  detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
+  detail::Lighting lighting(body, plan, pipeline.tracer, pipeline.rays.focus_m, places, solved);
   if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
@@ -16996,7 +17038,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
-      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", 1 << round, " times the rays"), n); });
+      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", detail::rays_up_to(round), " times the rays"), n); });
     }
   }
 

@@ -171,6 +171,44 @@ TEST_CASE("Common rays: neighbouring states differ by far less noise than indepe
   CHECK(norm(standard_error(a.replicates - b.replicates)) < 0.3 * norm(a.error_W));
 }
 
+TEST_CASE("Rays focussed on a dent know its change better, and it is the same change", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  const Model m = pad(s);
+  std::vector<Vec3> dent = Dent{0.3e-3, 0, 16e-3, 4e-3, 0}.displacement(s, m.mesh);
+  for (std::size_t i = 0; i < dent.size(); ++i) dent[i] *= std::exp(-std::abs(m.mesh.nodes[i].y() - 16e-3) / 4e-3);  // a bonded pad is still a thickness away
+  const Symmetry across{true, false};
+  double noise[2] = {0.0, 0.0}, rays[2] = {0.0, 0.0};
+  Eigen::VectorXd mean[2] = {Eigen::VectorXd::Zero(11), Eigen::VectorXd::Zero(11)}, square = Eigen::VectorXd::Zero(11);
+  for (std::uint64_t seed = 1; seed <= 6; ++seed)
+    for (const bool focussed : {false, true}) {
+      Config c = quick();
+      c.rays_per_emitter = 1 << 13;
+      c.seed = seed;
+      const Tracer<BeerLambert> tracer(c);
+      const RayFocus focus{16e-3, focussed ? 10e-3 : 0.0};
+      const Response rest = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, across, focus), loaded = tracer.trace(m.body, m.mesh, dent, {}, across, focus);
+      CHECK(loaded.ledger.emitted == Approx(1.0));
+      CHECK(loaded.ledger.imbalance() < 1e-9);
+      const Eigen::MatrixXd change = loaded.replicates - rest.replicates;
+      const std::vector<double> error = standard_error(change);
+      for (std::size_t b = 0; b < 11; ++b) square[Eigen::Index(b)] += error[b] * error[b] / 36.0;
+      noise[focussed] += Eigen::Map<const Eigen::VectorXd>(error.data(), 11).squaredNorm();
+      rays[focussed] += double(loaded.rays);
+      mean[focussed] += change.colwise().mean().transpose() / 6.0;
+    }
+  CHECK(noise[1] / noise[0] < 0.7);
+  CHECK(rays[1] < 1.2 * rays[0]);
+  CHECK(((mean[1] - mean[0]).array().square() / square.array()).mean() < 2.5);
+  CHECK((mean[0].array().square() / square.array()).maxCoeff() > 100.0);
+
+  const Tracer<BeerLambert> tracer(quick());
+  const RayFocus focus{16e-3, 10e-3};
+  CHECK(distance(tracer.trace(m.body, m.mesh, dent, {}, {}, focus).power_W, tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, Symmetry{true, true}, focus), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {std::nan(""), 10e-3}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {0.0, -1e-3}), InvalidArgument);
+}
+
 TEST_CASE("A scene far from the origin gives the same response", "[tracer]") {
   const PadShape s = coarse();
   Model m = pad(s);

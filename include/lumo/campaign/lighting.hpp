@@ -8,6 +8,7 @@
 #include "lumo/mechanics/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
+#include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/tracer.hpp"
 
@@ -36,14 +37,24 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with as many new rays
-/// as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
+/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
-  double tolerance = 0.0125; ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 6;            ///< at most this many doublings; 0: everything is traced once
+  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 9;            ///< at most this many, which is 62 times the rays; 0: everything is traced once
+  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
 };
 
 namespace detail {
+
+/// Rays of a round, in those of round 0: 1, 1, 2, 2, 4, 4, …
+inline int rays_of(int round) { return 1 << (round / 2); }
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
+inline int rays_up_to(int round) {
+  int all = 0;
+  for (int r = 0; r <= round; ++r) all += rays_of(r);
+  return all;
+}
 
 /// A solved scenario with its fields.
 struct SolvedScenario {
@@ -57,8 +68,8 @@ template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
-      : body_(body), plan_(plan), light_(light), places_(places), solved_(solved) {
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k)
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
         if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
@@ -71,7 +82,7 @@ class Lighting {
   const std::vector<State>& all() const { return all_; }
 
   /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
-  /// Round 0 takes all meshes. Rounds have independent patterns and 1, 1, 2, 4, … times the rays, so that each is worth all before it.
+  /// Round 0 takes all meshes, and sends its rays evenly; later ones send them to the contact's place. Rounds have independent patterns.
   template <Executor E, class Report>
   void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
     struct Job {
@@ -95,13 +106,16 @@ class Lighting {
       const Stopwatch watch;
       const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
       const auto& [place, r, state] = jobs[i];
-      const Light light = light_.refined(r > 0 ? 1 << (r - 1) : 1, std::uint64_t(r));
+      const Light light = light_.refined(rays_of(r), std::uint64_t(r));
       const TetMesh& mesh = places_[place]->mesh();
-      if (state == nullptr)
-        lit[i] = light.trace(body_, mesh);
-      else {
+      RayFocus focus;  // round 0 is for all there is to see
+      if (r > 0) focus.y_m = plan_.places[place].y_m, focus.length_m = focus_m_;
+      if (state == nullptr) {
+        const Symmetry unloaded = symmetry_of(body_, mesh);
+        lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+      } else {
         const MechanicalState& loaded = solved_[state->solve].states[state->state];
-        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status));
+        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
       }
       spent[i] = watch.seconds();
       report(jobs.size());
@@ -117,7 +131,8 @@ class Lighting {
       if (state == nullptr) continue;
       const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
       Eigen::MatrixXd& sum = solved_[state->solve].record.states[state->state].change;
-      sum = r == 0 ? change : Eigen::MatrixXd(0.5 * (sum + change));
+      const double share = double(rays_of(r)) / rays_up_to(r);
+      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
@@ -147,6 +162,7 @@ class Lighting {
   const Body& body_;
   const ContactPlan<Tool>& plan_;
   const Light& light_;
+  double focus_m_;
   const std::vector<Pad>& places_;
   std::vector<SolvedScenario>& solved_;
   std::vector<State> all_;

@@ -131,7 +131,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   const bool all_converged = std::all_of(solved.begin(), solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
 
   // Light, first for all states, then with more and more rays for those that decide.
-  detail::Lighting lighting(body, plan, pipeline.tracer, places, solved);
+  detail::Lighting lighting(body, plan, pipeline.tracer, pipeline.rays.focus_m, places, solved);
   if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
@@ -140,7 +140,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
-      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", 1 << round, " times the rays"), n); });
+      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", detail::rays_up_to(round), " times the rays"), n); });
     }
   }
 

@@ -5,6 +5,7 @@
 #include "lumo/core/types.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/place_key.hpp"
+#include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/ray_pattern.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
@@ -34,9 +35,10 @@ class FaceSet {
   };
 
   /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
-  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face.
+  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
+  /// focus is, which must have the symmetry.
   template <class Predicate>
-  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, Predicate&& wanted);
+  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
   const Face& operator[](std::size_t k) const { return faces_[k]; }
@@ -59,7 +61,7 @@ class FaceSet {
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
   static std::uint64_t morton(const Vec3& unit_cube);
   template <class Vec3 = Vec3>
-  void number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total, std::uint32_t least);
+  void number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
@@ -74,11 +76,11 @@ inline std::uint64_t FaceSet::morton(const Vec3& p) {
 }
 
 template <class Predicate>
-FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, Predicate&& wanted)
+FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
-  std::vector<Vec3> centers;      // with x ≥ 0, y ≥ 0
-  std::vector<double> areas;      // undeformed [m²]
+  std::vector<Vec3> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
+  std::vector<double> shares;     // undeformed area [m²] × density
   std::vector<int> images;        // faces folded onto each
   std::vector<bool> in_plane;
   const auto add = [&](int f, int triangle, const std::array<Vec3, 3>& corner) {
@@ -95,8 +97,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
     const std::size_t k = std::size_t(it->second);
     if (fresh) {
       faces_.push_back(face);
-      centers.push_back(mirror.cwiseProduct(center));
-      areas.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm());
+      centers.push_back(folded(center, {true, focus.is_symmetric()}));
+      shares.push_back(0.5 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).norm() * focus.density(center.y()));
       images.push_back(0);
       in_plane.push_back(std::abs(center.x()) < 1e-9 || std::abs(center.y()) < 1e-9);
     } else if (fundamental) {
@@ -112,27 +114,27 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
   for (std::size_t k = 0; k < faces_.size(); ++k)
     if (images[k] != expected && !in_plane[k])
       throw InvalidArgument("optical scene: a symmetric state is claimed, but the surface mesh is not symmetric");
-  number(centers, areas, images, total, least);
+  number(centers, shares, images, total, least);
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
 template <class Vec3>
-inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& areas, const std::vector<int>& images, double total,
+inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
                             std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
     std::uint32_t first = 0, count = 0;
   };
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  double area = 0.0;
+  double all = 0.0;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     low = low.cwiseMin(centers[k]), high = high.cwiseMax(centers[k]);
-    area += areas[k] * images[k];
+    all += shares[k] * images[k];
   }
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * areas[k] / area));
+    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * shares[k] / all));
     blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::bit_floor(std::max(least, wish))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;

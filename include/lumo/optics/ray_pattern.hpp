@@ -6,9 +6,11 @@
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
+#include "lumo/optics/ray_focus.hpp"
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <utility>
@@ -40,10 +42,10 @@ class RayPattern {
     double power_W = 0.0;        ///< per ray
   };
 
-  /// `rays` per emitter and replicate, a power of two ≥ 4. With `symmetry` only one beam of each set of mirror images is kept.
-  /// Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
+  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two. With `symmetry` only one
+  /// beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
   template <class Vec3 = Vec3>
-  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry);
+  RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
 
   const std::vector<Beam>& beams() const { return beams_; }
 
@@ -115,12 +117,14 @@ inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
 }
 
 template <class Vec3>
-inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry) {
+inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
   const Symmetry has = symmetry_of(emitters);
   if ((symmetry.x && !has.x) || (symmetry.y && !has.y))
     throw InvalidArgument("ray pattern: a symmetric state is claimed, but the emitters are not symmetric");
+  double density = 0.0;
+  for (const Emitter& e : emitters) density += focus.density(e.center().y()) / double(emitters.size());
   std::vector<Emitter> orbits;
   for (const Emitter& e : emitters) {
     Vec3 home;
@@ -140,7 +144,8 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
       beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
-    beam.rays = std::max(1u, rays / images);
+    const double wish = rays * focus.density(e.center().y()) / density;
+    beam.rays = std::max(1u, std::max(4u, std::bit_floor(std::uint32_t(1.4142 * wish))) / images);
     beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;

@@ -16,6 +16,7 @@
 #include "lumo/optics/light_nodes.hpp"
 #include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/path_tracer.hpp"
+#include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/ray_pattern.hpp"
 #include "lumo/optics/response.hpp"
 
@@ -85,15 +86,15 @@ class Tracer {
   Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
-  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}) const {
-    return trace(body, mesh, state.displacement, state.contact_field, symmetry);
+  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+    return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it.
+  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it. `focus` must have the symmetry.
   /// Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
   Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
-                 Symmetry symmetry = {}) const;
+                 Symmetry symmetry = {}, const RayFocus& focus = {}) const;
 
  private:
   Config config_{};
@@ -128,7 +129,8 @@ std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
-                                                 const std::vector<double>& contact_field, Symmetry symmetry) const {
+                                                 const std::vector<double>& contact_field, Symmetry symmetry,
+                                                 const RayFocus& focus) const {
   const auto power_of_two = [](const char* what, int value, int low) {
     require_in_range(what, value, low, 1 << 28, "");
     if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(detail::text(what, " is ", value, ", must be a power of two"));
@@ -143,14 +145,18 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   if (body.surroundings.extinction_per_m != 0.0)
     throw InvalidArgument(detail::text("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
+  require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
+  require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
+  require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
+  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(detail::text("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
   validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
   const detail::LightNodes nodes(surface, symmetry);
-  const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1,
+  const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
                                 [&](int t) { return nodes.of(t)[0] >= 0; });
-  const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, [&](int t) {
+  const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
     return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
   const int channels = readout_.channels(body), colors = color_count(body.emitters);
@@ -173,7 +179,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   for (int c = 0; c < colors; ++c) {
     std::vector<Emitter> emitters;
     std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
-    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry),
+    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
                      {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
   constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
