@@ -3,6 +3,8 @@
 #include "lumo/support/sqlite.hpp"
 #include "temporary_folder.hpp"
 
+#include <sqlite3.h>
+
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
@@ -164,6 +166,23 @@ TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
   CHECK(log.entries().size() == count + 1);
   CHECK(log.digest() == whole.digest());
   log.verify();
+}
+
+TEST_CASE("A store is read although its writer was killed in the middle of a write") {
+  const TemporaryFolder folder;
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 3);
+  }
+  sqlite3* writer = nullptr;
+  REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &writer) == SQLITE_OK);
+  REQUIRE(sqlite3_exec(writer, "PRAGMA cache_size=1; BEGIN; UPDATE entry SET record = hex(zeroblob(100000))", nullptr, nullptr, nullptr) == SQLITE_OK);
+  for (const char* suffix : {"", "-journal"}) fs::copy_file(std::string(folder / "store") + suffix, std::string(folder / "killed") + suffix);  // as a kill leaves them
+  CHECK(fs::file_size(folder / "killed") > 200'000);
+  sqlite3_close(writer);
+  const auto list = SqliteLog(folder / "killed").entries();
+  REQUIRE(list.size() == 4);
+  CHECK(SqliteLog(folder / "killed").record(3) == entry(3).record);
 }
 
 TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {

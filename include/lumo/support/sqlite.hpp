@@ -114,7 +114,7 @@ inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem)
 }
 
 inline SqliteLog::SqliteLog(const std::string& path) : path_(path) {
-  open(SQLITE_OPEN_READONLY);
+  open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is opened for reading
   entries();
 }
 
