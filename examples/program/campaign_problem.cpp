@@ -34,6 +34,7 @@ std::string problem_text(const CampaignProblem& p) {
   for (const Variable& v : problem.space.variables) j["variable " + v.name] = {{"lower", v.lower}, {"upper", v.upper}, {"step", v.step}, {"unit", v.unit}};
   for (const LinearConstraint& c : problem.space.constraints) j["constraint " + c.name] = with_limits(c);
   for (const Objective& o : problem.objectives) j["objective " + o.name] = {{"goal", o.maximize ? "maximize" : "minimize"}, {"reference", o.reference}};
+  j["ray_error_percent"] = p.ray_error_percent;
   j["initial"] = problem.initial;
   j["sobol"] = problem.sobol;
   j["source"] = p.source;
@@ -48,6 +49,7 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     p.material = j.at("material").get<std::string>();
     p.ensemble = j.at("ensemble").get<std::string>() == "curved" ? Ensemble::curved : Ensemble::flat;
     p.paper = j.contains("mechanics");
+    p.ray_error_percent = j.at("ray_error_percent").get<double>();
     p.source = j.at("source").get<std::string>();
     p.seed = j.at("seed").get<std::uint64_t>();
     if (text == problem_text(p)) return p;

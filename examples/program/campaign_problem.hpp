@@ -26,6 +26,7 @@ struct CampaignProblem {
   std::string source = "default";   ///< of candidates: "paper" or "default"
   std::uint64_t seed = 1;
   bool paper = false;               ///< the paper's mechanics, whose held states are scored
+  double ray_error_percent = 1.5;   ///< wanted standard error of J_obs by rays
 
   Mechanics mechanics() const { return paper ? paper_mechanics() : Mechanics{}; }
 };

@@ -24,7 +24,7 @@ std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
 
 std::string campaign_run(const Options& o, Progress& progress) {
   const Evaluator evaluate = campaign_evaluator(o, progress);
-  const CampaignProblem problem{o.material, o.ensemble, o.source, std::uint64_t(o.seed), o.mechanics.paper};
+  const CampaignProblem problem{o.material, o.ensemble, o.source, std::uint64_t(o.seed), o.mechanics.paper, o.ray_error_percent};
   SqliteLog log(o.store, problem_text(problem));
   Pace pace;
   const OptimizerStatus end = with_optimizer(problem, o.evaluations, [&](const auto& optimizer) {

@@ -36,6 +36,7 @@ auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
   p.focus = focus_of(m);
   p.mesh_order = m.mesh_order();
   p.accept_held = m.paper;
+  p.rays.tolerance = o.ray_error_percent / 100.0;
   p.mirror_once = m.solver != Mechanics::Solver::vbd;   // sweeps visit vertices one after the other: what they leave is not its own mirror image
   return p;
 }

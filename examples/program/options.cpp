@@ -19,7 +19,7 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
   bool csv = false;
@@ -120,6 +120,7 @@ void read(Options& o, const Typed& t) {
   if (t.stores.size() > 1 && o.command != Command::campaign_report) throw UsageError(lumo::detail::text("--store is given ", t.stores.size(), " times, must be given once"));
   if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::detail::text("--store is missing (see lumo ", name(o.command), " --help)"));
   if (!t.evaluations.empty()) o.evaluations = whole_number("--evaluations", t.evaluations, 1, 100000);
+  if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, 0.1, 100.0, "%");
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
   if (!t.seeds.empty()) o.seeds = whole_number("--seeds", t.seeds, 1, 1000);
   if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, 10000);
@@ -221,6 +222,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   };
   const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
   const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
+  const auto ray_error = [&](CLI::App* c) { text_option(c, "--ray-error", t.ray_error, "Standard error of J_obs up to which rays are added [%], default 1.5; at most 62 times the first ones", "N"); };
   const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
   const auto theta = [&](CLI::App* c) { text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N"); };
   const auto design = [&](CLI::App* c) {
@@ -274,6 +276,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     material(c);
     ensemble(c);
     mode(c);
+    ray_error(c);
     text_option(c, "--evaluations", t.evaluations, "Successful evaluations to reach, default 160", "N");
     text_option(c, "--seed", t.seed, "Of the optimiser, default 1", "N");
     text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
@@ -333,7 +336,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     else if (e.command == Command::optimize) optimization(c);
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
-    if (e.command == Command::evaluate) ensemble(c);
+    if (e.command == Command::evaluate) ensemble(c), ray_error(c);
     if (e.command == Command::press)
       c->footer("press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing is removed.");
     if (e.command == Command::press || e.command == Command::trace || e.command == Command::evaluate) mechanics(c);

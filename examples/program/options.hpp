@@ -37,6 +37,7 @@ struct Options {
   std::string store;
   std::vector<std::string> stores;       ///< of a report: one or more; `store` is the first
   std::string page = "report.html";      ///< of a report
+  double ray_error_percent = 1.5;        ///< wanted standard error of J_obs by rays
   int evaluations = 160;
   int seed = 1;
   int seeds = 20;

@@ -97,6 +97,10 @@ class Refusals(unittest.TestCase):
             self.refused(USAGE, ["--sweeps", "--solver vbd"], command, "--sweeps", "10")
             for option, value, own in [("--solver", "quasi_static", "vbd"), ("--element", "quadratic", "linear"), ("--law", "neo_hookean", "newton")]:
                 self.refused(USAGE, [f"{option} {value}", "--mode paper", own], command, "--mode", "paper", option, value)
+        for command in [["evaluate"], ["campaign", "run", "--store", "s"]]:
+            for text in ["0", "-1", "101", "nan", "little"]:
+                self.refused(USAGE, ["--ray-error", f"'{text}'"], *command, "--ray-error", text)
+        self.refused(USAGE, ["unknown option '--ray-error'"], "trace", "--ray-error", "2")
         self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd")
         self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd", "--mode", "default")
         for command in ["section", "mesh"]:
