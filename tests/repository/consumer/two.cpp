@@ -1,4 +1,3 @@
 #include "every_header.hpp"
-#include "lumo/support/tbb.hpp"
 
 double volume() { return lumo::finger(lumo::baseline_design(), lumo::dragon_skin()).exact_volume_m3; }
