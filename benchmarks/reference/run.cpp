@@ -371,7 +371,14 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
     for (std::size_t k = 1; k < loads_n; ++k) fit_area = std::max(fit_area, std::abs(levels.back().second.area_fit[k] / levels.back().second.area[k] - 1.0));
     fit_iou = std::max(fit_iou, std::abs(levels.back().second.iou_fit - levels.back().second.iou));
   }
-  out << "# `" << compared << "` against the extrapolated Taylor–Hood reference\n\n| quantity | cases | largest | median | root mean square | limit | beyond limit | reference ± (median) | worst case |\n"
+  out << "# `" << compared << "` against the extrapolated Taylor–Hood reference\n\n"
+         "Presses at the default setting beside equilibria of another formulation: quadratic displacement and continuous linear pressure (Taylor–Hood, inf-sup stable),\n"
+         "with an element, contact assembly, factorisation and Newton loop of its own (`taylor_hood.hpp`), on three or four meshes of its own: `size` multiplies every\n"
+         "length and growth. What it shares with lumo is the finger's shape, the mesher and the evaluation of areas. Smooth quantities are extrapolated (Richardson, with\n"
+         "the order that three sizes show); areas scatter from mesh to mesh, so that their reference is the finest mesh and ± the last change. *Beyond limit* counts\n"
+         "cases in which the difference alone exceeds the limit; where it is less than the reference's own ± it says nothing of lumo. Silicone: Dragon Skin.\n\n"
+         "```\nlumo_reference run --csv benchmarks/reference/results.csv      # goes on where it was stopped; hours\n"
+         "lumo_reference table --csv benchmarks/reference/results.csv --markdown benchmarks/reference/results.md\n```\n\n| quantity | cases | largest | median | root mean square | limit | beyond limit | reference ± (median) | worst case |\n"
          "|---|---|---|---|---|---|---|---|---|\n";
   for (std::size_t q = 0; q < list.size(); ++q) {
     if (deviation[q].empty()) continue;
