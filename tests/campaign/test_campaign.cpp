@@ -112,6 +112,73 @@ TEST_CASE("Failures: never scored; a design's own is final, a machine's is tried
   CHECK(calls == 7);
 }
 
+TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the store goes on") {
+  const double nan = std::nan("");
+  for (const auto& outputs : std::vector<std::vector<double>>{{1.0, nan}, {1.0}, {1.0, 2.0, 3.0}, {1e200, 1.0}}) {
+    const TemporaryFolder folder;
+    SqliteLog log(folder / "store", "p");
+    int calls = 0;
+    const auto once_bad = [&](const Design& x) { return ++calls == 3 ? Verdict{outputs, false, "", "what was there", ""} : cheap(x); };
+    std::string seen;
+    CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad, [&](const auto&, int, const Verdict& v) { seen += v.why; }) == OptimizerStatus::finished);
+    log.verify();
+    const auto state = state_of(log, 12);
+    const Trial& bad = state.optimizer().trials()[2];
+    CHECK(bad.state == Trial::State::failed);
+    CHECK_FALSE(bad.retry);
+    CHECK_THAT(bad.why, Catch::Contains("objective: trial 2 has "));
+    CHECK(bad.why == seen);
+    CHECK(log.record(*state.answered(2)) == "what was there");
+    CHECK(calls == 13);
+  }
+}
+
+TEST_CASE("A campaign that the machine's failures stopped goes on where they have ended") {
+  MemoryLog log("p");
+  const auto no_memory = [](const Design&) { return Verdict{{}, true, "mesh: out of memory", "", ""}; };
+  for (int run = 0; run < 2; ++run) CHECK_THROWS_AS(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched), CampaignError);
+  CHECK(log.entries().size() == 1 + 2 * (5 + 4));   // the first run used up the tries of one design
+  CHECK(run_campaign(log, Cheap(cheap_problem(12)), cheap, unwatched) == OptimizerStatus::finished);
+  CHECK(state_of(log, 12).optimizer().told() == 12);
+}
+
+namespace {
+
+/// A log into which another process writes the answer to a trial just before this one's claim succeeds: it has ended since.
+struct OvertakenLog : MemoryLog {
+  using MemoryLog::MemoryLog;
+  bool answered = false;
+  bool claim(std::int64_t number) {
+    if (!std::exchange(answered, true)) append([](const auto&) { return std::optional(detail::tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
+    return MemoryLog::claim(number);
+  }
+};
+
+}  // namespace
+
+TEST_CASE("What another process answered in the meantime is neither evaluated again nor watched") {
+  std::map<Design, int> attempts;
+  std::set<int> watched;
+  const auto counted = [&](const Design& x) { return ++attempts[x], cheap(x); };
+  const auto watch = [&](const auto&, int id, const Verdict&) { CHECK(watched.insert(id).second); };
+  OvertakenLog log("p");
+  log.append([](const auto&) { return std::optional(detail::ask_entry(0, {1.0, 1.0, 1.0})); });
+  run_campaign(log, Cheap(cheap_problem(12)), counted, watch);
+  CHECK(attempts.count({1.0, 1.0, 1.0}) == 0);
+  CHECK(watched.count(0) == 0);
+  CHECK(watched.size() == 11);
+
+  MemoryLog slow("p");   // the answer comes while the design is evaluated
+  watched.clear();
+  const auto overtaken = [&](const Design& x) {
+    if (x == Design{1.0, 1.0, 1.0}) slow.append([&](const auto&) { return std::optional(detail::tell_entry(0, cheap_outputs(x))); });
+    return cheap(x);
+  };
+  run_campaign(slow, Cheap(cheap_problem(12)), overtaken, watch);
+  CHECK(watched.count(0) == 0);
+  CHECK(watched.size() == 11);
+}
+
 TEST_CASE("Entries that no campaign wrote are refused") {
   for (const auto& entry : std::vector<std::pair<std::string, std::string>>{
            {"ask", "0 1 1"}, {"tell", "0 1 1"}, {"fail", "0 maybe x"}, {"fail", "x final y"}, {"told", "0 1"}, {"ask", "7 1 1 1"}, {"ask", "0 1 1 nan"}, {"ask", "-1 1 1 1"}, {"ask", ""}}) {
@@ -177,14 +244,15 @@ TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
 
 TEST_CASE("Three processes on one store, of which some are killed: each design once") {
   const TemporaryFolder folder;
-  const std::string store = folder / "store";
+  const std::string store = folder / "store", journal = folder / "journal";
   { SqliteLog log(store, "p"); }
   const auto start = [&] {
     return start_child([&] {
       SqliteLog log(store, "p");
       CampaignConfig config;
       config.poll_s = 0.01;
-      run_campaign(log, Cheap(cheap_problem(40)), [](const Design& x) {
+      run_campaign(log, Cheap(cheap_problem(40)), [&](const Design& x) {
+        std::ofstream(journal, std::ios::app) << detail::trial_text(int(getpid()), x) + '\n';   // in one write
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
         return cheap(x);
       }, unwatched, config);
@@ -192,11 +260,14 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
   };
   std::vector<pid_t> workers = {start(), start(), start()};
   std::mt19937 random(5);
+  std::set<pid_t> killed;
   for (int k = 0; k < 6; ++k) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100 + random() % 100));
     pid_t& victim = workers[random() % 3];
     kill(victim, SIGKILL);
-    waitpid(victim, nullptr, 0);
+    int status = 0;
+    waitpid(victim, &status, 0);
+    if (WIFSIGNALED(status)) killed.insert(victim);
     victim = start();
   }
   for (const pid_t pid : workers) {
@@ -213,4 +284,15 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
   std::set<Design> designs;
   for (const Trial& t : state.optimizer().trials()) designs.insert(t.x);
   CHECK(designs.size() == state.optimizer().trials().size());
+  // A second evaluation of a design is due to a kill that hit the first.
+  std::ifstream in(journal);
+  std::map<std::string, std::vector<pid_t>> evaluated;
+  std::size_t wasted = 0;
+  for (std::string line; std::getline(in, line);) evaluated[line.substr(line.find(' '))].push_back(pid_t(std::stol(line)));
+  CHECK(evaluated.size() == 40);
+  for (const auto& [design, processes] : evaluated) {
+    for (std::size_t k = 0; k + 1 < processes.size(); ++k) CHECK(killed.contains(processes[k]));
+    wasted += processes.size() - 1;
+  }
+  CHECK(wasted <= killed.size());
 }

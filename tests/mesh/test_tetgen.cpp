@@ -3,6 +3,7 @@
 #include "catch.hpp"
 #include "mesh/surfaces.hpp"
 
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -14,6 +15,7 @@
 #include <filesystem>
 #include <iostream>
 #include <map>
+#include <new>
 #include <optional>
 #include <set>
 #include <thread>
@@ -188,7 +190,21 @@ Bytes do_careless_allocate(std::span<const char>) {  // as C code that does not 
   }
 }
 
+/// In memory that jobs share with the test.
+std::atomic<int>& jobs_begun() {
+  static auto* count = ::new (::mmap(nullptr, sizeof(std::atomic<int>), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)) std::atomic<int>(0);
+  return *count;
+}
+
+Bytes loses_helper(std::span<const char>) {
+  ::kill(::getppid(), SIGKILL);
+  for (;;) ::pause();   // goes with the helper
+}
+
+Bytes loses_helper_once(std::span<const char> request) { return jobs_begun()++ == 0 ? loses_helper(request) : lumo::detail::tetgen_job(request); }
+
 TetgenMesher with(ForkServer::Work work) {
+  jobs_begun() = 0;   // before the fork
   TetgenMesher mesher;
   mesher.helper = std::make_shared<ForkServer>(work);
   return mesher;
@@ -415,7 +431,7 @@ TEST_CASE("a dead helper is replaced", "[mesh][tetgen]") {
     const int first = server.pid();
     ::kill(first, SIGKILL);  // while idle
     const auto result = server.run(word, {1.0, 0});
-    CHECK((result.outcome == JobOutcome::done || result.outcome == JobOutcome::crashed));
+    CHECK((result.outcome == JobOutcome::done || result.outcome == JobOutcome::lost));
     CHECK(server.pid() != first);
     CHECK((server.run(word, {1.0, 0}).data == word));
 
@@ -425,7 +441,7 @@ TEST_CASE("a dead helper is replaced", "[mesh][tetgen]") {
       std::this_thread::sleep_for(std::chrono::milliseconds(100));
       ::kill(busy, SIGKILL);
     });
-    CHECK(sleeper.run(word, {30.0, 0}).outcome == JobOutcome::crashed);
+    CHECK(sleeper.run(word, {30.0, 0}).outcome == JobOutcome::lost);
     killer.join();
     CHECK(sleeper.pid() != busy);
 
@@ -436,6 +452,27 @@ TEST_CASE("a dead helper is replaced", "[mesh][tetgen]") {
   }
   CHECK(open_files() == files);
   CHECK((children() == before));
+}
+
+TEST_CASE("signals to the whole process group leave the helper to its host", "[mesh][tetgen]") {
+  ForkServer server(echo);
+  const int helper = server.pid();
+  const Bytes word{'w', 'o', 'r', 'd'};
+  CHECK((server.run(word, {5.0, 0}).data == word));   // it is up
+  for (const int signal : {SIGHUP, SIGTERM, SIGINT}) {
+    ::kill(helper, signal);
+    CHECK((server.run(word, {5.0, 0}).data == word));
+    CHECK(server.pid() == helper);
+  }
+}
+
+TEST_CASE("a helper that is lost in the middle of a job does not change the mesh", "[mesh][tetgen]") {
+  const MeshInput body = sphere(2);
+  const LinearTets whole = TetgenMesher{}.fill(body), again = with(loses_helper_once).fill(body);
+  CHECK(jobs_begun() == 2);   // jobs: one that took the helper with it, one more
+  CHECK((again.vertices == whole.vertices));
+  CHECK((again.tets == whole.tets));
+  CHECK(verdict(with(loses_helper), body) == Reason::out_of_memory);
 }
 
 TEST_CASE("large messages pass, helpers come and go without trace", "[mesh][tetgen]") {

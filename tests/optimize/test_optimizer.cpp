@@ -156,6 +156,109 @@ TEST_CASE("failures are never scored; only those of the machine are asked again,
   CHECK(o.trials()[0].why == "no mesh");
 }
 
+namespace {
+
+/// Asks until the end or 200 trials, fails where `fails` says so; how many failed.
+template <class O, class Fails, class Value>
+int run_with_failures(O& o, const Fails& fails, const Value& value) {
+  int failed = 0;
+  for (int asked = 0; asked < 200; ++asked) {
+    const auto t = o.ask();
+    if (!t) break;
+    if (fails(t->x)) ++failed, o.fail(t->id, false, "no value there");
+    else o.tell(t->id, {value(t->x)});
+  }
+  return failed;
+}
+
+}  // namespace
+
+TEST_CASE("where a design fails for good the search learns to stay away", "[optimizer]") {
+  Problem line;
+  line.space.variables = {{"x", 0.0, 1.0, 0.0, ""}};
+  line.objectives = {{"x", true, 0.0}};
+  line.evaluations = 20;
+  Problem corner;   // the best designs of the lattice lie along the edge of what fails
+  corner.space.variables = {{"a", 0.0, 10.0, 0.5, ""}, {"b", 0.0, 10.0, 0.5, ""}};
+  corner.objectives = {{"f", true, -10.0}};
+  corner.evaluations = 30;
+  for (const std::uint64_t seed : {1u, 2u, 3u}) {
+    line.seed = corner.seed = seed;
+    Optimizer<> one(line);
+    const int beyond = run_with_failures(one, [](const Design& x) { return x[0] > 0.8; }, [](const Design& x) { return x[0]; });
+    CHECK(one.status() == OptimizerStatus::finished);
+    CHECK(one.hypervolume() > 0.79);
+    CHECK(beyond <= 15);
+
+    Optimizer<> two(corner);
+    const int cut = run_with_failures(two, [](const Design& x) { return x[0] + x[1] > 14.0 && x[0] > 5.0; }, [](const Design& x) { return x[0] + 0.9 * x[1]; });
+    CHECK(two.status() == OptimizerStatus::finished);
+    CHECK(two.hypervolume() > 10.0 + 13.9);   // the best is 14 at (5, 10): 5 + 9
+    CHECK(cut <= 30);   // of 75 that a search without a model of success asks
+  }
+}
+
+TEST_CASE("choices after failures are a function of the trials, too", "[optimizer]") {
+  const auto fails = [](const Design& x) { return x[0] + x[1] > 9.0; };
+  const auto answer = [&](Optimizer<>& o, const Trial& t) {
+    if (fails(t.x)) o.fail(t.id, false, "");
+    else o.tell(t.id, measure(t.x));
+  };
+  Optimizer<> whole(problem(16)), retried(problem(16));
+  while (const auto t = whole.ask()) answer(whole, *t);
+  const int n = int(whole.trials().size());
+  CHECK(n > 16);
+  for (const int stop : {9, 12, 15, n - 1}) {
+    Optimizer<> resumed(problem(16));
+    for (int i = 0; i < stop; ++i) {
+      resumed.restore(i, whole.trials()[std::size_t(i)].x);
+      answer(resumed, resumed.trials().back());
+    }
+    while (const auto t = resumed.ask()) answer(resumed, *t);
+    REQUIRE(int(resumed.trials().size()) == n);
+    for (int i = 0; i < n; ++i) CHECK(resumed.trials()[std::size_t(i)].x == whole.trials()[std::size_t(i)].x);
+  }
+}
+
+TEST_CASE("a failure counts for good when no try is left, once for its design", "[optimizer]") {
+  Optimizer<> o(problem());
+  const auto good = [&] {
+    std::vector<int> ids;
+    for (const Trial& t : o.trials())
+      if (o.failed_for_good(t.id)) ids.push_back(t.id);
+    return ids;
+  };
+  o.fail(o.ask()->id, true, "killed");
+  o.fail(o.ask()->id, true, "killed");
+  CHECK(good().empty());
+  o.fail(o.ask()->id, true, "killed");   // the third of one design
+  CHECK(good() == std::vector<int>{2});
+  o.fail(o.ask()->id, false, "no mesh");
+  CHECK(good() == std::vector<int>{2, 3});
+  const auto lucky = o.ask();
+  o.fail(lucky->id, true, "killed");
+  o.tell(o.ask()->id, measure(lucky->x));
+  CHECK(good() == std::vector<int>{2, 3});
+}
+
+TEST_CASE("a model of success is sure of what it saw, unsure between, and bounded", "[optimizer]") {
+  Eigen::MatrixXd succeeded(1, 8), failed(1, 4);
+  succeeded << 0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.68;
+  failed << 0.76, 0.84, 0.92, 1.0;
+  const Eigen::VectorXd low = Eigen::VectorXd::Zero(1), high = Eigen::VectorXd::Ones(1);
+  const SuccessModel<> model(succeeded, failed, low, high);
+  const Eigen::VectorXd p = model.log_probability(succeeded).array().exp(), q = model.log_probability(failed).array().exp();
+  CHECK(p.minCoeff() > 0.8);
+  CHECK(q.maxCoeff() < 0.2);
+  CHECK(std::exp(model.log_probability(Eigen::MatrixXd::Constant(1, 1, 0.72))[0]) == Approx(0.5).margin(0.2));
+  const SuccessModel<> hopeless(Eigen::MatrixXd(1, 0), failed, low, high);
+  for (const double x : {0.0, 0.5, 0.8, 1.0}) {
+    const double value = hopeless.log_probability(Eigen::MatrixXd::Constant(1, 1, x))[0];
+    CHECK(value <= 0.0);
+    CHECK(value >= std::log(SuccessModel<>::least_probability));
+  }
+}
+
 TEST_CASE("an exhausted lattice is a clear end", "[optimizer]") {
   Problem p = problem(100);
   p.space.variables = {{"a", 0.0, 1.0, 0.5, ""}, {"b", 0.0, 1.0, 0.5, ""}};

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
 #include <utility>
@@ -45,7 +46,8 @@ class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  int failed() const;
+  /// Failures that speak against going on: of designs, of the machine with no try left, and those of trials in `own`.
+  int failed(const std::set<int>& own) const;
   /// Of the latest trial that failed; empty when none did.
   std::string last_failure() const;
 
@@ -58,14 +60,14 @@ class CampaignState {
 
 /// How a campaign goes on when things go wrong.
 struct CampaignConfig {
-  int failures_at_least = 5;       ///< it stops once so many evaluations have failed
+  int failures_at_least = 5;       ///< it stops once so many evaluations have failed; those that another run may repeat do not count there
   double failures_above = 0.5;     ///< and more than this share of all
   double poll_s = 0.5;             ///< how often it looks whether another process has ended, or died
 };
 
 /// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues what the log holds; several
 /// processes may work on one log. Each entry depends only on those before it, so a campaign in one process has the same log, to the bit, after
-/// any number of crashes. `evaluate(design)` gives a Verdict; `watch(state, id, verdict)` sees each. Throws StoreError and CampaignError.
+/// any number of crashes. `evaluate(design)` gives a Verdict; `watch(state, id, verdict)` sees each as it was kept. Throws StoreError and CampaignError.
 template <CampaignLog Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {});
 
@@ -105,9 +107,9 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 }
 
 template <class O>
-int CampaignState<O>::failed() const {
+int CampaignState<O>::failed(const std::set<int>& own) const {
   int n = 0;
-  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed;
+  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed && (!t.retry || own.contains(t.id) || optimizer_.failed_for_good(t.id));
   return n;
 }
 
@@ -124,14 +126,33 @@ namespace detail {
 /// A trial for this process: one whose worker died, or a new one. `state` has read the log.
 template <CampaignLog Log, class O>
 std::optional<int> take(Log& log, CampaignState<O>& state) {
-  for (const Trial& t : state.optimizer().trials())
-    if (t.state == Trial::State::pending && log.claim(state.asked(t.id))) return t.id;
+  const auto claimed = [&](int id) {
+    if (!log.claim(state.asked(id))) return false;
+    state.read(log.entries());   // who had it may have answered and ended since the last look
+    return !state.answered(id);
+  };
+  for (std::size_t k = 0; k < state.optimizer().trials().size(); ++k)
+    if (state.optimizer().trials()[k].state == Trial::State::pending && claimed(int(k))) return int(k);
   const auto entry = log.append([&](const std::vector<LogEntry>& entries) { return state.ask(entries); });
   if (!entry) return std::nullopt;
   state.read(log.entries());
   const int id = parse_trial(*entry).id;
-  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && log.claim(entry->number)) return id;
+  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && claimed(id)) return id;
   return take(log, state);   // somebody else was faster
+}
+
+/// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer they would end the log.
+template <class O>
+Verdict acceptable(O probe, int id, Verdict verdict) {
+  if (verdict.outputs.empty()) return verdict;
+  try {
+    probe.tell(id, verdict.outputs);
+  } catch (const InvalidArgument& e) {
+    verdict.outputs.clear();
+    verdict.retry = false;
+    verdict.why = text("objective: ", e.what());
+  }
+  return verdict;
 }
 
 }  // namespace detail
@@ -139,9 +160,10 @@ std::optional<int> take(Log& log, CampaignState<O>& state) {
 template <CampaignLog Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config) {
   CampaignState<O> state(optimizer);
+  std::set<int> own;   // trials that this process answered
   while (true) {
     state.read(log.entries());
-    const int failed = state.failed(), ended = failed + state.optimizer().told();
+    const int failed = state.failed(own), ended = failed + state.optimizer().told();
     if (failed >= config.failures_at_least && failed > config.failures_above * ended)
       throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
                                        " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
@@ -151,17 +173,20 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
       std::this_thread::sleep_for(std::chrono::duration<double>(config.poll_s));
       continue;
     }
-    const Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
-    log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
+    Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
+    const auto answer = log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
       state.read(entries);
       if (state.answered(*id)) return std::nullopt;
+      verdict = detail::acceptable(state.optimizer(), *id, std::move(verdict));
       LogEntry e = verdict.outputs.empty() ? detail::fail_entry(*id, verdict.retry, verdict.why) : detail::tell_entry(*id, verdict.outputs);
       e.record = verdict.record;
       e.notes = verdict.notes;
       return e;
     });
+    if (!answer) continue;
+    own.insert(*id);
     state.read(log.entries());
-    watch(std::as_const(state), *id, verdict);
+    watch(std::as_const(state), *id, std::as_const(verdict));
   }
 }
 

@@ -57,7 +57,9 @@ class DesignSampler {
   double shifted(std::size_t i, double x, double by) const;
   void list();
   bool descend(std::size_t i, Design& x, std::size_t& visits);
-  std::optional<Design> repaired(Design x) const;
+  std::optional<Design> repaired(Design x, std::uint64_t key) const;
+  static double excess(const LinearConstraint& c, const Design& x);
+  void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -175,22 +177,42 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
   return x;
 }
 
+/// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
+inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
+  const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
+  return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
+}
+
+/// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
+inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const double before = excess(c, x);
+    if (std::abs(before) <= c.rounding(x)) return;
+    const std::size_t i = (std::size_t(key % x.size()) + k) % x.size();
+    if (axes_[i].nodes == 0.0 || c.coefficients[i] == 0.0) continue;
+    const double steps = -before / (c.coefficients[i] * space_.variables[i].step);
+    Design moved = x;
+    moved[i] = shifted(i, x[i], std::copysign(std::ceil(std::abs(steps) - 1e-6), steps) * space_.variables[i].step);
+    if (std::abs(excess(c, moved)) < std::abs(before)) x = std::move(moved);
+  }
+}
+
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
-inline std::optional<Design> DesignSampler::repaired(Design x) const {
+inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
     for (const LinearConstraint& c : space_.constraints) {
-      const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
-      const double excess = sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
-      if (excess == 0.0) continue;
+      const double too_much = excess(c, x);
+      if (too_much == 0.0) continue;
       double norm = 0.0;  // variables count by their range
       for (std::size_t i = 0; i < x.size(); ++i) norm += std::pow(c.coefficients[i] * (space_.variables[i].upper - space_.variables[i].lower), 2);
       if (!(norm > 0.0)) return std::nullopt;
       for (std::size_t i = 0; i < x.size(); ++i) {
         const double range = space_.variables[i].upper - space_.variables[i].lower;
-        const double by = -excess * c.coefficients[i] * range * range / norm;
+        const double by = -too_much * c.coefficients[i] * range * range / norm;
         x[i] = axes_[i].nodes > 0.0 ? (std::abs(by) > 0.25 * space_.variables[i].step ? shifted(i, x[i], by) : x[i]) : shifted(i, x[i], by);
       }
+      settle(c, x, detail::combine(key, std::uint64_t(sweep)));   // what rounding left, or was too little to move any
     }
   }
   return std::nullopt;
@@ -206,7 +228,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     Design x = point(sequence, index);
     if (!space_.contains(x)) {
       if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
-      auto repair = repaired(x);
+      auto repair = repaired(x, detail::combine(key, index));
       if (!repair) continue;
       x = *repair;
       if (anchor) {  // between two feasible designs of a convex set there are more, away from its faces

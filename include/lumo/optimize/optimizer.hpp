@@ -3,6 +3,7 @@
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
+#include "lumo/optimize/success_model.hpp"
 #include "lumo/optimize/trial_log.hpp"
 
 #include <optional>
@@ -13,7 +14,8 @@
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then Sobol points, then the
-/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Answers may come in any order.
+/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for good
+/// it is that of highest acquisition times the probability of success. Answers may come in any order.
 /// Law: a proposal is a function of the problem, the configuration and the trials before it, to the bit; so whoever keeps the trials can
 /// restore() them and go on. No design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
@@ -61,6 +63,8 @@ class Optimizer {
 
   const Problem& problem() const { return log_.problem(); }
   const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
+  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
+  bool failed_for_good(int id) const { return log_.failed_for_good(id); }
   int told() const { return log_.count(Trial::State::told); }
   int pending() const { return log_.count(Trial::State::pending); }
 
@@ -82,6 +86,9 @@ class Optimizer {
 
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
+
+  /// Where evaluations succeed; nothing while none has failed for good.
+  std::optional<SuccessModel<Kernel>> success() const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
   std::optional<Design> chosen();
@@ -180,6 +187,15 @@ Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success() const {
+  const MatrixXd failed = log_.designs(Trial::State::failed);
+  if (failed.cols() == 0) return std::nullopt;
+  const Evidence e = evidence();
+  return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
   if (models().empty()) {
@@ -189,7 +205,10 @@ std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   std::vector<Design> standing;
   for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
   const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
-  return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
+  const CandidateRequest request{log_.sampler(), log_.taken(), standing, detail::combine(key, 2)};
+  const auto model = success();
+  if (!model) return config_.source.best(request, utility);
+  return config_.source.best(request, [&](const MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
 }
 
 }  // namespace lumo

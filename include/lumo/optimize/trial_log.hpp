@@ -35,6 +35,8 @@ class TrialLog {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
+  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
+  bool failed_for_good(int id) const;
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
@@ -43,7 +45,7 @@ class TrialLog {
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
-  /// Inputs (d × n) of the trials in a state, by id.
+  /// Inputs (d × n) of the trials in a state, by id; failed ones only where they failed for good.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
@@ -52,6 +54,8 @@ class TrialLog {
 
  private:
   Trial& pending(int id);
+  bool superseded(const Trial& trial) const;
+  bool tries_left(const Trial& trial) const;
 
   Problem problem_;
   DesignSampler sampler_;
@@ -61,18 +65,25 @@ class TrialLog {
   DesignSet taken_;
 };
 
+/// By a later trial of its design.
+inline bool TrialLog::superseded(const Trial& trial) const {
+  return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
+}
+
+inline bool TrialLog::tries_left(const Trial& trial) const {
+  return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
+}
+
+inline bool TrialLog::failed_for_good(int id) const {
+  const Trial& trial = trials_.at(std::size_t(id));
+  if (trial.state != Trial::State::failed) return false;
+  if (!trial.retry) return true;
+  return !superseded(trial) && !tries_left(trial);
+}
+
 inline std::optional<Design> TrialLog::scheduled() const {
-  for (std::size_t i = 0; i < trials_.size(); ++i) {
-    if (trials_[i].state != Trial::State::failed || !trials_[i].retry) continue;
-    int attempts = 0;
-    bool latest = true;
-    for (std::size_t k = 0; k < trials_.size(); ++k) {
-      if (trials_[k].x != trials_[i].x) continue;
-      ++attempts;
-      latest = latest && k <= i;
-    }
-    if (latest && attempts <= retries_) return trials_[i].x;
-  }
+  for (const Trial& t : trials_)
+    if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
   for (const Design& x : starts_)
     if (!taken_.contains(x)) return x;
   return std::nullopt;
@@ -119,8 +130,8 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
-  return x;
+    if (t.state == state && (state != Trial::State::failed || failed_for_good(t.id))) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
+  return x.leftCols(column);
 }
 
 template <class MatrixXd, class VectorXd>

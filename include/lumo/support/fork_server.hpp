@@ -106,7 +106,7 @@ inline JobResult ForkServer::run(std::span<const char> request, const JobLimits&
   const std::lock_guard lock(mutex_);
   if (!alive()) {
     stop();
-    if (!start()) return {};
+    if (!start()) return {JobOutcome::lost, 0, {}};
   }
   const Deadline deadline(limits.time_s + 5.0);
   const JobHeader header{request.size(), limits.time_s, limits.memory_bytes};
@@ -127,7 +127,7 @@ inline JobResult ForkServer::run(std::span<const char> request, const JobLimits&
   if (state != Transfer::done) {
     stop();
     start();
-    return {state == Transfer::late ? JobOutcome::timed_out : JobOutcome::crashed, 0, {}};
+    return {state == Transfer::late ? JobOutcome::timed_out : JobOutcome::lost, 0, {}};
   }
   result.outcome = static_cast<JobOutcome>(reply.outcome);
   result.detail = reply.detail;

@@ -18,7 +18,7 @@
 namespace lumo::detail {
 
 /// What became of a job that ran in another process.
-enum class JobOutcome : std::uint32_t { done, crashed, timed_out, out_of_memory };
+enum class JobOutcome : std::uint32_t { done, crashed, timed_out, out_of_memory, lost };   // lost: the helper went, which says nothing about the job
 
 struct JobHeader {
   std::uint64_t size;
@@ -172,7 +172,7 @@ template <class Work>
 [[noreturn]] void serve_jobs(int socket, Work work) {
   for (int signal = 1; signal < 65; ++signal) ::signal(signal, SIG_DFL);  // the host's handlers are not ours; fails for some, rightly
   ::signal(SIGPIPE, SIG_IGN);
-  ::signal(SIGINT, SIG_IGN);  // Ctrl-C reaches the whole group: the host decides
+  for (const int whole_group : {SIGINT, SIGHUP, SIGTERM}) ::signal(whole_group, SIG_IGN);  // the host decides, and closes the socket
   sigset_t none;
   ::sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);

@@ -139,7 +139,6 @@ inline void SqliteLog::create(const std::string& problem) const {
 }
 
 inline std::vector<LogEntry> SqliteLog::entries() const {
-  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " was opened before a fork"));
   if (number_of("PRAGMA application_id") != application) throw StoreError(StoreError::Reason::unusable, detail::text(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
     throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " has format ", v, ", this version of lumo reads ", format));
@@ -149,7 +148,15 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
   // One statement, so that entries and head are of one moment.
   const Statement s = prepare(
       "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN head ON id = 0 ORDER BY entry.number");
-  while (step(s)) {
+  const auto next = [&] {
+    try {
+      return step(s);
+    } catch (const StoreError& e) {   // SQLite itself found damage
+      if (e.reason() != StoreError::Reason::corrupt) throw;
+      throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
+    }
+  };
+  while (next()) {
     LogEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
     const std::string found = text(s, 5);
     if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
@@ -223,6 +230,7 @@ inline void SqliteLog::insert(const LogEntry& e, const std::string& before) cons
 }
 
 inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
+  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " was opened before a fork"));
   sqlite3_stmt* s = nullptr;
   const int code = sqlite3_prepare_v2(db_.get(), sql, -1, &s, nullptr);
   Statement statement(s);

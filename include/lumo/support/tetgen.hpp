@@ -47,6 +47,7 @@ namespace detail {
     case JobOutcome::timed_out: throw MeshError(Reason::timed_out, text("TetGen was stopped: it took longer than the limit of ", time_s, " s"));
     case JobOutcome::out_of_memory:
       throw MeshError(Reason::out_of_memory, text("TetGen was stopped: it needed more memory than the limit of ", memory, " bytes"));
+    case JobOutcome::lost: throw MeshError(Reason::out_of_memory, "TetGen's helper process was lost three times: killed, or without memory for its job");
     default: break;
   }
   if (result.detail > 0) throw MeshError(Reason::crashed, text("TetGen died of signal ", result.detail));
@@ -84,7 +85,10 @@ inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
   detail::JobResult result;
   for (const int turn : {0, 1, 2, 3}) {  // see tetgen_frame
     request.knobs.turn = turn;
-    result = helper->run(detail::encode(request), {time_limit_s, memory_limit_bytes});
+    for (int attempt = 0; attempt < 3; ++attempt) {   // a lost helper must not change the mesh
+      result = helper->run(detail::encode(request), {time_limit_s, memory_limit_bytes});
+      if (result.outcome != detail::JobOutcome::lost) break;
+    }
     if (result.outcome != detail::JobOutcome::crashed) break;
   }
   if (result.outcome != detail::JobOutcome::done) detail::throw_job_failure(result, time_limit_s, memory_limit_bytes);
