@@ -1,6 +1,7 @@
 #pragma once
 
 #include "program/svg.hpp"
+#include "program/text_box.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -140,11 +141,6 @@ inline void legend(Svg& svg, const Frame& f, const std::vector<LegendEntry>& ent
     svg.text({f.right + 40, y + 4}, e.label);
     y += 20;
   }
-}
-
-/// Width of a label [px], estimated: DejaVu Sans is about 0.62 em wide; bytes of multi-byte characters count once.
-inline double text_width(std::string_view s, double size) {
-  return 0.62 * size * double(std::count_if(s.begin(), s.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0u) != 0x80u; }));
 }
 
 inline Frame frame_for(const std::vector<LegendEntry>& entries, double width, double height) {

@@ -1,6 +1,7 @@
 #include "program/options.hpp"
 
 #include "lumo/mechanics/scenario.hpp"
+#include "lumo/morphology/design.hpp"
 #include "program/text.hpp"
 #include "program/version.hpp"
 
@@ -39,11 +40,18 @@ std::string shortened(std::string s) { return s.size() > 80 ? s.substr(0, 77) + 
 
 std::string in_quotes(std::string_view s) { return "'" + shortened(one_line(s)) + "'"; }
 
-double number(const char* option, std::string_view typed, const char* unit) {
+double number(const char* option, std::string_view typed, std::string_view unit) {
   const auto value = parse_number(typed);
-  if (!value) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a number [", unit, "]"));
-  if (!std::isfinite(*value)) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a finite number [", unit, "]"));
+  const std::string in_unit = unit.empty() ? "" : lumo::detail::text(" [", unit, "]");
+  if (!value) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a number", in_unit));
+  if (!std::isfinite(*value)) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a finite number", in_unit));
   return *value;
+}
+
+double in_range(const char* option, std::string_view typed, double low, double high, const char* unit) {
+  const double value = number(option, typed, unit);
+  if (value >= low && value <= high) return value;
+  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", low, ", ", high, "]", *unit ? " " : "", unit));
 }
 
 int whole_number(const char* option, std::string_view typed, int low, int high) {
@@ -74,13 +82,24 @@ std::array<double, 5> read_theta(std::string_view typed) {
     if (!value) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", in_quotes(fields[i]), " is not a number)", wanted));
     theta[i] = *value + 0.0;   // no −0
   }
-  return theta;
+  return FingerDesign::from(theta).values();   // on the lattice in every bit, where it is but for rounding
 }
 
-double in_range(const char* option, std::string_view typed, double low, double high, const char* unit) {
-  const double value = number(option, typed, unit);
-  if (value >= low && value <= high) return value;
-  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", low, ", ", high, "]", *unit ? " " : "", unit));
+/// Loads, in the order in which they are met.
+std::vector<double> read_loads(std::string_view typed) {
+  std::vector<double> loads;
+  const auto fields = split(typed);
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const auto refuse = [&](const std::string& why) {
+      throw UsageError(lumo::detail::text("--loads is ", in_quotes(typed), " (field ", i + 1, " of ", fields.size(), ", ", in_quotes(fields[i]), ", ", why));
+    };
+    const auto load = parse_number(fields[i]);
+    if (!load) refuse("is not a number), must be increasing loads [N]");
+    if (!(*load >= 1e-3 && *load <= 1e4)) refuse("is out of range), each must lie in [0.001, 10000] N");
+    if (!loads.empty() && *load <= loads.back()) refuse(lumo::detail::text("follows ", lumo::detail::exact(loads.back()), " N), loads must increase"));
+    loads.push_back(*load);
+  }
+  return loads;
 }
 
 /// How to compute presses. The mode decides solver, element and law; what else it says may be changed.
@@ -129,8 +148,7 @@ void read(Options& o, const Typed& t) {
   if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp"});
   if (!t.localizer.empty()) o.localizer = one_of("--localizer", t.localizer, {"bayes", "peak"});
   if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
-  if (!t.noise.empty()) o.noise = number("--noise", t.noise, "");
-  if (o.noise < 0.0 || o.noise > 100.0) throw UsageError(lumo::detail::text("--noise is ", in_quotes(t.noise), ", must lie in [0, 100]"));
+  if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, 0.0, 100.0, "");
   if (!t.cache.empty()) o.cache = t.cache;
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
   const std::string_view command = name(o.command);
@@ -146,13 +164,11 @@ void read(Options& o, const Typed& t) {
   o.threads = t.threads.empty() ? std::clamp(int(std::thread::hardware_concurrency()), 1, 1024) : whole_number("--threads", t.threads, 1, 1024);
   if (o.command == Command::campaign_report && !t.out.empty()) o.page = t.out;
   else if (!command.starts_with("lab ") && !t.out.empty()) o.out = t.out;
-  if (!t.diameter.empty()) o.diameter_mm = number("--diameter", t.diameter, "mm");
-  if (!t.angle.empty()) o.angle_deg = number("--angle", t.angle, "deg");
-  if (!t.y.empty()) o.y_mm = number("--y", t.y, "mm");
-  if (!t.loads.empty()) {
-    o.loads_N.clear();
-    for (const auto field : split(t.loads)) o.loads_N.push_back(number("--loads", field, "N"));
-  }
+  // The library's own limits, in the words and units of who typed the values.
+  if (!t.diameter.empty()) o.diameter_mm = in_range("--diameter", t.diameter, 0.1, 1000.0, "mm");
+  if (!t.angle.empty()) o.angle_deg = in_range("--angle", t.angle, -80.0, 80.0, "deg");
+  if (!t.y.empty()) o.y_mm = in_range("--y", t.y, -1e4, 1e4, "mm");
+  if (!t.loads.empty()) o.loads_N = read_loads(t.loads);
   o.mechanics = read_mechanics(t, o.command);
   if (o.command == Command::press || o.command == Command::trace || o.command == Command::study_solver) {
     try {
@@ -169,8 +185,8 @@ CLI::Option* text_option(CLI::App* app, const std::string& flag, T& into, const 
   auto* option = app->add_option(flag, into, help)->type_name(kind)->allow_extra_args(false);
   // An empty value would be taken for an absent one.
   option->each([flag](const std::string& value) {
-    if (value.empty()) throw CLI::ValidationError("is empty");
-    if (value.starts_with("--")) throw CLI::ValidationError("needs a value, found " + value);
+    if (value.empty()) throw UsageError(flag + " is '', must have a value");
+    if (value.starts_with("--")) throw UsageError(flag + " needs a value, found " + in_quotes(value));
   });
   return option;
 }
@@ -179,6 +195,27 @@ CLI::Option* text_option(CLI::App* app, const std::string& flag, T& into, const 
 const CLI::App* innermost(const CLI::App& app) {
   const auto chosen = app.get_subcommands();
   return chosen.empty() ? &app : innermost(*chosen.front());
+}
+
+/// As typed: "lumo campaign run".
+std::string full_name(const CLI::App& app) { return app.get_parent() == nullptr ? app.get_name() : full_name(*app.get_parent()) + " " + app.get_name(); }
+
+/// What the parser objects to. It tells the option in its own sentences only, so that the options and the words are looked at again.
+std::string objection(const CLI::App& command, std::span<char* const> arguments, const CLI::ParseError& e) {
+  if (dynamic_cast<const CLI::ExcludesError*>(&e)) {
+    std::string both;
+    for (const CLI::Option* o : command.get_options([](const CLI::Option* o) { return o->count() > 0 && !o->get_excludes().empty(); })) both += (both.empty() ? "" : " and ") + o->get_name();
+    return both + " exclude each other";
+  }
+  for (const CLI::Option* o : command.get_options())
+    if (o->get_expected_max() == 1 && o->count() > 1) return lumo::detail::text(o->get_name(), " is given ", o->count(), " times, must be given once");
+  for (const std::string_view word : arguments.subspan(1)) {
+    const CLI::Option* const flag = word.starts_with('-') ? command.get_option_no_throw(std::string(word.substr(0, word.find('=')))) : nullptr;
+    if (flag != nullptr && flag->get_expected_max() == 0 && word.find('=') != std::string_view::npos) return flag->get_name() + " takes no value";
+  }
+  const std::string_view last = arguments.back();
+  if (const CLI::Option* const o = command.get_option_no_throw(std::string(last.substr(0, last.find('='))))) return o->get_name() + " has no value";
+  return shortened(one_line(e.what()));
 }
 
 }  // namespace
@@ -382,17 +419,19 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     app.parse(words);
   } catch (const CLI::CallForHelp&) {
     const CLI::App* chosen = innermost(app);
-    text = chosen == &app ? app.help() : chosen->help(chosen->get_parent() == &app ? "lumo" : "lumo " + chosen->get_parent()->get_name(), CLI::AppFormatMode::Normal);
+    text = chosen == &app ? app.help() : chosen->help(full_name(*chosen->get_parent()), CLI::AppFormatMode::Normal);
     return std::nullopt;
   } catch (const CLI::CallForVersion& e) {
     text = std::string(e.what()) + "\n";
     return std::nullopt;
   } catch (const CLI::ParseError& e) {
-    throw UsageError(shortened(one_line(e.what())) + " (see lumo --help)");
+    throw UsageError(objection(*innermost(app), arguments, e) + " (see " + full_name(*innermost(app)) + " --help)");
+  } catch (const UsageError& e) {
+    throw UsageError(std::string(e.what()) + " (see " + full_name(*innermost(app)) + " --help)");
   }
   const CLI::App* chosen = innermost(app);
   const bool of_group = chosen == campaigns || chosen == studies || chosen == labs, complete = chosen != &app && !of_group;
-  const std::string help = lumo::detail::text("lumo ", complete ? std::string(name(o.command)) + " " : of_group ? chosen->get_name() + " " : "", "--help");
+  const std::string help = full_name(*chosen) + " --help";
   const auto extras = app.remaining(true);
   if (!extras.empty()) {
     const std::string& word = extras.front();

@@ -18,6 +18,17 @@ namespace fs = std::filesystem;
 
 namespace {
 
+/// Why there can be no directory here; empty where there may be. It is the whole that is not one, or what it is to be made in.
+std::string obstacle(const fs::path& wanted) {
+  std::error_code error;
+  fs::path there = wanted;
+  while (!fs::exists(fs::symlink_status(there, error)) && there != there.parent_path()) there = there.parent_path();
+  const bool directory = fs::is_directory(there, error);
+  if (directory) return "";
+  if (error && error != std::errc::no_such_file_or_directory) return error.message();   // a link to nowhere is no directory
+  return there == wanted ? "it is not a directory" : "part of it is not a directory";
+}
+
 [[noreturn]] void refuse(const fs::path& path, const std::string& why) { throw InputError("cannot write to '" + path.string() + "': " + why); }
 
 }  // namespace
@@ -26,12 +37,13 @@ namespace {
 Output::Output(std::optional<std::string> directory) : directory_(std::move(directory)) {
   if (!directory_) return;
   std::error_code error;
-  const fs::path wanted = fs::absolute(*directory_, error).lexically_normal();
+  fs::path wanted = fs::absolute(*directory_, error).lexically_normal();
+  if (!wanted.has_filename()) wanted = wanted.parent_path();   // "out/" is "out"
+  if (const std::string why = obstacle(wanted); !why.empty()) refuse(*directory_, why);
   std::vector<fs::path> made;
   for (fs::path p = wanted; !fs::exists(fs::symlink_status(p, error)) && p != p.parent_path(); p = p.parent_path()) made.push_back(p);
   fs::create_directories(wanted, error);
-  std::string why = error == std::errc::not_a_directory ? "part of it is not a directory" : error ? error.message() : "";
-  if (why.empty() && !fs::is_directory(wanted, error)) why = "it is not a directory";
+  std::string why = error ? error.message() : "";
   if (why.empty() && access(wanted.c_str(), W_OK | X_OK) != 0) why = std::strerror(errno);
   for (const fs::path& p : made)
     if (fs::is_empty(p, error) && !error) fs::remove(p, error);
@@ -82,8 +94,13 @@ std::vector<std::string> Output::write() {
 }
 
 void print(const std::string& text) {
+  errno = 0;
   std::cout << text << std::flush;
-  if (!std::cout) throw InputError("cannot write to standard output");
+  const int cause = errno;
+  // `lumo section | head -1` is how people look at the beginning: the command has done its work, its files are written before (see hand_out), and what
+  // is left of the result is not wanted. So this is no failure of the command.
+  if (std::cout || cause == EPIPE) return;
+  throw InputError(std::string("cannot write to standard output: ") + (cause != 0 ? std::strerror(cause) : "write failed"));
 }
 
 void hand_out(const std::string& result, Output& files, Progress& progress) {

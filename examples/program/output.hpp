@@ -25,7 +25,7 @@ class Output {
   std::vector<std::pair<std::string, std::string>> files_;
 };
 
-/// To standard output. Throws InputError when it does not hold.
+/// To standard output. Throws InputError when it does not hold; a reader who has closed it has seen enough, which is no error.
 void print(const std::string& text);
 
 /// The end of a command: its files are written, its result is printed, and each file is told of. The result is printed even where the files cannot be

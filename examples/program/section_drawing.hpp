@@ -44,6 +44,40 @@ inline void arrow(Svg& svg, Point tip, double dx, double dy) {
               {.fill = std::string(ink)});
 }
 
+/// Ends of the dimension line, in px.
+template <class ToPixels>
+std::pair<Point, Point> ends(const SectionDrawing::Dimension& d, const ToPixels& px) {
+  if (d.along == SectionDrawing::Dimension::Along::x) return {px({d.from[0], d.from[1] + d.shift}), px({d.to[0], d.from[1] + d.shift})};
+  return {px({d.from[0] + d.shift, d.from[1]}), px({d.from[0] + d.shift, d.to[1]})};
+}
+
+/// Where a label may stand.
+struct Place {
+  Point at;
+  std::string anchor;
+};
+
+/// For the label of a dimension line from a to b, the best places first. Lines within the body (no shift) have less room about them.
+inline std::vector<Place> label_places(const SectionDrawing::Dimension& d, Point a, Point b) {
+  const double left = std::min(a[0], b[0]), right = std::max(a[0], b[0]), top = std::min(a[1], b[1]), bottom = std::max(a[1], b[1]);
+  const double x = 0.5 * (left + right), y = 0.5 * (top + bottom);
+  std::vector<Place> places;
+  if (d.along == SectionDrawing::Dimension::Along::x && d.shift != 0.0)   // on it, beside it, below it
+    return {{{x, y - 6}, "middle"}, {{right + 18, y + 4}, "start"}, {{left - 18, y + 4}, "end"}, {{x, y + 15}, "middle"}};
+  if (d.along == SectionDrawing::Dimension::Along::x) {
+    for (const double away : {-6.0, -12.0, -18.0, 15.0, 21.0}) {
+      for (const double from_end : {10.0, 4.0, 16.0, 24.0}) places.push_back({{right - from_end, y + away}, "end"});
+      for (const double from_end : {4.0, 10.0}) places.push_back({{left + from_end, y + away}, "start"});
+    }
+    return places;
+  }
+  const std::array<Place, 2> sides = {{{{x + 7, 0}, "start"}, {{x - 7, 0}, "end"}}};
+  for (const double part : {0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8})
+    for (const Place& side : sides)
+      if (d.shift == 0.0 || (d.shift < 0.0) == (side.anchor == "end")) places.push_back({{side.at[0], bottom + part * (top - bottom) + 4}, side.anchor});
+  return places;
+}
+
 }  // namespace detail
 
 inline std::string draw(const SectionDrawing& s) {
@@ -65,35 +99,46 @@ inline std::string draw(const SectionDrawing& s) {
 
   svg.text({margin, 26}, s.title, {.size = 15, .bold = true});
   svg.text({margin, 45}, s.subtitle, {.size = 12, .fill = std::string(detail::grey)});
+  // All lines first, then all labels, each where it touches none of them.
+  detail::Obstacles obstacles;
+  const auto keep_off = [&obstacles](const std::vector<Point>& loop) {
+    for (std::size_t i = 0; i < loop.size(); ++i) obstacles.lines.emplace_back(loop[i], loop[(i + 1) % loop.size()]);
+  };
   for (const auto& a : s.areas) {
     std::vector<Point> loop;
     for (const Point& p : a.loop) loop.push_back(px(p));
     svg.polygon({loop}, detail::paint(a.fill));
+    keep_off(loop);
   }
-
   const Paint thin{.stroke = std::string(ink), .width = 0.9}, extension{.stroke = std::string(detail::grey), .width = 0.6};
+  const auto line = [&](Point a, Point b, const Paint& paint) {
+    svg.line(a, b, paint);
+    obstacles.lines.emplace_back(a, b);
+  };
   for (const auto& d : s.dimensions) {
     const bool along_x = d.along == SectionDrawing::Dimension::Along::x;
-    const Point a = px(along_x ? Point{d.from[0], d.from[1] + d.shift} : Point{d.from[0] + d.shift, d.from[1]});
-    const Point b = px(along_x ? Point{d.to[0], d.from[1] + d.shift} : Point{d.from[0] + d.shift, d.to[1]});
-    svg.line(px(d.from), a, extension);
-    svg.line(px(d.to), b, extension);
+    const auto [a, b] = detail::ends(d, px);
+    line(px(d.from), a, extension);
+    line(px(d.to), b, extension);
     const double length = along_x ? std::abs(b[0] - a[0]) : std::abs(b[1] - a[1]);
     const double ux = along_x ? (b[0] > a[0] ? 1 : -1) : 0, uy = along_x ? 0 : (b[1] > a[1] ? 1 : -1);
     const bool inside = length > 22;   // else the arrows point inwards from outside
-    svg.line(inside ? a : Point{a[0] - 14 * ux, a[1] - 14 * uy}, inside ? b : Point{b[0] + 14 * ux, b[1] + 14 * uy}, thin);
+    line(inside ? a : Point{a[0] - 14 * ux, a[1] - 14 * uy}, inside ? b : Point{b[0] + 14 * ux, b[1] + 14 * uy}, thin);
     detail::arrow(svg, b, inside ? ux : -ux, inside ? uy : -uy);
     detail::arrow(svg, a, inside ? -ux : ux, inside ? -uy : uy);
-    const double text = detail::text_width(d.label, 12);
-    Point at = {0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])};
-    std::string anchor = "middle";
-    if (along_x && d.shift == 0.0) at = {b[0] - 10, b[1] - 6}, anchor = "end";              // within the body: above its line
-    else if (along_x && length < text + 18) at = {b[0] + ux * 18, b[1] + 4}, anchor = ux > 0 ? "start" : "end";
-    else if (along_x) at[1] -= 5;
-    else at = {at[0] + (d.shift < 0.0 ? -7 : 7), at[1] + 4}, anchor = d.shift < 0.0 ? "end" : "start";
-    const double left = anchor == "middle" ? at[0] - 0.5 * text : anchor == "end" ? at[0] - text : at[0];
-    svg.rect({left - 2, at[1] - 11}, text, 14, {.fill = "#ffffff", .opacity = 0.75});   // keeps labels readable on fills
-    svg.text(at, d.label, {.anchor = anchor});
+  }
+  for (const auto& d : s.dimensions) {
+    const auto [a, b] = detail::ends(d, px);
+    const detail::Place* best = nullptr;
+    const auto places = detail::label_places(d, a, b);
+    const auto box = [&d](const detail::Place& p) { return detail::text_box(p.at, d.label, {.anchor = p.anchor}); };
+    const auto hits = [&](const detail::Place& p) { return obstacles.hits(detail::grown(box(p), 2.0)); };
+    for (const detail::Place& p : places)
+      if (best == nullptr || hits(p) < hits(*best)) best = &p;
+    const detail::Box taken = box(*best);
+    if (hits(*best) > 0) svg.rect({taken.left, taken.top}, taken.right - taken.left, taken.bottom - taken.top, {.fill = "#ffffff", .opacity = 0.75});   // readable all the same
+    svg.text(best->at, d.label, {.anchor = best->anchor});
+    obstacles.boxes.push_back(taken);
   }
 
   double y = head + 26;

@@ -5,6 +5,8 @@ usage: test_cli.py path/to/lumo
 import json
 import os
 import pathlib
+import random
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +22,38 @@ DESIGN_COMMANDS = ["section", "mesh", "press", "trace", "evaluate"]
 def run(*arguments, **options):
     environment = dict(os.environ, LC_ALL=options.pop("locale", "C"))
     return subprocess.run([LUMO, *arguments], capture_output=True, text=True, timeout=options.pop("timeout", 60), env=environment, **options)
+
+
+# Advance widths of DejaVu Sans, in thousandths of the size (the font's own table).
+WIDTHS = {**{c: 636 for c in "0123456789"}, ".": 318, ",": 318, " ": 318, "=": 838, "_": 500, "-": 361, "(": 390, ")": 390, "[": 390, "]": 390, "h": 634, "f": 352, "p": 635, "e": 615, "w": 818, "s": 521,
+          "v": 592, "t": 392, "m": 974, "i": 278, "n": 634, "W": 989, "l": 278, "c": 550, "o": 612, "r": 411, "g": 635, "d": 635, "a": 613, "L": 557, "E": 632, "D": 770, "S": 635, "F": 575, "θ": 612}
+
+
+def picture(svg):
+    """Of a drawing: its labels with the boxes that they fill, all its lines and edges, and its width."""
+    labels, lines = [], []
+    drawing = xml.etree.ElementTree.fromstring(svg)
+    for e in drawing.iter():
+        tag = e.tag.split("}")[1]
+        if tag == "line":
+            lines.append(tuple(float(e.get(k)) for k in ["x1", "y1", "x2", "y2"]))
+        elif tag == "path":
+            for loop in e.get("d").split("Z")[:-1]:
+                points = [tuple(float(v) for v in p.split()) for p in re.split("[ML]", loop)[1:]]
+                lines += [a + b for a, b in zip(points, points[1:] + points[:1])]
+        elif tag == "text":
+            size, x, y = (float(e.get(k)) for k in ["font-size", "x", "y"])
+            length = sum(WIDTHS[c] for c in e.text) * size / 1000 * (1.15 if e.get("font-weight") else 1)
+            left = {"start": x, "middle": x - length / 2, "end": x - length}[e.get("text-anchor")]
+            labels.append((e.text, (left, y - 0.73 * size, left + length, y + 0.24 * size)))
+    return labels, lines, float(drawing.get("width"))
+
+
+def passes_through(line, box):
+    """By points along the line, a quarter of a pixel apart."""
+    x1, y1, x2, y2 = line
+    steps = int(4 * max(abs(x2 - x1), abs(y2 - y1))) + 1
+    return any(box[0] < x1 + (x2 - x1) * k / steps < box[2] and box[1] < y1 + (y2 - y1) * k / steps < box[3] for k in range(steps + 1))
 
 
 class Refusals(unittest.TestCase):
@@ -122,8 +156,17 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["unknown option '--theta'"], "section", "--", "--theta")
         for option in ["--out", "--theta"]:
             self.refused(USAGE, [option, "needs a value"], "section", option, "--json")
+            self.refused(USAGE, [f"{option} is '', must have a value", "(see lumo section --help)"], "section", option, "")
+            self.refused(USAGE, [f"{option} has no value", "(see lumo section --help)"], "section", option)
+            self.refused(USAGE, [f"{option} has no value"], "section", "--json", f"{option}=")
         for value in ["--json=5", "--json=false", "--quiet=1"]:
-            self.refused(USAGE, [value.split("=")[0].strip("-")], "section", value)
+            self.refused(USAGE, [value.split("=")[0] + " takes no value", "(see lumo section --help)"], "section", value)
+        for times in [2, 3]:
+            self.refused(USAGE, [f"--theta is given {times} times, must be given once", "(see lumo section --help)"], "section", *times * ["--theta", "6,6,8,5,0"])
+        self.refused(USAGE, ["--loads has no value", "(see lumo press --help)"], "press", "--loads")
+        self.refused(USAGE, ["--seed is given 2 times", "(see lumo campaign run --help)"], "campaign", "run", "--store", "s", "--seed", "1", "--seed", "2")
+        self.refused(USAGE, ["--store has no value", "(see lumo campaign report --help)"], "campaign", "report", "--store")
+        self.refused(USAGE, ["--json and --csv exclude each other", "(see lumo campaign export --help)"], "campaign", "export", "--store", "s", "--csv", "--json")
 
     def test_closed_streams(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -150,7 +193,7 @@ class Refusals(unittest.TestCase):
         for command in DESIGN_COMMANDS:
             self.refused(INFEASIBLE, ["h_fp", "6.25", "0.5", "mm"], command, "--theta", "6.25,6,8,5,0")
         for text, words in [
-            ("nan,6,8,5,0", ["h_fp"]), ("6.00000000000001,6,8,5,0", ["6.00000000000001 mm", "nearest is 6 mm"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
+            ("nan,6,8,5,0", ["h_fp = nan mm", "[2, 29] mm"]), ("-nan,6,8,5,0", ["h_fp = nan mm"]), ("6,-inf,8,5,0", ["h_ep = -inf mm", "[1, 20] mm"]), ("6.00000000000001,6,8,5,0", ["6.00000000000001 mm", "nearest is 6 mm"]), ("6,inf,8,5,0", ["h_ep"]), ("6,6,-inf,5,0", ["w_s"]), ("6,6,8,5,1e999", ["w_v"]), ("NaN,6,8,5,0", ["h_fp"]),
             ("1.5,6,8,5,0", ["h_fp", "1.5", "2", "mm"]), ("29.5,1,8,5,0", ["h_fp", "29.5", "29"]), ("6,6,8,5,-0.5", ["w_v", "-0.5", "0"]),
             ("12,9,8,5,0", ["h_fp + h_ep", "21", "20"]), ("10,8,8,5,6", ["w_s + 2 w_v", "20", "19.5"]), ("2,6,8,5,0", ["t_min", "5"]),
         ]:
@@ -178,14 +221,34 @@ class Refusals(unittest.TestCase):
                 ("--loads", "N", ["0", "-1", "nan", "inf", "5,2", "1,1", "1,,2", "1,2,", "one", "1e9", ""]),
             ]:
                 for text in texts:
-                    word = {"--diameter": "diameter", "--angle": "angle", "--y": "y", "--loads": "load"}[option]
-                    self.refused(USAGE, [word] + ([unit] if text else []), command, option, text)
+                    self.refused(USAGE, [option, f"'{text}'"] + ([unit] if text else []), command, option, text)
+            # The value as typed, the limits in its unit.
+            for option, text, words in [
+                ("--angle", "1e308", ["'1e308'", "[-80, 80] deg"]), ("--angle", "80.0001", ["'80.0001'"]), ("--diameter", "1e-9", ["'1e-9'", "[0.1, 1000] mm"]), ("--y", "1e300", ["'1e300'", "[-10000, 10000] mm"]),
+                ("--loads", "1,,2", ["'1,,2'", "field 2 of 3", "''", "[N]"]), ("--loads", "1,two", ["'1,two'", "field 2 of 2", "'two'"]), ("--loads", "1,1e9", ["'1,1e9'", "field 2", "'1e9'", "[0.001, 10000] N"]),
+                ("--loads", "2,5,4", ["field 3", "'4'", "5 N", "loads must increase"]),
+            ]:
+                self.refused(USAGE, [option, *words], command, option, text)
+            for text in ["nan", "much"]:   # without a unit no brackets for one
+                done = run(command, "--friction", text)
+                self.assertRegex(done.stderr, rf"^lumo: --friction is '{text}', must be a (finite )?number\n$")
+            # The limits themselves are the library's, too.
+            for option, text in [("--angle", "80"), ("--angle", "-80"), ("--diameter", "0.1"), ("--diameter", "1000"), ("--y", "1e4"), ("--y", "-1e4"), ("--loads", "0.001,10000")]:
+                self.refused(BAD_FILE, ["not a directory"], command, option, text, "--out", "/dev/null/x")
+        self.refused(USAGE, ["--noise is '101', must lie in [0, 100]"], "lab", "force", "--out", "log", "--noise", "101")
 
     def test_out(self):
         with tempfile.NamedTemporaryFile() as file:
             for command in DESIGN_COMMANDS:
                 self.refused(BAD_FILE, [file.name, "not a directory"], command, "--out", file.name)
-                self.refused(BAD_FILE, ["not a directory"], command, "--out", file.name + "/below")
+                self.refused(BAD_FILE, ["part of it is not a directory"], command, "--out", file.name + "/below")
+            with tempfile.TemporaryDirectory() as folder:
+                link = os.path.join(folder, "link")
+                os.symlink("nowhere", link)
+                for path in [file.name, file.name + "/", "/dev/null", link, link + "/"]:
+                    self.refused(BAD_FILE, [f"'{path}': it is not a directory"], "section", "--out", path)
+                self.refused(BAD_FILE, ["part of it is not a directory"], "section", "--out", link + "/below")
+                self.assertEqual(os.listdir(folder), ["link"])
         self.refused(USAGE, ["--out"], "section", "--out", "")
 
     @unittest.skipIf(os.geteuid() == 0, "root may write anywhere")
@@ -212,7 +275,26 @@ class Answers(unittest.TestCase):
         with open("/dev/full", "w") as full:
             done = subprocess.run([LUMO, "doctor"], stdout=full, stderr=subprocess.PIPE, text=True)
         self.assertEqual(done.returncode, BAD_FILE)
-        self.assertEqual(done.stderr, "lumo: cannot write to standard output\n")
+        self.assertEqual(done.stderr, "lumo: cannot write to standard output: No space left on device\n")
+
+    def test_a_reader_who_has_seen_enough_is_no_failure(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for arguments, files in [(["section"], []), (["section", "--json"], []), (["doctor"], []), (["--help"], []), (["section", "--quiet", "--out", "."], ["section.svg"])]:
+                with self.subTest(" ".join(arguments)):
+                    read, write = os.pipe()
+                    os.close(read)
+                    done = subprocess.run([LUMO, *arguments], cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+                    os.close(write)
+                    self.assertEqual((done.returncode, done.stderr, os.listdir(folder)), (0, "", files))
+            # What failed stays failed.
+            read, write = os.pipe()
+            os.close(read)
+            os.mkdir(os.path.join(folder, "taken"))
+            os.mkdir(os.path.join(folder, "taken", "section.svg"))
+            done = subprocess.run([LUMO, "section", "--out", "taken"], cwd=folder, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+            os.close(write)
+            self.assertEqual(done.returncode, BAD_FILE)
+            self.assertIn("is a directory", done.stderr)
 
     def test_doctor(self):
         done = run("doctor", "--json")
@@ -235,7 +317,7 @@ class Answers(unittest.TestCase):
             for arguments in [["decode", "log"], ["lab", "force", "--out", "log"], ["doctor", "--camera", "0"]]:
                 done = subprocess.run([alone, *arguments], cwd=folder, capture_output=True, text=True, timeout=60)
                 self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (FAULT, "", 1), done.stderr)
-                self.assertRegex(done.stderr, f"'{folder}/lumo-sensing': No such file|OpenCV")
+                self.assertRegex(done.stderr, f"'{folder}/lumo-sensing': No such file or directory .*lumo_sensing|OpenCV")
             self.assertEqual(subprocess.run([alone, "section"], cwd=folder, capture_output=True, timeout=60).returncode, 0)
             self.assertEqual(os.listdir(folder), [os.path.basename(LUMO)])
 
@@ -249,6 +331,31 @@ class Answers(unittest.TestCase):
         report = json.loads(run("section", "--json", "--theta", "+5,1e1,10,6.0,3").stdout)
         self.assertEqual(report["theta_mm"], [5, 10, 10, 6, 3])
         self.assertEqual(report["dimensions_mm"]["W"], 29.5)
+
+    def test_section_labels_keep_off_lines(self):
+        designs = ["8,4,4,4,2", "3,12,15,2.5,2", "5,10,10,6,3", "6,6,8,5,0", "10,8,4.5,4,7.5", "12,8,8,5,0.5", "9,1,8,3,2.5", "2,16,8,4.5,1", "6.5,12.5,15,12,0.5", "19,1,15,2,2"]
+        chance, drawn = random.Random(1), 0
+        for theta in designs + [",".join(str(chance.randint(2 * low, 2 * high) / 2) for low, high in [(2, 18), (1, 18), (4, 15), (2, 10), (0, 7)]) for _ in range(120)]:
+            done = run("section", "--theta", theta)
+            if theta not in designs and done.returncode == INFEASIBLE:
+                continue
+            with self.subTest(theta):
+                self.assertEqual(done.returncode, 0, done.stderr)
+                drawn += 1
+                labels, lines, width = picture(done.stdout)
+                self.assertGreaterEqual(sum("=" in words and "θ" not in words for words, _ in labels), 6)
+                for number, (words, box) in enumerate(labels):
+                    for line in lines:
+                        self.assertFalse(passes_through(line, box), f"{words} {box} is crossed by {line}")
+                    for other, another in labels[:number]:
+                        self.assertFalse(box[0] < another[2] and another[0] < box[2] and box[1] < another[3] and another[1] < box[3], f"{words} runs over {other}")
+                    self.assertTrue(0 < box[0] and box[2] < width, words)
+        self.assertGreater(drawn, 40)
+
+    def test_a_design_on_the_lattice_but_for_rounding_is_that_design(self):
+        for text in ["6.0000000000000009,6,8,5,0", "6,5.999999999999999,8.000000000000002,5,0", "5.9999999999999991,6,8,5,-0.0"]:
+            for arguments in [["--json"], []]:
+                self.assertEqual(run("section", *arguments, "--theta", text).stdout, run("section", *arguments, "--theta", "6,6,8,5,0").stdout)
 
     def test_exact_wall_is_feasible(self):
         self.assertEqual(run("section", "--theta", "10,8,4.5,4,7.5").returncode, 0)

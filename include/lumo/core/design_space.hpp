@@ -76,7 +76,7 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const Variable& v = variables[i];
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
-      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " is ", x[i], ", must be a finite number"));
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
                              detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));

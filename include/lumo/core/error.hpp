@@ -72,8 +72,9 @@ class InputError : public Error {
 
 namespace detail {
 
-/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks.
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
 inline std::string exact(double value) {
+  if (std::isnan(value)) return "nan";
   char digits[32];
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }

@@ -16,6 +16,9 @@ struct FingerDesign {
   double h_s = 5.0;   ///< height of the stem
   double w_v = 0.0;   ///< width of the lateral void on each side of the stem
 
+  static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
+
+  /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -44,7 +47,9 @@ inline std::vector<FingerDesign> reference_designs() {
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
   if (x.size() != 5) throw InvalidArgument(detail::text("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
-  return {x[0], x[1], x[2], x[3], x[4]};
+  const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
+  const auto snapped = [&](double value) { return lattice.on_lattice(value) ? lattice.nearest_node(value) : value; };
+  return {snapped(x[0]), snapped(x[1]), snapped(x[2]), snapped(x[3]), snapped(x[4])};
 }
 
 inline double vertical_thickness(const FingerDesign& d, const PadDimensions& pad) {
@@ -77,7 +82,8 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
-  space.variables = {{"h_fp", 2.0, 29.0, 0.5, "mm"}, {"h_ep", 1.0, 20.0, 0.5, "mm"}, {"w_s", 4.0, 15.0, 0.5, "mm"}, {"h_s", 2.0, 15.0, 0.5, "mm"}, {"w_v", 0.0, 7.5, 0.5, "mm"}};
+  const double step = FingerDesign::lattice_mm;
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"}, {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
   space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
