@@ -141,8 +141,9 @@ class InputError : public Error {
 
 namespace detail {
 
-/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks.
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
 inline std::string exact(double value) {
+  if (std::isnan(value)) return "nan";
   char digits[32];
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
@@ -240,7 +241,7 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const Variable& v = variables[i];
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
-      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " is ", x[i], ", must be a finite number"));
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
                              detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
@@ -342,6 +343,9 @@ struct FingerDesign {
   double h_s = 5.0;   ///< height of the stem
   double w_v = 0.0;   ///< width of the lateral void on each side of the stem
 
+  static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
+
+  /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -370,7 +374,9 @@ inline std::vector<FingerDesign> reference_designs() {
 
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
   if (x.size() != 5) throw InvalidArgument(detail::text("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
-  return {x[0], x[1], x[2], x[3], x[4]};
+  const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
+  const auto snapped = [&](double value) { return lattice.on_lattice(value) ? lattice.nearest_node(value) : value; };
+  return {snapped(x[0]), snapped(x[1]), snapped(x[2]), snapped(x[3]), snapped(x[4])};
 }
 
 inline double vertical_thickness(const FingerDesign& d, const PadDimensions& pad) {
@@ -403,7 +409,8 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
-  space.variables = {{"h_fp", 2.0, 29.0, 0.5, "mm"}, {"h_ep", 1.0, 20.0, 0.5, "mm"}, {"w_s", 4.0, 15.0, 0.5, "mm"}, {"h_s", 2.0, 15.0, 0.5, "mm"}, {"w_v", 0.0, 7.5, 0.5, "mm"}};
+  const double step = FingerDesign::lattice_mm;
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"}, {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
   const double unbounded = -std::numeric_limits<double>::infinity();
   space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
@@ -9960,7 +9967,9 @@ class DesignSampler {
   double shifted(std::size_t i, double x, double by) const;
   void list();
   bool descend(std::size_t i, Design& x, std::size_t& visits);
-  std::optional<Design> repaired(Design x) const;
+  std::optional<Design> repaired(Design x, std::uint64_t key) const;
+  static double excess(const LinearConstraint& c, const Design& x);
+  void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -10078,22 +10087,42 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
   return x;
 }
 
+/// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
+inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
+  const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
+  return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
+}
+
+/// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
+inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const double before = excess(c, x);
+    if (std::abs(before) <= c.rounding(x)) return;
+    const std::size_t i = (std::size_t(key % x.size()) + k) % x.size();
+    if (axes_[i].nodes == 0.0 || c.coefficients[i] == 0.0) continue;
+    const double steps = -before / (c.coefficients[i] * space_.variables[i].step);
+    Design moved = x;
+    moved[i] = shifted(i, x[i], std::copysign(std::ceil(std::abs(steps) - 1e-6), steps) * space_.variables[i].step);
+    if (std::abs(excess(c, moved)) < std::abs(before)) x = std::move(moved);
+  }
+}
+
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
-inline std::optional<Design> DesignSampler::repaired(Design x) const {
+inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
     for (const LinearConstraint& c : space_.constraints) {
-      const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
-      const double excess = sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
-      if (excess == 0.0) continue;
+      const double too_much = excess(c, x);
+      if (too_much == 0.0) continue;
       double norm = 0.0;  // variables count by their range
       for (std::size_t i = 0; i < x.size(); ++i) norm += std::pow(c.coefficients[i] * (space_.variables[i].upper - space_.variables[i].lower), 2);
       if (!(norm > 0.0)) return std::nullopt;
       for (std::size_t i = 0; i < x.size(); ++i) {
         const double range = space_.variables[i].upper - space_.variables[i].lower;
-        const double by = -excess * c.coefficients[i] * range * range / norm;
+        const double by = -too_much * c.coefficients[i] * range * range / norm;
         x[i] = axes_[i].nodes > 0.0 ? (std::abs(by) > 0.25 * space_.variables[i].step ? shifted(i, x[i], by) : x[i]) : shifted(i, x[i], by);
       }
+      settle(c, x, detail::combine(key, std::uint64_t(sweep)));   // what rounding left, or was too little to move any
     }
   }
   return std::nullopt;
@@ -10109,7 +10138,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     Design x = point(sequence, index);
     if (!space_.contains(x)) {
       if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
-      auto repair = repaired(x);
+      auto repair = repaired(x, detail::combine(key, index));
       if (!repair) continue;
       x = *repair;
       if (anchor) {  // between two feasible designs of a convex set there are more, away from its faces
@@ -11593,6 +11622,62 @@ static_assert(Acquisition<QLogNehvi, std::vector<GaussianProcess<RbfKernel>>, Mi
 
 }  // namespace lumo
 
+// ---- lumo/optimize/success_model.hpp
+
+namespace lumo {
+
+/// How likely an evaluation is to succeed, for objectives that are not defined everywhere and do not say where: a Gaussian process of 1 where
+/// one succeeded and 0 where it failed for good, and the probability that it is above one half. Labels are taken as numbers with noise, so
+/// that no iteration is needed. Source: hidden constraints of Lee, Gramacy, Linkletter & Gray, Pacific J. Optim. 7 (2011); their
+/// probability as a factor of the acquisition: Gelbart, Snoek & Adams, UAI 2014.
+template <CovarianceKernel Kernel = RbfKernel>
+class SuccessModel {
+  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+
+ public:
+  static constexpr double least_probability = 1e-12;   ///< so that a design remains to be chosen where all are thought to fail
+  static constexpr double negligible = 1e-3;           ///< utility that is not worth a failure: of objectives in units of their spread
+
+  /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
+  SuccessModel(const MatrixXd& succeeded, const MatrixXd& failed, const VectorXd& lower, const VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
+      : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
+
+  /// log P(success) at the columns of `x`, from log least_probability to 0.
+  Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const;
+
+  /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Where a search has converged on the edge of what fails, all
+  /// that still promises anything lies beyond it, by many orders of magnitude; without the constant it would be asked to no end.
+  Eigen::VectorXd expected(const Eigen::VectorXd& log_utility, const Eigen::MatrixXd& x) const {
+    const VectorXd floor = VectorXd::Constant(x.cols(), std::log(negligible)), high = log_utility.cwiseMax(floor), low = log_utility.cwiseMin(floor);
+    return high + (low - high).array().exp().log1p().matrix() + log_probability(x);
+  }
+
+ private:
+  static TrainingData labelled(const MatrixXd& succeeded, const MatrixXd& failed, const VectorXd& lower, const VectorXd& upper) {
+    MatrixXd x(lower.size(), succeeded.cols() + failed.cols());
+    x << succeeded, failed;
+    VectorXd y(x.cols());
+    y << VectorXd::Ones(succeeded.cols()), VectorXd::Zero(failed.cols());
+    return {x, y, lower, upper};
+  }
+
+  GaussianProcess<Kernel> process_;
+};
+
+template <CovarianceKernel Kernel>
+Eigen::VectorXd SuccessModel<Kernel>::log_probability(const Eigen::MatrixXd& x) const {
+  const auto label = process_.predict(x);
+  VectorXd log(x.cols());
+  for (Eigen::Index i = 0; i < x.cols(); ++i) {
+    const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);   // labels are of order 1
+    log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
+  }
+  return log;
+}
+
+}  // namespace lumo
+
 // ---- lumo/optimize/trial_log.hpp
 
 namespace lumo {
@@ -11618,6 +11703,8 @@ class TrialLog {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
+  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
+  bool failed_for_good(int id) const;
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
@@ -11626,7 +11713,7 @@ class TrialLog {
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
-  /// Inputs (d × n) of the trials in a state, by id.
+  /// Inputs (d × n) of the trials in a state, by id; failed ones only where they failed for good.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
@@ -11635,6 +11722,8 @@ class TrialLog {
 
  private:
   Trial& pending(int id);
+  bool superseded(const Trial& trial) const;
+  bool tries_left(const Trial& trial) const;
 
   Problem problem_;
   DesignSampler sampler_;
@@ -11644,18 +11733,25 @@ class TrialLog {
   DesignSet taken_;
 };
 
+/// By a later trial of its design.
+inline bool TrialLog::superseded(const Trial& trial) const {
+  return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
+}
+
+inline bool TrialLog::tries_left(const Trial& trial) const {
+  return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
+}
+
+inline bool TrialLog::failed_for_good(int id) const {
+  const Trial& trial = trials_.at(std::size_t(id));
+  if (trial.state != Trial::State::failed) return false;
+  if (!trial.retry) return true;
+  return !superseded(trial) && !tries_left(trial);
+}
+
 inline std::optional<Design> TrialLog::scheduled() const {
-  for (std::size_t i = 0; i < trials_.size(); ++i) {
-    if (trials_[i].state != Trial::State::failed || !trials_[i].retry) continue;
-    int attempts = 0;
-    bool latest = true;
-    for (std::size_t k = 0; k < trials_.size(); ++k) {
-      if (trials_[k].x != trials_[i].x) continue;
-      ++attempts;
-      latest = latest && k <= i;
-    }
-    if (latest && attempts <= retries_) return trials_[i].x;
-  }
+  for (const Trial& t : trials_)
+    if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
   for (const Design& x : starts_)
     if (!taken_.contains(x)) return x;
   return std::nullopt;
@@ -11702,8 +11798,8 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
-  return x;
+    if (t.state == state && (state != Trial::State::failed || failed_for_good(t.id))) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
+  return x.leftCols(column);
 }
 
 template <class MatrixXd, class VectorXd>
@@ -11722,7 +11818,8 @@ inline Eigen::MatrixXd TrialLog::told_outputs() const {
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then Sobol points, then the
-/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Answers may come in any order.
+/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for good
+/// it is that of highest acquisition times the probability of success. Answers may come in any order.
 /// Law: a proposal is a function of the problem, the configuration and the trials before it, to the bit; so whoever keeps the trials can
 /// restore() them and go on. No design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
@@ -11770,6 +11867,8 @@ class Optimizer {
 
   const Problem& problem() const { return log_.problem(); }
   const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
+  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
+  bool failed_for_good(int id) const { return log_.failed_for_good(id); }
   int told() const { return log_.count(Trial::State::told); }
   int pending() const { return log_.count(Trial::State::pending); }
 
@@ -11791,6 +11890,9 @@ class Optimizer {
 
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
+
+  /// Where evaluations succeed; nothing while none has failed for good.
+  std::optional<SuccessModel<Kernel>> success() const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
   std::optional<Design> chosen();
@@ -11889,6 +11991,15 @@ Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success() const {
+  const MatrixXd failed = log_.designs(Trial::State::failed);
+  if (failed.cols() == 0) return std::nullopt;
+  const Evidence e = evidence();
+  return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
+}
+
+template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
+  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
   if (models().empty()) {
@@ -11898,7 +12009,10 @@ std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   std::vector<Design> standing;
   for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
   const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
-  return config_.source.best({log_.sampler(), log_.taken(), standing, detail::combine(key, 2)}, utility);
+  const CandidateRequest request{log_.sampler(), log_.taken(), standing, detail::combine(key, 2)};
+  const auto model = success();
+  if (!model) return config_.source.best(request, utility);
+  return config_.source.best(request, [&](const MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
 }
 
 }  // namespace lumo
@@ -17311,7 +17425,8 @@ class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  int failed() const;
+  /// Failures that speak against going on: of designs, of the machine with no try left, and those of trials in `own`.
+  int failed(const std::set<int>& own) const;
   /// Of the latest trial that failed; empty when none did.
   std::string last_failure() const;
 
@@ -17324,14 +17439,14 @@ class CampaignState {
 
 /// How a campaign goes on when things go wrong.
 struct CampaignConfig {
-  int failures_at_least = 5;       ///< it stops once so many evaluations have failed
+  int failures_at_least = 5;       ///< it stops once so many evaluations have failed; those that another run may repeat do not count there
   double failures_above = 0.5;     ///< and more than this share of all
   double poll_s = 0.5;             ///< how often it looks whether another process has ended, or died
 };
 
 /// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues what the log holds; several
 /// processes may work on one log. Each entry depends only on those before it, so a campaign in one process has the same log, to the bit, after
-/// any number of crashes. `evaluate(design)` gives a Verdict; `watch(state, id, verdict)` sees each. Throws StoreError and CampaignError.
+/// any number of crashes. `evaluate(design)` gives a Verdict; `watch(state, id, verdict)` sees each as it was kept. Throws StoreError and CampaignError.
 template <CampaignLog Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config = {});
 
@@ -17371,9 +17486,9 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 }
 
 template <class O>
-int CampaignState<O>::failed() const {
+int CampaignState<O>::failed(const std::set<int>& own) const {
   int n = 0;
-  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed;
+  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed && (!t.retry || own.contains(t.id) || optimizer_.failed_for_good(t.id));
   return n;
 }
 
@@ -17390,14 +17505,33 @@ namespace detail {
 /// A trial for this process: one whose worker died, or a new one. `state` has read the log.
 template <CampaignLog Log, class O>
 std::optional<int> take(Log& log, CampaignState<O>& state) {
-  for (const Trial& t : state.optimizer().trials())
-    if (t.state == Trial::State::pending && log.claim(state.asked(t.id))) return t.id;
+  const auto claimed = [&](int id) {
+    if (!log.claim(state.asked(id))) return false;
+    state.read(log.entries());   // who had it may have answered and ended since the last look
+    return !state.answered(id);
+  };
+  for (std::size_t k = 0; k < state.optimizer().trials().size(); ++k)
+    if (state.optimizer().trials()[k].state == Trial::State::pending && claimed(int(k))) return int(k);
   const auto entry = log.append([&](const std::vector<LogEntry>& entries) { return state.ask(entries); });
   if (!entry) return std::nullopt;
   state.read(log.entries());
   const int id = parse_trial(*entry).id;
-  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && log.claim(entry->number)) return id;
+  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && claimed(id)) return id;
   return take(log, state);   // somebody else was faster
+}
+
+/// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer they would end the log.
+template <class O>
+Verdict acceptable(O probe, int id, Verdict verdict) {
+  if (verdict.outputs.empty()) return verdict;
+  try {
+    probe.tell(id, verdict.outputs);
+  } catch (const InvalidArgument& e) {
+    verdict.outputs.clear();
+    verdict.retry = false;
+    verdict.why = text("objective: ", e.what());
+  }
+  return verdict;
 }
 
 }  // namespace detail
@@ -17405,9 +17539,10 @@ std::optional<int> take(Log& log, CampaignState<O>& state) {
 template <CampaignLog Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config) {
   CampaignState<O> state(optimizer);
+  std::set<int> own;   // trials that this process answered
   while (true) {
     state.read(log.entries());
-    const int failed = state.failed(), ended = failed + state.optimizer().told();
+    const int failed = state.failed(own), ended = failed + state.optimizer().told();
     if (failed >= config.failures_at_least && failed > config.failures_above * ended)
       throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
                                        " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
@@ -17417,17 +17552,20 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
       std::this_thread::sleep_for(std::chrono::duration<double>(config.poll_s));
       continue;
     }
-    const Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
-    log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
+    Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
+    const auto answer = log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
       state.read(entries);
       if (state.answered(*id)) return std::nullopt;
+      verdict = detail::acceptable(state.optimizer(), *id, std::move(verdict));
       LogEntry e = verdict.outputs.empty() ? detail::fail_entry(*id, verdict.retry, verdict.why) : detail::tell_entry(*id, verdict.outputs);
       e.record = verdict.record;
       e.notes = verdict.notes;
       return e;
     });
+    if (!answer) continue;
+    own.insert(*id);
     state.read(log.entries());
-    watch(std::as_const(state), *id, verdict);
+    watch(std::as_const(state), *id, std::as_const(verdict));
   }
 }
 
