@@ -60,6 +60,12 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
     }
     if (lines.empty() && text.find("{\"space\":") != 0 && std::string("{\"space\":").find(text) != 0)
       refuse(path, "does not begin with a space: it is no transcript");
+    if (!lines.empty()) {
+      if (!lines.front().content.contains("space")) refuse(path, "does not begin with a space: it is no transcript");
+      const std::string found = difference(space, lines.front().content["space"]);
+      if (!found.empty()) refuse(path, "belongs to another space: " + found);
+    }
+    // Only now is it known to be ours.
     if (good < text.size() && ftruncate(file_, off_t(good)) != 0) refuse_system(path, "cannot be cut back to its last whole line");
     if (lines.empty()) {
       append({{"space", space}});
@@ -72,9 +78,6 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
       }
       return;
     }
-    if (!lines.front().content.contains("space")) refuse(path, "does not begin with a space: it is no transcript");
-    const std::string found = difference(space, lines.front().content["space"]);
-    if (!found.empty()) refuse(path, "belongs to another space: " + found);
     events_.assign(lines.begin() + 1, lines.end());
   } catch (...) {
     close(file_);

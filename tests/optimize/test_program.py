@@ -3,7 +3,9 @@
 usage: test_program.py path/to/lumo
 """
 import copy
+import itertools
 import json
+import math
 import os
 import pathlib
 import random
@@ -233,6 +235,23 @@ class Protocol(unittest.TestCase):
                 self.assertIn(word, err)
             self.assertEqual(self.transcript.read_text(), text)
 
+    def test_refused_files_are_not_cut(self):
+        self.transcript.write_text('{"a":1}\n{"b":2}')
+        code, out, err = self.session().end()
+        self.assertEqual((code, out), (BAD_FILE, ""), err)
+        self.assertIn("does not begin with a space", err)
+        self.assertEqual(self.transcript.read_text(), '{"a":1}\n{"b":2}')
+        self.transcript.unlink()
+        session = self.session()
+        session.finish()
+        session.end()
+        torn = self.transcript.read_text().rstrip("\n")
+        self.transcript.write_text(torn)
+        code, out, err = self.session(dict(SPACE, seed=2)).end()
+        self.assertEqual((code, out), (BAD_FILE, ""), err)
+        self.assertIn("another space", err)
+        self.assertEqual(self.transcript.read_text(), torn)
+
     def test_one_process_at_a_time(self):
         first = self.session()
         first.read()
@@ -255,6 +274,65 @@ class Protocol(unittest.TestCase):
         self.assertEqual(len(asks), 10)
         self.assertEqual(len(set(asks)), 10)
         self.assertIn((0.3, 0.0), asks)
+
+    def outcome(self, space, measure):
+        """Answers a whole run with `measure`; returns designs, values, and the last line."""
+        session = self.session(dict({"sobol": 4, "evaluations": 16, "seed": 1}, **space), keep=False)
+        designs, values = [], []
+        while "ask" in (message := session.read()):
+            designs.append(message["ask"]["x"])
+            values.append(measure(designs[-1]))
+            session.say({"tell": {"id": message["ask"]["id"], "y": values[-1]}})
+        self.assertEqual(session.end(), (0, "", ""))
+        self.assertEqual(len(designs), 16)
+        self.assertEqual(len({tuple(x) for x in designs}), 16)
+        return designs, values, message
+
+    def check_front(self, space, designs, values, last):
+        """Front and hypervolume against all pairs, and against the cells of the grid through all values."""
+        goals = [1 if o["goal"] == "maximize" else -1 for o in space["objectives"]]
+        points = [[g * v for g, v in zip(goals, y)] for y in values]
+        reference = [g * o["reference"] for g, o in zip(goals, space["objectives"])]
+        beaten = [any(all(a >= b for a, b in zip(q, p)) and q != p for q in points) for p in points]
+        self.assertEqual(sorted((p["x"], p["y"]) for p in last["front"]), sorted((x, y) for x, y, b in zip(designs, values, beaten) if not b))
+        edges = [sorted({r} | {p[k] for p in points if p[k] > r}) for k, r in enumerate(reference)]
+        volume = 0.0
+        for cell in itertools.product(*[list(zip(e, e[1:])) for e in edges]):
+            if any(all(v >= high for v, (low, high) in zip(p, cell)) for p in points):
+                volume += math.prod(high - low for low, high in cell)
+        self.assertGreater(volume, 0.0)
+        self.assertAlmostEqual(last["hypervolume"] / volume, 1.0, places=10)
+
+    def test_one_variable(self):
+        space = {"variables": [{"name": "x", "lower": -2, "upper": 3}], "objectives": [{"name": "f", "goal": "minimize", "reference": 30}]}
+        designs, values, last = self.outcome(space, lambda x: [(x[0] - 1.3) ** 2 + 2])
+        self.check_front(space, designs, values, last)
+        self.assertAlmostEqual(last["front"][0]["x"][0], 1.3, delta=0.05)
+
+    def test_equality_on_a_lattice(self):
+        space = {"variables": [{"name": n, "lower": 0, "upper": 3, "step": 0.1} for n in "abcdef"], "constraints": [{"terms": {n: 1 for n in "abcdef"}, "lower": 6, "upper": 6}],
+                 "objectives": [{"name": "f", "goal": "maximize", "reference": -20}, {"name": "g", "goal": "minimize", "reference": 20}]}
+        designs, values, last = self.outcome(space, lambda x: [x[0] - (x[1] - 1) ** 2, (x[0] - 2) ** 2 + x[2]])
+        for x in designs:
+            self.assertAlmostEqual(sum(x), 6.0, places=9)
+            self.assertTrue(all(v == round(v, 1) and 0 <= v <= 3 for v in x), x)
+        self.check_front(space, designs, values, last)
+
+    def test_continuous(self):
+        space = {"variables": [{"name": n, "lower": 0, "upper": 1} for n in "xyz"], "constraints": [{"terms": {"x": 1, "y": 2}, "lower": 0.5, "upper": 1.5}],
+                 "objectives": [{"name": "f", "goal": "maximize", "reference": -1}, {"name": "g", "goal": "maximize", "reference": -1}]}
+        designs, values, last = self.outcome(space, lambda x: [x[0] - x[2] ** 2, x[1] - (x[2] - 0.5) ** 2])
+        for x in designs:
+            self.assertTrue(all(0 <= v <= 1 for v in x) and 0.5 - 1e-12 <= x[0] + 2 * x[1] <= 1.5 + 1e-12, x)
+        self.assertGreater(len({v for x in designs for v in x}), 3 * 12)   # on no lattice
+        self.check_front(space, designs, values, last)
+
+    def test_three_objectives(self):
+        space = {"variables": [{"name": n, "lower": 0, "upper": 1, "step": 0.05} for n in "xyz"],
+                 "objectives": [{"name": "f", "goal": "maximize", "reference": -1}, {"name": "g", "goal": "minimize", "reference": 2}, {"name": "h", "goal": "maximize", "reference": 0.1}]}
+        designs, values, last = self.outcome(space, lambda x: [x[0] - x[1] ** 2, (x[0] - 0.2) ** 2 + x[2], x[1] + 0.5 * x[2]])
+        self.check_front(space, designs, values, last)
+        self.assertGreater(len(last["front"]), 3)
 
     def test_interrupt(self):
         session = self.session()
