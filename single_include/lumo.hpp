@@ -11892,7 +11892,7 @@ class Optimizer {
   Eigen::MatrixXd objectives() const;
 
   /// Where evaluations succeed; nothing while none has failed for good.
-  std::optional<SuccessModel<Kernel>> success() const;
+  std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
   std::optional<Design> chosen();
@@ -11991,10 +11991,9 @@ Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success() const {
+std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success(const Evidence& e) const {
   const MatrixXd failed = log_.designs(Trial::State::failed);
   if (failed.cols() == 0) return std::nullopt;
-  const Evidence e = evidence();
   return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
 }
 
@@ -12008,9 +12007,10 @@ std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   }
   std::vector<Design> standing;
   for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
-  const auto utility = config_.acquisition.prepare(models_, config_.reduction, evidence(), detail::combine(key, 1));
+  const Evidence e = evidence();
+  const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, detail::combine(key, 1));
   const CandidateRequest request{log_.sampler(), log_.taken(), standing, detail::combine(key, 2)};
-  const auto model = success();
+  const auto model = success(e);
   if (!model) return config_.source.best(request, utility);
   return config_.source.best(request, [&](const MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
 }

@@ -1,5 +1,5 @@
-// Error of J_obs by rays: the default setting against an independent pattern with up to 64 times the rays for all pairs near the least, on the same
-// equilibria. One line per reference design and silicone: J, the rays' part of its printed error, J_64, what J is off by, core-seconds of light.
+// Error of J_obs by rays: the default setting against an independent pattern that is traced on to 0.5 %, on the same equilibria. One line per reference
+// design and silicone: J, the rays' part of its printed error, J of the finer light, what J is off by, core-seconds of light.
 //   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N] [--tolerance T --rounds N]
 #include "lumo/campaign/evaluate.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
@@ -81,7 +81,7 @@ int main(int argc, char** argv) {
     }
   }
   const TetgenMesher mesher;  // before threads start
-  std::printf("design           card  J_obs      2 s.e.   J_64       its 2 s.e.  off by   core-s  core-s of J_64  least pair\n");
+  std::printf("design           card  J_obs      2 s.e.   J_fine     its 2 s.e.  off by   core-s  core-s of J_fine  least pair\n");
   for (std::size_t k = first; k < std::min(first + count, reference_designs().size()); ++k)
     for (const char* card : {"DS", "Sol"}) {
       if (!only.empty() && only != card) continue;

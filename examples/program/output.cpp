@@ -18,17 +18,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Why there can be no directory here; empty where there may be. It is the whole that is not one, or what it is to be made in.
-std::string obstacle(const fs::path& wanted) {
-  std::error_code error;
-  fs::path there = wanted;
-  while (!fs::exists(fs::symlink_status(there, error)) && there != there.parent_path()) there = there.parent_path();
-  const bool directory = fs::is_directory(there, error);
-  if (directory) return "";
-  if (error && error != std::errc::no_such_file_or_directory) return error.message();   // a link to nowhere is no directory
-  return there == wanted ? "it is not a directory" : "part of it is not a directory";
-}
-
 [[noreturn]] void refuse(const fs::path& path, const std::string& why) { throw InputError("cannot write to '" + path.string() + "': " + why); }
 
 }  // namespace
@@ -39,9 +28,13 @@ Output::Output(std::optional<std::string> directory) : directory_(std::move(dire
   std::error_code error;
   fs::path wanted = fs::absolute(*directory_, error).lexically_normal();
   if (!wanted.has_filename()) wanted = wanted.parent_path();   // "out/" is "out"
-  if (const std::string why = obstacle(wanted); !why.empty()) refuse(*directory_, why);
   std::vector<fs::path> made;
-  for (fs::path p = wanted; !fs::exists(fs::symlink_status(p, error)) && p != p.parent_path(); p = p.parent_path()) made.push_back(p);
+  fs::path there = wanted;   // what the new ones are made in
+  for (; !fs::exists(fs::symlink_status(there, error)) && there != there.parent_path(); there = there.parent_path()) made.push_back(there);
+  if (!fs::is_directory(there, error)) {
+    if (error && error != std::errc::no_such_file_or_directory) refuse(*directory_, error.message());   // a link to nowhere is no directory
+    refuse(*directory_, made.empty() ? "it is not a directory" : "part of it is not a directory");
+  }
   fs::create_directories(wanted, error);
   std::string why = error ? error.message() : "";
   if (why.empty() && access(wanted.c_str(), W_OK | X_OK) != 0) why = std::strerror(errno);

@@ -129,12 +129,10 @@ inline std::string draw(const SectionDrawing& s) {
   }
   for (const auto& d : s.dimensions) {
     const auto [a, b] = detail::ends(d, px);
-    const detail::Place* best = nullptr;
     const auto places = detail::label_places(d, a, b);
     const auto box = [&d](const detail::Place& p) { return detail::text_box(p.at, d.label, {.anchor = p.anchor}); };
     const auto hits = [&](const detail::Place& p) { return obstacles.hits(detail::grown(box(p), 2.0)); };
-    for (const detail::Place& p : places)
-      if (best == nullptr || hits(p) < hits(*best)) best = &p;
+    const auto best = std::min_element(places.begin(), places.end(), [&](const detail::Place& p, const detail::Place& q) { return hits(p) < hits(q); });
     const detail::Box taken = box(*best);
     if (hits(*best) > 0) svg.rect({taken.left, taken.top}, taken.right - taken.left, taken.bottom - taken.top, {.fill = "#ffffff", .opacity = 0.75});   // readable all the same
     svg.text(best->at, d.label, {.anchor = best->anchor});
