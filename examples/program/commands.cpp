@@ -214,8 +214,10 @@ TraceResult make_trace(const Options& o, Progress& progress) {
   const lumo::detail::Stopwatch watch;
   const Body body = body_of(o);
   const auto pipeline = pipeline_for(o);
-  PressResult press = pressed(o, body, pipeline, progress);
-  TraceResult result{press.scenario, press.size, press.seconds, {}, {}};
+  TraceResult result;
+  result.press = pressed(o, body, pipeline, progress);
+  result.scenario = result.press.scenario;
+  const PressResult& press = result.press;
   if (!is_scored(press.states.back().status, true)) return result;
 
   const lumo::detail::Stopwatch light;
@@ -237,8 +239,8 @@ TraceResult make_trace(const Options& o, Progress& progress) {
     }
     if (r.ledger.imbalance() > worst) worst = r.ledger.imbalance(), result.ledger = report(r.ledger);
   }
-  result.seconds.optics = light.seconds();
-  result.seconds.total = watch.seconds();
+  result.press.seconds.optics = light.seconds();
+  result.press.seconds.total = watch.seconds();
   return result;
 }
 

@@ -374,7 +374,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
     if (e.command == Command::evaluate) ensemble(c), ray_error(c);
-    if (e.command == Command::press)
+    if (e.command == Command::press || e.command == Command::trace)
       c->footer("press.pvd in DIR lists the states of the last run. A press_N.vtu of an earlier run with more loads stays where it is: nothing is removed.");
     if (e.command == Command::press || e.command == Command::trace || e.command == Command::evaluate) mechanics(c);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });

@@ -88,7 +88,14 @@ std::vector<double> finite_or_nan(std::vector<double> v) {
   return v;
 }
 
-void add_states(const PressResult& press, Output& files) {
+/// What a press leaves behind: curve, contact sets, table and states.
+void add_press(const Options& o, const PressResult& press, Output& files) {
+  LineChart chart = force_depth_chart(o, scenario_text(press.scenario));
+  chart.curves.push_back({"", std::string(palette[0]), force_depth(press.scenario)});
+  files.add("force_depth.svg", draw(chart));
+  files.add("contact.svg", draw_contact("Contact set at each load", theta_text(o) + "; " + scenario_text(press.scenario), press.mesh, press.states));
+  files.add("press.csv", csv({press.scenario}));
+
   std::vector<SeriesEntry> series;
   for (std::size_t k = 0; k < press.states.size(); ++k) {
     const auto& s = press.states[k];
@@ -159,14 +166,7 @@ std::string present(const Options& o, const MeshResult& m, Output& files) {
 }
 
 std::string present(const Options& o, const PressResult& p, Output& files) {
-  if (files.wanted()) {
-    LineChart chart = force_depth_chart(o, scenario_text(p.scenario));
-    chart.curves.push_back({"", std::string(palette[0]), force_depth(p.scenario)});
-    files.add("force_depth.svg", draw(chart));
-    files.add("contact.svg", draw_contact("Contact set at each load", theta_text(o) + "; " + scenario_text(p.scenario), p.mesh, p.states));
-    files.add("press.csv", csv({p.scenario}));
-    add_states(p, files);
-  }
+  if (files.wanted()) add_press(o, p, files);
   if (o.json) {
     Json j = heading(o);
     j["mechanics"] = json(o.mechanics);
@@ -186,6 +186,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
       chart.series.push_back({short_number(states[k].load_N) + " N", shade(int(k), int(states.size())), difference(states[k].response, t.unloaded_response), states[k].change_error});
     files.add("response.svg", draw(chart));
     files.add("trace.csv", csv({t.scenario}));
+    add_press(o, t.press, files);
   }
   if (o.json) {
     Json j = heading(o);
@@ -193,8 +194,8 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
     append(j, json(t.scenario));
     j["unloaded_response"] = numbers(t.unloaded_response);
     j["ledger"] = json(t.ledger);
-    j["mesh"] = json(t.size);
-    j["seconds"] = json(t.seconds);
+    j["mesh"] = json(t.press.size);
+    j["seconds"] = json(t.press.seconds);
     return dump(j);
   }
   std::string text = theta_text(o) + "; " + scenario_text(t.scenario) + "\n" + how(o) + state_table(t.scenario) + "response per emitted power, regions from proximal to distal\n";

@@ -72,9 +72,8 @@ struct PressOutcome {
 };
 
 struct TraceResult {
-  ScenarioReport scenario;               ///< with responses r (not differences)
-  MeshReport size;
-  Seconds seconds;
+  PressResult press;                     ///< its seconds are those of the light, too
+  ScenarioReport scenario;               ///< the press's, with responses r (not differences)
   std::vector<double> unloaded_response; ///< per emitted power and region
   Ledger ledger;                         ///< of the state in which it closes worst
 };

@@ -232,6 +232,16 @@ class Quick(unittest.TestCase):
             done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120)
             self.assertIn(done.returncode, (0, 4), (command, megabytes, done.stderr))
 
+    def test_trace_leaves_what_press_leaves(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for command in ["press", "trace"]:
+                self.good(command, "--loads", "1,2", "--out", os.path.join(folder, command))
+            pressed, traced = ({p.name: p.read_bytes() for p in (pathlib.Path(folder) / command).iterdir()} for command in ["press", "trace"])
+        self.assertEqual(set(traced) - set(pressed), {"response.svg", "trace.csv"})
+        self.assertEqual({name: traced.get(name) for name in pressed}, pressed)   # byte for byte
+        columns = traced["trace.csv"].decode().splitlines()[0]
+        self.assertTrue(columns.startswith(pressed["press.csv"].decode().splitlines()[0] + ",response_1"), columns)
+
     def test_trace_does_not_depend_on_threads(self):
         one, two = (without_times(strict(self.good("trace", "--json", "--loads", "1", "--threads", n).stdout)) for n in ("1", "2"))
         self.assertEqual(one, two)

@@ -217,6 +217,17 @@ TEST_CASE("what cannot be solved is a status, and bad input one line") {
   CHECK_THROWS_WITH(sim.press(body, mesh, s), Catch::Contains("sphere diameter") && Catch::Contains("mm"));
 }
 
+TEST_CASE("a body that is squeezed out of its volume ends where no step keeps the rest, and not before smaller strides were tried") {
+  const auto [body, mesh] = test::symmetric_block(Vec3(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
+  FastSimulator sim{NeoHookean{1e5, 1e3}, SDFContact{1e11}};   // Poisson's ratio 0.005: a sponge
+  sim.solver.config.load_stride = 100.0;
+  sim.solver.config.stride_iterations = 300;
+  sim.solver.config.max_iterations = 1500;
+  const MechanicalState state = sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {20.0}}).front();
+  CHECK(state.status == Status::line_search);
+  CHECK(state.iterations > 100);   // the first approach ends after some 30
+}
+
 TEST_CASE("a strut that would buckle is not passed off as stable") {
   // A slender column under a central sphere: the symmetric path exists, but fields that break the symmetry let it buckle.
   const Vec3 half(1.0e-3, 1.0e-3, 14e-3);

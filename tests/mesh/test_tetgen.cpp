@@ -411,7 +411,10 @@ TEST_CASE("knobs out of range are refused", "[mesh][tetgen]") {
   const MeshInput body = sphere(0);
   CHECK_THROWS_AS(TetgenMesher{.time_limit_s = 0.0}.fill(body), lumo::InvalidArgument);
   CHECK_THROWS_AS(TetgenMesher{.time_limit_s = std::nan("")}.fill(body), lumo::InvalidArgument);
-  CHECK_THROWS_AS(TetgenMesher{.radius_edge_ratio = 0.5}.fill(body), lumo::InvalidArgument);
+  for (const double ratio : {0.5, 1.19, 101.0}) CHECK_THROWS_AS(TetgenMesher{.radius_edge_ratio = ratio}.fill(body), lumo::InvalidArgument);
+  for (const double angle : {-1.0, 18.1}) CHECK_THROWS_AS(TetgenMesher{.min_dihedral_deg = angle}.fill(body), lumo::InvalidArgument);
+  for (const double ratio : {1.2, 100.0}) CHECK(!verdict(TetgenMesher{.radius_edge_ratio = ratio}, body));
+  for (const double angle : {0.0, 18.0}) CHECK(!verdict(TetgenMesher{.min_dihedral_deg = angle}, body));
   CHECK_THROWS_AS(TetgenMesher{.size_factor = 0.0}.fill(body), lumo::InvalidArgument);
   MeshInput wish = body;
   for (const double length : {0.0, -1.0, std::nan(""), HUGE_VAL}) {

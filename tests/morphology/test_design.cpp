@@ -2,6 +2,7 @@
 #include "lumo/morphology/design.hpp"
 #include "lumo/morphology/section.hpp"
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -86,6 +87,19 @@ TEST_CASE("an infeasible design says which constraint is broken, the value and t
   CHECK(refusal({not_a_number, 8, 8, 5, 2}).constraint() == "h_fp finite");
   CHECK(refusal({6, 8, inf, 5, 2}).constraint() == "w_s finite");
   CHECK_THROWS_AS(finger_space().check(std::vector<double>{1, 2, 3}), InvalidArgument);
+}
+
+TEST_CASE("a design is on the lattice in every bit, or not on it") {
+  for (double node = 0.0; node <= 29.0; node += 0.5) {
+    const double above = std::nextafter(node, inf), below = std::nextafter(node, -inf);
+    CHECK(FingerDesign::from(std::array{node, node, node, node, node}) == FingerDesign{node, node, node, node, node});
+    if (node == 0.0) continue;   // what is next to zero is no rounding of it
+    CHECK(FingerDesign::from(std::array{above, below, std::nextafter(above, inf), node, below}) == FingerDesign{node, node, node, node, node});
+  }
+  CHECK_FALSE(std::signbit(FingerDesign::from(std::array{6.0, 6.0, 8.0, 5.0, -0.0}).w_v));
+  const FingerDesign off = FingerDesign::from(std::array{6.25, 6.0 + 1e-9, 8.1, 5e-324, inf});   // taken as they are
+  CHECK(off == FingerDesign{6.25, 6.0 + 1e-9, 8.1, 5e-324, inf});
+  CHECK(std::isnan(FingerDesign::from(std::array{not_a_number, 6.0, 8.0, 5.0, 0.0}).h_fp));
 }
 
 TEST_CASE("a side wall that is too thin above the flat sides is refused") {

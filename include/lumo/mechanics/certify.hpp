@@ -7,8 +7,10 @@
 
 namespace lumo {
 
-/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
-/// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
+/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares no assembly
+/// with the solver: the virtual work of each node's shape function, point by point, on the whole mesh, without sectors, equations or linearised
+/// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
+/// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
 /// Friction depends on the way that was taken and is given.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,

@@ -92,7 +92,7 @@ class QuasiStaticRun {
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         continue;
       }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
+      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
       now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
@@ -204,7 +204,8 @@ class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
-  // A full Newton step unless the indenter would jump or an element would be turned inside out.
+  // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
+  // What refuses even the shortest step says why there is none.
   Status step(const typename System::Residual& r, typename System::Seen& seen) {
     const Eigen::VectorXd z = linear_.solve(r.free);
     const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
@@ -214,9 +215,12 @@ class QuasiStaticRun {
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, du, 1.0);
+    Status refusal = Status::inverted;
     for (int k = 0; k < 20; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
+      refusal = Status::inverted;
       if (!(model_.solid.smallest_J(trial) > 0.2 * now)) continue;
+      refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
       if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
       enter(next.touch, seen.touch);
@@ -226,7 +230,7 @@ class QuasiStaticRun {
       now_.advance += t * ds;
       return Status::converged;
     }
-    return Status::inverted;
+    return refusal;
   }
 
   // Tangents of all parities at the state that was reached.

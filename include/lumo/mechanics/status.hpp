@@ -9,7 +9,7 @@ enum class Status {
   converged,               ///< equilibrium, residual certified, stable
   held,                    ///< a dynamic solver ran its sweeps; no statement about equilibrium
   max_iterations,          ///< residual still too large after the allowed iterations
-  line_search,             ///< no step along the search direction lowers the energy
+  line_search,             ///< even the shortest step leaves an element less than a fifth of its volume by the solver's prediction: it is crushed, or flattened
   inverted,                ///< an element is turned inside out
   not_positive_definite,   ///< equilibrium, but unstable: the body would buckle away from it
   non_finite,              ///< NaN or infinity in the state or in a factor
