@@ -1,6 +1,5 @@
 #include "program/campaign_problem.hpp"
 
-#include "program/contacts.hpp"
 #include "program/json.hpp"
 
 #include <cmath>
@@ -24,9 +23,7 @@ Json with_limits(const LinearConstraint& c) {
   return j;
 }
 
-}  // namespace
-
-std::string problem_text(const CampaignProblem& p) {
+Json problem_json(const CampaignProblem& p) {
   const Problem problem = finger_problem(1, p.seed);
   Json j = {{"campaign", 1}};
   append(j, conditions(p.material, name(p.ensemble), contacts(p.ensemble)));
@@ -39,8 +36,23 @@ std::string problem_text(const CampaignProblem& p) {
   j["sobol"] = problem.sobol;
   j["source"] = p.source;
   j["seed"] = p.seed;
-  return line_by_line(j);
+  return j;
 }
+
+/// Does a problem of other results search the same designs for the same objectives? What else decides its numbers may differ.
+bool same_search(const Json& a, const Json& b) {
+  const auto search = [](const Json& problem) {
+    nlohmann::json part;   // in any order
+    for (const auto& [key, value] : problem.items())
+      if (key.starts_with("variable ") || key.starts_with("constraint ") || key.starts_with("objective ") || key == "campaign" || key == "initial" || key == "sobol") part[key] = value;
+    return part;
+  };
+  return search(a) == search(b);
+}
+
+}  // namespace
+
+std::string problem_text(const CampaignProblem& p) { return line_by_line(problem_json(p)); }
 
 CampaignProblem read_problem(const std::string& text, const std::string& store) {
   const Json j = Json::parse(text, nullptr, false);
@@ -49,10 +61,11 @@ CampaignProblem read_problem(const std::string& text, const std::string& store) 
     p.material = j.at("material").get<std::string>();
     p.ensemble = j.at("ensemble").get<std::string>() == "curved" ? Ensemble::curved : Ensemble::flat;
     p.paper = j.contains("mechanics");
-    p.ray_error_percent = j.at("ray_error_percent").get<double>();
+    p.results = j.at("results").get<int>();
+    if (j.contains("ray_error_percent") || p.results == results_version) p.ray_error_percent = j.at("ray_error_percent").get<double>();
     p.source = j.at("source").get<std::string>();
     p.seed = j.at("seed").get<std::uint64_t>();
-    if (text == problem_text(p)) return p;
+    if (p.results == results_version ? text == problem_text(p) : same_search(j, problem_json(p))) return p;
   } catch (const nlohmann::json::exception&) {
   } catch (const InvalidArgument&) {   // an unknown silicone
   }

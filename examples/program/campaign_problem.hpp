@@ -1,5 +1,6 @@
 #pragma once
 
+#include "program/contacts.hpp"
 #include "program/options.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
@@ -27,13 +28,14 @@ struct CampaignProblem {
   std::uint64_t seed = 1;
   bool paper = false;               ///< the paper's mechanics, whose held states are scored
   double ray_error_percent = 1.5;   ///< wanted standard error of J_obs by rays
+  int results = results_version;    ///< of the evaluations; another version's can be read, not continued
 
   Mechanics mechanics() const { return paper ? paper_mechanics() : Mechanics{}; }
 };
 
 /// One line a key, with every number that decides the results; how many evaluations are wanted is not among them.
 std::string problem_text(const CampaignProblem& problem);
-/// Throws InputError for a text that problem_text() has not written.
+/// Throws InputError for a text that problem_text() has not written, in this version of the results or, over the same designs, in another.
 CampaignProblem read_problem(const std::string& text, const std::string& store);
 
 /// Calls `use` with the optimiser of a campaign that has seen nothing yet.

@@ -28,7 +28,8 @@ std::string campaign_status(const Options& o) {
   if (o.json) {
     Json j = {{"store", o.store},      {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"mode", c.problem.paper ? "paper" : "default"}, {"source", c.problem.source},
               {"seed", c.problem.seed}, {"evaluated", done},              {"failed", failed},                      {"under_way", open},
-              {"hypervolume", number(c.hypervolume)}, {"seconds", number(seconds)}, {"digest", c.digest}};
+              {"hypervolume", number(c.hypervolume)}, {"seconds", number(seconds)}, {"digest", c.digest}, {"problem_digest", c.problem_digest},
+              {"results_version", c.problem.results}, {"results_version_of_lumo", results_version}};
     j["selected"] = c.selected ? summary(c.trials[*c.selected]) : Json(nullptr);
     j["front"] = Json::array();
     for (const StoredTrial& t : c.trials)
@@ -37,6 +38,8 @@ std::string campaign_status(const Options& o) {
   }
   std::string text = lumo::detail::text(o.store, ": ", c.problem.material, ", ", name(c.problem.ensemble), c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ", c.problem.seed, "\n", done,
                                         " evaluated, ", failed, " failed, ", open, " under way; ", span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
+  if (c.problem.results != results_version)
+    text += lumo::detail::text("results are of version ", c.problem.results, ", this lumo computes version ", results_version, ": they cannot be compared, nor the campaign continued\n");
   if (done > 0) text += "\nfront\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) + pad("J_obs", 12) + "\n";
   for (const StoredTrial& t : c.trials)
     if (t.on_front) text += line(t);

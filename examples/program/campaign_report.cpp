@@ -85,6 +85,7 @@ std::string campaign_report(const Options& o, Progress& progress) {
   for (const Variable& v : finger_space().variables) variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
   const PadDimensions pad;
   const Json data = {{"lumo", version},
+                     {"results_version", results_version},
                      {"plotly", chart_library_version()},
                      {"command", command_line(o, path.string())},
                      {"variables", variables},

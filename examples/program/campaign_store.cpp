@@ -41,8 +41,10 @@ int StoredCampaign::count(std::string_view state) const {
 StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
   const std::vector<LogEntry> entries = log.entries();
   StoredCampaign campaign;
-  campaign.problem = read_problem(entries.front().content, store);
+  campaign.problem_text = entries.front().content;
+  campaign.problem = read_problem(campaign.problem_text, store);
   campaign.digest = log.digest();
+  campaign.problem_digest = log.digest(0);
   with_optimizer(campaign.problem, any_number, [&](auto optimizer) {
     CampaignState state(std::move(optimizer));
     state.read(entries);
@@ -54,8 +56,8 @@ StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
       s.state = t.state == Trial::State::told ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
-        s.record = Json::parse(log.record(*number), nullptr, false);
-        s.notes = Json::parse(entries[std::size_t(*number)].notes, nullptr, false);
+        s.record = json_or_null(log.record(*number));
+        s.notes = json_or_null(entries[std::size_t(*number)].notes);
       }
       if (t.state == Trial::State::told) told.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));

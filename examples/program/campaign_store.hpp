@@ -18,7 +18,7 @@ struct StoredTrial {
   std::array<double, 5> theta_mm{};
   std::string state;                ///< "evaluated", "failed" or "under way"
   std::string why;                  ///< it failed
-  Json record, notes;               ///< null while it is under way
+  Json record, notes;               ///< null while it is under way, or where they are damaged
   bool on_front = false, selected = false;
   double hypervolume = undefined;   ///< of all that was evaluated up to it; undefined unless it was
 
@@ -28,7 +28,8 @@ struct StoredTrial {
 /// A campaign that was run, whole or in part.
 struct StoredCampaign {
   CampaignProblem problem;
-  std::string digest;
+  std::string problem_text;              ///< as it stands in the store
+  std::string digest, problem_digest;
   std::vector<StoredTrial> trials;
   std::vector<Trial> asked;              ///< the same trials as the optimiser knows them
   double hypervolume = 0.0;

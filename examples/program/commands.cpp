@@ -8,6 +8,7 @@
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "program/contacts.hpp"
+#include "program/doctor.hpp"
 #include "program/json.hpp"
 #include "program/pad.hpp"
 #include "program/press_report.hpp"
@@ -146,6 +147,12 @@ Json json(const VariantResult& v) {
   for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(json(report(s)));
   j["mesh"] = json(MeshReport{v.observations.nodes, v.observations.elements});
   return j;
+}
+
+/// What another run may have otherwise.
+Json run_notes(const Options& o) {
+  static const Json machine = provenance();
+  return {{"lumo", version}, {"threads", o.threads}, {"machine", machine}};
 }
 
 /// What a store keeps; whatever goes wrong in `work` is in the verdict.
@@ -306,7 +313,7 @@ PadResponses make_pad_responses(const Options& o, Progress& progress) {
 
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, {{"lumo", version}, {"threads", o.threads}}, [&](Json& record, Json& notes) {
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), [&](Json& record, Json& notes) {
       const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
                                     progress.watched() ? shown_in(progress) : ProgressReport{});
       const EvaluationResult result = report(e);
@@ -319,7 +326,7 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
 
 Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
   return [o, study, ensemble, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, {{"lumo", version}, {"threads", o.threads}}, [&](Json& record, Json& notes) {
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), [&](Json& record, Json& notes) {
       const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads},
                                              progress.watched() ? shown_in(progress) : ProgressReport{});
       Verdict verdict;

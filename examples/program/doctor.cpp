@@ -1,13 +1,13 @@
 #include "program/doctor.hpp"
 
 #include "program/chart_library.hpp"
-#include "program/json.hpp"
 #include "program/version.hpp"
 
 #include <CLI/Version.hpp>
 #include <Eigen/Core>
 
 #include <dlfcn.h>
+#include <sys/utsname.h>
 
 #include <fstream>
 #include <thread>
@@ -142,6 +142,13 @@ std::string processor() {
   return "unknown";
 }
 
+/// Kernel, its release, and the kind of machine.
+std::string system_name() {
+  utsname u{};
+  if (uname(&u) != 0) return "unknown";
+  return std::string(u.sysname) + " " + u.release + " " + u.machine;
+}
+
 struct Feature {
   const char* name;
   bool here, used;
@@ -184,6 +191,13 @@ constexpr bool assertions = true;
 #endif
 
 }  // namespace
+
+Json provenance() {
+  Json j = {{"processor", processor()}, {"system", system_name()}, {"compiler", compiler()}};
+  for (const Component& c : components())
+    if (c.on && (c.name == "TetGen" || c.name == "Embree" || c.name == "CHOLMOD")) j[c.name] = c.version;
+  return j;
+}
 
 std::string doctor(bool as_json) {
   const auto parts = components();

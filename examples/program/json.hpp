@@ -27,6 +27,12 @@ inline double value_at(const Json& record, const char* key) {
   return record.is_object() && record.contains(key) && record[key].is_number() ? record[key].get<double>() : undefined;
 }
 
+/// What stands in a text; null where that is not JSON: a store's notes may be damaged unnoticed.
+inline Json json_or_null(const std::string& text) {
+  Json j = Json::parse(text, nullptr, false);
+  return j.is_discarded() ? Json(nullptr) : j;
+}
+
 /// For what others wrote: bytes that are no UTF-8 are replaced. `indent` −1: one line.
 inline std::string text_of(const Json& j, int indent) { return j.dump(indent, ' ', false, Json::error_handler_t::replace); }
 

@@ -142,7 +142,7 @@ void read(Options& o, const Typed& t) {
   if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, 0.1, 100.0, "%");
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
   if (!t.seeds.empty()) o.seeds = whole_number("--seeds", t.seeds, 1, 1000);
-  if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, 10000);
+  if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, most_designs);
   if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
   if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp"});

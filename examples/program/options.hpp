@@ -17,6 +17,8 @@ enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_r
                      lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
 enum class Ensemble { flat, curved };
 
+inline constexpr int most_designs = 500;   ///< of a study
+
 /// A complete request. Lengths in mm, angles in degrees, loads in N, as typed.
 struct Options {
   Command command = Command::doctor;

@@ -109,16 +109,22 @@ Json section_model(const SectionDrawing& section) {
 }
 
 Json machine_model(const StoredCampaign& campaign) {
-  std::set<std::string> versions;
+  std::set<std::string> versions, machines;
   std::set<int> threads;
   double seconds = 0.0;
   int timed = 0;
   for (const StoredTrial& t : campaign.trials) {
     if (const Json& v = member(t.notes, "lumo"); v.is_string()) versions.insert(v.get<std::string>());
+    std::string machine;
+    for (const char* key : {"processor", "system", "compiler"})
+      if (const Json& v = member(member(t.notes, "machine"), key); v.is_string()) machine += (machine.empty() ? "" : ", ") + v.get<std::string>();
+    for (const std::string library : {"TetGen", "Embree", "CHOLMOD"})
+      if (const Json& v = member(member(t.notes, "machine"), library.c_str()); v.is_string()) machine += (machine.empty() ? "" : ", ") + library + " " + v.get<std::string>();
+    if (!machine.empty()) machines.insert(machine);
     if (const double n = value_at(t.notes, "threads"); n >= 1.0 && n <= 1e6) threads.insert(int(n));
     if (std::isfinite(t.seconds())) seconds += t.seconds(), ++timed;
   }
-  return {{"lumo", versions}, {"threads", threads}, {"seconds", seconds}, {"timed", timed}};
+  return {{"lumo", versions}, {"threads", threads}, {"machines", machines}, {"seconds", seconds}, {"timed", timed}};
 }
 
 }  // namespace
@@ -134,7 +140,9 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
             {"mechanics", json(c.problem.mechanics())},
             {"seed", c.problem.seed},
             {"digest", c.digest},
-            {"problem", problem_text(c.problem)},
+            {"problem", c.problem_text},
+            {"problem_digest", c.problem_digest},
+            {"results_version", c.problem.results},
             {"hypervolume", number(c.hypervolume)},
             {"machine", machine_model(c)},
             {"trials", Json::array()},

@@ -32,6 +32,8 @@ struct StudyPlan {
   std::vector<Comparison> comparisons;
 };
 
+static_assert(most_designs == largest_study);
+
 StudyPlan plan_of(const Options& o) {
   DesignSpace space = finger_space();
   if (o.command == Command::study_carrier)

@@ -89,6 +89,9 @@ TEST_CASE("A store is the same whether it was opened once or often, and notes do
   }
   const SqliteLog often(folder / "often");
   CHECK(once.digest() == often.digest());
+  CHECK(once.digest() == once.digest(8));
+  CHECK(once.digest(0) == SqliteLog(folder / "empty", "p").digest());   // of the problem alone
+  CHECK(once.digest(0) != SqliteLog(folder / "other", "q").digest());
   often.verify();
 }
 

@@ -57,6 +57,13 @@ TEST_CASE("D is the median over scenarios of the norm of the change at its load"
   CHECK(!median_change({}, 1.0, {0.1}));
 }
 
+TEST_CASE("A study draws the same designs however many it compares, and no more than it can draw evenly") {
+  Optimizer<> few(study_problem(finger_space(), 3, 1)), most(study_problem(finger_space(), largest_study, 1));
+  for (int k = 0; k < 3; ++k) CHECK(few.ask()->x == most.ask()->x);
+  CHECK(study_problem(finger_space(), largest_study, 1).sobol >= 2 * largest_study + CampaignConfig{}.failures_at_least);   // never a search, even if half fail
+  for (const int designs : {0, largest_study + 1}) CHECK_THROWS_AS(study_problem(finger_space(), designs, 1), InvalidArgument);
+}
+
 TEST_CASE("Variants of a design: softer without a carrier, and the design without gaps is its own variant") {
   Ensemble contacts = middle_contacts();
   contacts.diameters_m = {20e-3};

@@ -2,6 +2,7 @@
 //
 // usage: make_store FILE DS|Sol flat|curved EVALUATIONS   a campaign with that many results and, as trial 6, one failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
+// With a number behind, the store says that its results are of that version.
 #include "program/campaign_problem.hpp"
 #include "program/contacts.hpp"
 #include "program/json.hpp"
@@ -70,7 +71,7 @@ Verdict verdict(const Design& x, const CampaignProblem& problem, bool fails) {
     append(record, json(e));
   }
   v.record = record.dump();
-  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2}, {"seconds", json(Seconds{1.0, 90.0, 60.0, 151.0})}}.dump();
+  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2}, {"machine", {{"processor", "an abacus"}, {"system", "Linux 0"}, {"compiler", "g++ 12"}, {"TetGen", "1.5.0"}, {"Embree", "3.13.5"}, {"CHOLMOD", "3.0.14"}}}, {"seconds", json(Seconds{1.0, 90.0, 60.0, 151.0})}}.dump();
   return v;
 }
 
@@ -99,13 +100,17 @@ void keep(SqliteLog& log, const CampaignProblem& problem, const Design& x) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 5) {
-    std::cerr << "usage: make_store FILE DS|Sol flat|curved EVALUATIONS|DESIGN\n";
+  if (argc != 5 && argc != 6) {
+    std::cerr << "usage: make_store FILE DS|Sol flat|curved EVALUATIONS|DESIGN [VERSION]\n";
     return 2;
   }
   try {
     const CampaignProblem problem{argv[2], std::string(argv[3]) == "curved" ? lumo::program::Ensemble::curved : lumo::program::Ensemble::flat};
-    SqliteLog log(argv[1], problem_text(problem));
+    std::string text = problem_text(problem);
+    const std::string version = "\"results\": ";
+    const std::size_t at = text.find(version) + version.size();
+    if (argc == 6) text.replace(at, text.find(',', at) - at, argv[5]);
+    SqliteLog log(argv[1], text);
     const std::string wanted = argv[4];
     if (wanted.find(',') == std::string::npos) {
       run(log, problem, std::atoi(argv[4]));

@@ -108,7 +108,8 @@ class Refusals(unittest.TestCase):
         self.refused(USAGE, ["unknown command", "'all'"], "study", "all")
         for command in ["carrier", "void"]:
             self.refused(USAGE, ["--frobnicate", f"lumo study {command} --help"], "study", command, "--frobnicate")
-            self.refused(USAGE, ["--designs", "1 to 10000"], "study", command, "--designs", "none")
+            self.refused(USAGE, ["--designs", "1 to 500"], "study", command, "--designs", "none")
+            self.refused(USAGE, ["--designs", "501"], "study", command, "--designs", "501")
             self.refused(USAGE, ["--ensemble", "flat or curved"], "study", command, "--ensemble", "middle")
             self.bad_store(["no/such/folder"], "study", command, "--store", "no/such/folder/s")
             self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")

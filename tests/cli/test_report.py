@@ -310,6 +310,12 @@ class Campaigns(Page):
         self.assertEqual(self.plot("history-figure", "plot.data[0].x.length"), counts[3])
         self.assertEqual(len(self.csv("force-figure", "force_depth")), 5 * SCENARIOS * LOADS)
         self.assertEqual(self.browser.evaluate("document.querySelectorAll('#provenance tr').length"), 5)
+        foot = self.browser.evaluate("document.getElementById('provenance').textContent")
+        self.assertEqual(foot.count("lumo 0.1.0, 2 threads, an abacus, Linux 0, g++ 12, TetGen 1.5.0, Embree 3.13.5, CHOLMOD 3.0.14"), 4)
+        digests = [json.loads(run("campaign", "status", "--json", "--store", store(name)).stdout)["problem_digest"] for name in STORES]
+        self.assertEqual(len(set(digests)), 4)
+        for digest in digests:
+            self.assertIn(f"digest {digest}", foot)
         self.browser.screenshot(FOLDER / "four-1280.png")
         self.quiet()
 

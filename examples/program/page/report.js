@@ -13,6 +13,12 @@ function drawHead(campaigns) {
   document.getElementById("summary").textContent =
       "Designs of a soft, transparent finger pad that is lit from inside, each judged by simulation: spheres are pressed into the pad, and light is traced through it. " +
       "A Bayesian optimiser chose them so that both figures of merit become as large as they can together.";
+  for (const c of campaigns.filter((c) => c.results_version !== report.results_version))
+    document.getElementById("summary").after(element(
+        "p",
+        `The evaluations of ${c.name} are of version ${c.results_version} of the results, this lumo computes version ${
+            report.results_version}: they cannot be compared with new ones, and the presses of the selected design below are new.`,
+        {className: "version"}));
   drawTable(campaigns);
 }
 
@@ -28,7 +34,8 @@ function drawProvenance(campaigns) {
   for (const c of campaigns) {
     const m = c.machine, by = [
       m.lumo.length > 0 ? `lumo ${m.lumo.join(", ")}` : "unknown",
-      m.threads.length > 0 ? `${m.threads.join(", ")} thread${m.threads.length === 1 && m.threads[0] === 1 ? "" : "s"}` : ""
+      m.threads.length > 0 ? `${m.threads.join(", ")} thread${m.threads.length === 1 && m.threads[0] === 1 ? "" : "s"}` : "",
+      ...m.machines
     ].filter((t) => t !== "").join(", ");
     row(
         [
@@ -47,7 +54,7 @@ function drawProvenance(campaigns) {
       element("pre", report.command));
   for (const c of campaigns) {
     const details = element("details");
-    details.append(element("summary", `The problem of ${c.name}, as it stands in the store`), element("pre", c.problem));
+    details.append(element("summary", `The problem of ${c.name}, digest ${c.problem_digest}, as it stands in the store`), element("pre", c.problem));
     foot.append(details);
   }
 }

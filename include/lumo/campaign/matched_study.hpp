@@ -35,12 +35,17 @@ inline Ensemble middle_contacts() {
   return e;
 }
 
-/// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search.
+/// Designs up to which all of a study are spread evenly: a campaign stops before half of its evaluations have failed, and twice as many are drawn.
+inline constexpr int largest_study = 500;
+
+/// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
+/// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
+  if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
   p.space = space;
   p.objectives = {{"J_contact", true, 0.0}};
-  p.sobol = 1024;   // more than are wanted: some may fail
+  p.sobol = 1024;
   p.evaluations = designs;
   p.seed = seed;
   return p;

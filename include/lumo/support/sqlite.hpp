@@ -40,6 +40,8 @@ class SqliteLog {
 
   /// Digest of the last entry: of the whole log.
   std::string digest() const;
+  /// Of an entry and those before it; of entry 0: of the problem.
+  std::string digest(std::int64_t number) const;
   /// SQLite's own check of the file beside the digests. Throws StoreError that names the first bad entry.
   void verify() const;
 
@@ -208,6 +210,13 @@ inline bool SqliteLog::claim(std::int64_t number) {
 inline std::string SqliteLog::digest() const {
   const Statement s = prepare("SELECT digest FROM head");
   return step(s) ? text(s, 0) : "";
+}
+
+inline std::string SqliteLog::digest(std::int64_t number) const {
+  const Statement s = prepare("SELECT digest FROM entry WHERE number = ?");
+  sqlite3_bind_int64(s.get(), 1, number);
+  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " has no entry ", number));
+  return text(s, 0);
 }
 
 inline void SqliteLog::verify() const {

@@ -1,0 +1,134 @@
+"""Stores of campaigns from outside: what is read of intact ones, of another version's, of damaged ones.
+
+usage: test_store.py path/to/lumo path/to/make_store
+"""
+import csv
+import io
+import json
+import pathlib
+import re
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import unittest
+
+LUMO = MAKE_STORE = ""
+BAD_FILE = 5
+
+
+def run(*arguments):
+    return subprocess.run([LUMO, *map(str, arguments)], capture_output=True, encoding="utf-8", errors="replace", timeout=600)   # a failure of made-up stores holds a byte that is no UTF-8
+
+
+class Stores(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+        self.store = pathlib.Path(self.folder.name) / "s.db"
+
+    def make(self, what, *version):
+        subprocess.run([MAKE_STORE, self.store, "DS", "flat", what, *version], check=True, timeout=300)
+
+    def read(self, command, *arguments):
+        done = run("campaign", command, "--store", self.store, *arguments)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return done.stdout
+
+    def flip(self, text, at):
+        """Flips the lowest bit of one byte of a text, wherever the file holds it: a page that was split leaves copies."""
+        data, wanted = self.store.read_bytes(), text.encode()
+        self.assertIn(wanted, data)
+        self.store.write_bytes(data.replace(wanted, wanted[:at] + bytes([wanted[at] ^ 1]) + wanted[at + 1:]))
+
+    def contents(self, number):
+        with sqlite3.connect(self.store) as db:
+            return db.execute("SELECT kind, content FROM entry WHERE number = ?", (number,)).fetchone()
+
+    def test_export(self):
+        self.make("12")
+        trials = json.loads(self.read("export", "--json"))
+        table = list(csv.reader(io.StringIO(self.read("export"))))
+        self.assertEqual(table[0], "index,h_fp_mm,h_ep_mm,w_s_mm,h_s_mm,w_v_mm,state,J_contact,J_contact_err,J_obs,J_obs_err,hypervolume,on_front,selected,worst_contact_diameter_mm,"
+                                   "worst_contact_angle_deg,worst_contact_y_mm,worst_observation_diameter_mm,worst_observation_angle_deg,worst_observation_load_N,worst_observation_y_a_mm,"
+                                   "worst_observation_y_b_mm,nodes,elements,seconds,why".split(","))
+        self.assertEqual(len(table) - 1, len(trials))
+        self.assertEqual(sum(t["state"] == "evaluated" for t in trials), 12)
+        self.assertEqual(sum(t["state"] == "failed" for t in trials), 1)
+        for line, t in zip(table[1:], trials):
+            row, record = dict(zip(table[0], line, strict=True)), t["record"]
+            self.assertEqual([int(row["index"]), row["state"], row["on_front"], row["selected"]], [t["index"], t["state"], str(int(t["on_front"])), str(int(t["selected"]))])
+            self.assertEqual([float(v) for v in line[1:6]], t["theta_mm"])
+            self.assertEqual(float(row["seconds"]), t["notes"]["seconds"]["total"])
+            if t["state"] == "failed":
+                self.assertEqual([row[k] for k in ("J_contact", "J_obs", "hypervolume", "nodes")], [""] * 4)
+                self.assertIn('"quotes"', row["why"])
+                continue
+            self.assertEqual(row["why"], "")
+            worst = record["worst_contact"], record["worst_observation"]
+            expected = [record["J_contact"], record["J_contact_err"], record["J_obs"], record["J_obs_err"], t["hypervolume"], worst[0]["diameter_mm"], worst[0]["angle_deg"], worst[0]["y_mm"],
+                        worst[1]["diameter_mm"], worst[1]["angle_deg"], worst[1]["load_N"], *worst[1]["y_mm"], record["mesh"]["nodes"], record["mesh"]["elements"]]
+            self.assertEqual([float(v) for v in line[7:12] + line[14:24]], expected)
+
+    def test_verify_names_the_entry(self):
+        self.make("4")
+        self.assertIn("ok", self.read("verify"))
+        good = self.store.read_bytes()
+        for number in (1, 5, 8):
+            self.store.write_bytes(good)
+            kind, content = self.contents(number)
+            self.flip(kind + content, len(kind) + 2)
+            done = run("campaign", "verify", "--store", self.store)
+            self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)
+            self.assertRegex(done.stderr, rf"damaged at entry {number}\b")
+
+    def test_damaged_notes_are_null(self):
+        self.make("2")
+        with sqlite3.connect(self.store) as db:
+            db.execute("UPDATE entry SET notes = '{\"lumo\": \"0.1.0\", \"threads' WHERE number = 2")
+        self.assertIn("ok", self.read("verify"))
+        trials = json.loads(self.read("export", "--json"))
+        self.assertIsNone(trials[0]["notes"])
+        self.assertIsNotNone(trials[0]["record"])
+        self.assertEqual(trials[1]["notes"]["threads"], 2)
+        self.read("status")
+        self.read("export")
+
+    def test_another_version_is_read(self):
+        self.make("9")
+        mine = self.read("status")
+        self.assertNotIn("version", mine)
+        status = json.loads(self.read("status", "--json"))
+        now = status["results_version"]
+        self.assertEqual(status["results_version_of_lumo"], now)
+        self.store.unlink()
+        self.make("9", str(now - 1))
+        other = self.read("status")
+        self.assertIn(f"results are of version {now - 1}, this lumo computes version {now}", other)
+        # But for that line and the digest all is read as before.
+        self.assertEqual([l for l in other.splitlines() if "version" not in l], mine.splitlines())
+        self.assertEqual(json.loads(self.read("status", "--json"))["results_version"], now - 1)
+        self.assertIn("ok", self.read("verify"))
+        self.assertEqual(len(json.loads(self.read("export", "--json"))), 10)
+        self.assertIn("index", json.loads(self.read("select", "--seeds", "1", "--json", "--quiet")))
+        page = pathlib.Path(self.folder.name) / "page.html"
+        done = run("campaign", "report", "--store", self.store, "--out", page, "--quiet")
+        if "plotly" not in done.stderr:
+            self.assertEqual(done.returncode, 0, done.stderr)
+            data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text(), re.S).group(1))
+            self.assertEqual([data["results_version"], data["campaigns"][0]["results_version"]], [now, now - 1])
+            self.assertIn(f'"results": {now - 1}', data["campaigns"][0]["problem"])
+
+    def test_another_search_of_another_version_is_refused(self):
+        self.make("1", '1,\n "another_key": 1')
+        self.read("status")
+        self.store.unlink()
+        self.make("1", '1,\n "variable extra": 1')
+        done = run("campaign", "status", "--store", self.store)
+        self.assertEqual((done.returncode, done.stdout), (BAD_FILE, ""))
+        self.assertIn("belongs to another problem", done.stderr)
+
+
+if __name__ == "__main__":
+    LUMO, MAKE_STORE = (str(pathlib.Path(p).resolve()) for p in (sys.argv.pop(1), sys.argv.pop(1)))
+    unittest.main()
