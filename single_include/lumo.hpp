@@ -165,6 +165,13 @@ inline void require_in_range(const char* what, double value, double low, double 
   throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
+/// What a quantity may be, ends included.
+struct Limits {
+  double low, high;
+};
+
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {
   if (std::isfinite(value) && value > 0.0) return;
@@ -2876,7 +2883,9 @@ struct Sphere {
   }
 };
 
-inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, 0.1, 1000.0, "mm"); }
+inline constexpr Limits sphere_diameters_mm{0.1, 1000.0};
+
+inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, sphere_diameters_mm, "mm"); }
 
 static_assert(Indenter<Sphere>);
 
@@ -2901,16 +2910,19 @@ struct Scenario {
   Vec3 direction() const { return {-std::sin(angle_rad), 0.0, -std::cos(angle_rad)}; }
 };
 
+/// What validate() admits, in the units in which people give it.
+inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
+
 /// Throws InvalidArgument when an angle, place or load makes no sense.
 template <Indenter Tool>
 void validate(const Scenario<Tool>& s) {
   validate(s.indenter);
-  require_in_range("approach angle", s.angle_rad * 180.0 / pi, -80.0, 80.0, "deg");
-  require_in_range("contact place y", s.y_m * 1e3, -1e4, 1e4, "mm");
+  require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
+  require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
   for (double load : s.loads_N) {
-    require_in_range("load", load, 1e-3, 1e4, "N");
+    require_in_range("load", load, loads_admitted_N, "N");
     if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
     last = load;
   }
@@ -6025,7 +6037,7 @@ enum class Status {
   converged,               ///< equilibrium, residual certified, stable
   held,                    ///< a dynamic solver ran its sweeps; no statement about equilibrium
   max_iterations,          ///< residual still too large after the allowed iterations
-  line_search,             ///< no step along the search direction lowers the energy
+  line_search,             ///< even the shortest step leaves an element less than a fifth of its volume by the solver's prediction: it is crushed, or flattened
   inverted,                ///< an element is turned inside out
   not_positive_definite,   ///< equilibrium, but unstable: the body would buckle away from it
   non_finite,              ///< NaN or infinity in the state or in a factor
@@ -6161,7 +6173,7 @@ class QuasiStaticRun {
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         continue;
       }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::max_iterations;
+      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search || s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
       now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
       first /= 4.0;
@@ -6273,7 +6285,8 @@ class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
-  // A full Newton step unless the indenter would jump or an element would be turned inside out.
+  // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
+  // What refuses even the shortest step says why there is none.
   Status step(const typename System::Residual& r, typename System::Seen& seen) {
     const Eigen::VectorXd z = linear_.solve(r.free);
     const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
@@ -6283,9 +6296,12 @@ class QuasiStaticRun {
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, du, 1.0);
+    Status refusal = Status::inverted;
     for (int k = 0; k < 20; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
+      refusal = Status::inverted;
       if (!(model_.solid.smallest_J(trial) > 0.2 * now)) continue;
+      refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
       if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
       enter(next.touch, seen.touch);
@@ -6295,7 +6311,7 @@ class QuasiStaticRun {
       now_.advance += t * ds;
       return Status::converged;
     }
-    return Status::inverted;
+    return refusal;
   }
 
   // Tangents of all parities at the state that was reached.
@@ -6747,8 +6763,10 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
 
 namespace lumo {
 
-/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares nothing
-/// with the solver: the virtual work of each node's shape function, with stresses from the full law, point by point, on the whole mesh.
+/// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares no assembly
+/// with the solver: the virtual work of each node's shape function, point by point, on the whole mesh, without sectors, equations or linearised
+/// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
+/// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
 /// Friction depends on the way that was taken and is given.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
@@ -6937,6 +6955,9 @@ constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) { return
 
 /// A number in (0, 1) from a key.
 constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
+
+/// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
+inline std::uint32_t nearest_power_of_two(double wish) { return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish)))); }
 
 constexpr std::uint32_t reverse_bits(std::uint32_t x) {
   x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
@@ -8270,7 +8291,7 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
     const double wish = rays * focus.density(e.center().y()) / density;
-    beam.rays = std::max(1u, std::max(4u, std::bit_floor(std::uint32_t(1.4142 * wish))) / images);
+    beam.rays = std::max(1u, std::max(4u, detail::nearest_power_of_two(wish)) / images);
     beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
@@ -8403,8 +8424,7 @@ inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<dou
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * shares[k] / all));
-    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::bit_floor(std::max(least, wish))});
+    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, detail::nearest_power_of_two(total * shares[k] / all))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
   for (auto& [place, block] : blocks) order[{block.code, place}] = &block;
@@ -16860,6 +16880,30 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
 
 }  // namespace lumo
 
+// ---- lumo/campaign/ray_refinement.hpp
+
+namespace lumo {
+
+/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, …
+constexpr int rays_of(int round) { return 1 << (round / 2); }
+
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
+constexpr int rays_up_to(int round) {
+  int all = 0;
+  for (int r = 0; r <= round; ++r) all += rays_of(r);
+  return all;
+}
+
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
+/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+struct RayRefinement {
+  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
+  int rounds = 9;            ///< at most this many: rays_up_to(9) = 62; 0: everything is traced once
+  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
+};
+
+}  // namespace lumo
+
 // ---- lumo/campaign/stopwatch.hpp
 
 namespace lumo::detail {
@@ -16892,24 +16936,7 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
-/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
-struct RayRefinement {
-  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 9;            ///< at most this many, which is 62 times the rays; 0: everything is traced once
-  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
-};
-
 namespace detail {
-
-/// Rays of a round, in those of round 0: 1, 1, 2, 2, 4, 4, …
-inline int rays_of(int round) { return 1 << (round / 2); }
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
-inline int rays_up_to(int round) {
-  int all = 0;
-  for (int r = 0; r <= round; ++r) all += rays_of(r);
-  return all;
-}
 
 /// A solved scenario with its fields.
 struct SolvedScenario {
@@ -17152,7 +17179,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
-      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", detail::rays_up_to(round), " times the rays"), n); });
+      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", rays_up_to(round), " times the rays"), n); });
     }
   }
 
@@ -17516,8 +17543,7 @@ std::optional<int> take(Log& log, CampaignState<O>& state) {
   if (!entry) return std::nullopt;
   state.read(log.entries());
   const int id = parse_trial(*entry).id;
-  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && claimed(id)) return id;
-  return take(log, state);   // somebody else was faster
+  return claimed(id) ? std::optional(id) : take(log, state);   // somebody else was faster
 }
 
 /// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer they would end the log.
@@ -17722,12 +17748,17 @@ inline Ensemble middle_contacts() {
   return e;
 }
 
-/// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search.
+/// Designs up to which all of a study are spread evenly: a campaign stops before half of its evaluations have failed, and twice as many are drawn.
+inline constexpr int largest_study = 500;
+
+/// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
+/// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
+  if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
   p.space = space;
   p.objectives = {{"J_contact", true, 0.0}};
-  p.sobol = 1024;   // more than are wanted: some may fail
+  p.sobol = 1024;
   p.evaluations = designs;
   p.seed = seed;
   return p;

@@ -27,7 +27,7 @@ struct CampaignProblem {
   std::string source = "default";   ///< of candidates: "paper" or "default"
   std::uint64_t seed = 1;
   bool paper = false;               ///< the paper's mechanics, whose held states are scored
-  double ray_error_percent = 1.5;   ///< wanted standard error of J_obs by rays
+  double ray_error_percent = 100.0 * RayRefinement{}.tolerance;   ///< wanted standard error of J_obs by rays
   int results = results_version;    ///< of the evaluations; another version's can be read, not continued
 
   Mechanics mechanics() const { return paper ? paper_mechanics() : Mechanics{}; }

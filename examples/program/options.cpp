@@ -48,10 +48,10 @@ double number(const char* option, std::string_view typed, std::string_view unit)
   return *value;
 }
 
-double in_range(const char* option, std::string_view typed, double low, double high, const char* unit) {
+double in_range(const char* option, std::string_view typed, const Limits& limits, const char* unit) {
   const double value = number(option, typed, unit);
-  if (value >= low && value <= high) return value;
-  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", low, ", ", high, "]", *unit ? " " : "", unit));
+  if (value >= limits.low && value <= limits.high) return value;
+  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", limits.low, ", ", limits.high, "]", *unit ? " " : "", unit));
 }
 
 int whole_number(const char* option, std::string_view typed, int low, int high) {
@@ -95,7 +95,7 @@ std::vector<double> read_loads(std::string_view typed) {
     };
     const auto load = parse_number(fields[i]);
     if (!load) refuse("is not a number), must be increasing loads [N]");
-    if (!(*load >= 1e-3 && *load <= 1e4)) refuse("is out of range), each must lie in [0.001, 10000] N");
+    if (!(*load >= loads_admitted_N.low && *load <= loads_admitted_N.high)) refuse(lumo::detail::text("is out of range), each must lie in [", loads_admitted_N.low, ", ", loads_admitted_N.high, "] N"));
     if (!loads.empty() && *load <= loads.back()) refuse(lumo::detail::text("follows ", lumo::detail::exact(loads.back()), " N), loads must increase"));
     loads.push_back(*load);
   }
@@ -118,13 +118,13 @@ Mechanics read_mechanics(const Typed& t, Command command) {
   choose("--solver", t.solver, "quasi_static", quasi_static, "vbd", vbd, m.solver);
   choose("--element", t.element, "linear", linear, "quadratic", quadratic, m.element);
   choose("--law", t.law, "neo_hookean", neo_hookean, "newton", newton, m.law);
-  if (!t.size.empty()) m.size_mm = in_range("--size", t.size, 0.2, 10.0, "mm");
+  if (!t.size.empty()) m.size_mm = in_range("--size", t.size, {0.2, 10.0}, "mm");
   if (!t.sweeps.empty()) m.sweeps = whole_number("--sweeps", t.sweeps, 1, 1000000);
   if (!t.sweeps.empty() && m.solver != vbd) throw UsageError("--sweeps is an option of --solver vbd");
-  if (!t.contact_stiffness.empty()) m.contact_stiffness_N_per_m3 = in_range("--contact-stiffness", t.contact_stiffness, 1e6, 1e15, "N/m3");
+  if (!t.contact_stiffness.empty()) m.contact_stiffness_N_per_m3 = in_range("--contact-stiffness", t.contact_stiffness, {1e6, 1e15}, "N/m3");
   if (!t.contact_points.empty())
     m.points = one_of("--contact-points", t.contact_points, {"surface", "vertex"}) == "vertex" ? Mechanics::Points::vertex : Mechanics::Points::surface;
-  if (!t.friction.empty()) m.friction = in_range("--friction", t.friction, 0.0, 10.0, "");
+  if (!t.friction.empty()) m.friction = in_range("--friction", t.friction, {0.0, 10.0}, "");
   if (command == Command::evaluate && m.solver == vbd && !paper)
     throw UsageError("--solver vbd holds the indenter without an equilibrium, which evaluate scores with --mode paper only");
   return m;
@@ -139,7 +139,7 @@ void read(Options& o, const Typed& t) {
   if (t.stores.size() > 1 && o.command != Command::campaign_report) throw UsageError(lumo::detail::text("--store is given ", t.stores.size(), " times, must be given once"));
   if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::detail::text("--store is missing (see lumo ", name(o.command), " --help)"));
   if (!t.evaluations.empty()) o.evaluations = whole_number("--evaluations", t.evaluations, 1, 100000);
-  if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, 0.1, 100.0, "%");
+  if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, {0.1, 100.0}, "%");
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
   if (!t.seeds.empty()) o.seeds = whole_number("--seeds", t.seeds, 1, 1000);
   if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, most_designs);
@@ -148,7 +148,7 @@ void read(Options& o, const Typed& t) {
   if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp"});
   if (!t.localizer.empty()) o.localizer = one_of("--localizer", t.localizer, {"bayes", "peak"});
   if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
-  if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, 0.0, 100.0, "");
+  if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
   if (!t.cache.empty()) o.cache = t.cache;
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
   const std::string_view command = name(o.command);
@@ -165,18 +165,11 @@ void read(Options& o, const Typed& t) {
   if (o.command == Command::campaign_report && !t.out.empty()) o.page = t.out;
   else if (!command.starts_with("lab ") && !t.out.empty()) o.out = t.out;
   // The library's own limits, in the words and units of who typed the values.
-  if (!t.diameter.empty()) o.diameter_mm = in_range("--diameter", t.diameter, 0.1, 1000.0, "mm");
-  if (!t.angle.empty()) o.angle_deg = in_range("--angle", t.angle, -80.0, 80.0, "deg");
-  if (!t.y.empty()) o.y_mm = in_range("--y", t.y, -1e4, 1e4, "mm");
+  if (!t.diameter.empty()) o.diameter_mm = in_range("--diameter", t.diameter, sphere_diameters_mm, "mm");
+  if (!t.angle.empty()) o.angle_deg = in_range("--angle", t.angle, approach_angles_deg, "deg");
+  if (!t.y.empty()) o.y_mm = in_range("--y", t.y, contact_places_mm, "mm");
   if (!t.loads.empty()) o.loads_N = read_loads(t.loads);
   o.mechanics = read_mechanics(t, o.command);
-  if (o.command == Command::press || o.command == Command::trace || o.command == Command::study_solver) {
-    try {
-      validate(Scenario<Sphere>{{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N});
-    } catch (const InvalidArgument& e) {
-      throw UsageError(e.what());
-    }
-  }
 }
 
 /// `into` is a string, or a list of them for an option that may be repeated.
@@ -259,7 +252,10 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   };
   const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
   const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
-  const auto ray_error = [&](CLI::App* c) { text_option(c, "--ray-error", t.ray_error, "Standard error of J_obs up to which rays are added [%], default 1.5; at most 62 times the first ones", "N"); };
+  const auto ray_error = [&](CLI::App* c) {
+    const std::string help = lumo::detail::text("Standard error of J_obs up to which rays are added [%], default ", o.ray_error_percent, "; at most ", rays_up_to(RayRefinement{}.rounds), " times the first ones");
+    text_option(c, "--ray-error", t.ray_error, help, "N");
+  };
   const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
   const auto theta = [&](CLI::App* c) { text_option(c, "--theta", t.theta, "Design h_fp,h_ep,w_s,h_s,w_v [mm], default 6,6,8,5,0", "N,N,N,N,N"); };
   const auto design = [&](CLI::App* c) {

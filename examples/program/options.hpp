@@ -2,6 +2,7 @@
 
 #include "program/mechanics.hpp"
 
+#include "lumo/campaign/ray_refinement.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -39,7 +40,7 @@ struct Options {
   std::string store;
   std::vector<std::string> stores;       ///< of a report: one or more; `store` is the first
   std::string page = "report.html";      ///< of a report
-  double ray_error_percent = 1.5;        ///< wanted standard error of J_obs by rays
+  double ray_error_percent = 100.0 * RayRefinement{}.tolerance;   ///< wanted standard error of J_obs by rays
   int evaluations = 160;
   int seed = 1;
   int seeds = 20;

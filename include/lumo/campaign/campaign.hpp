@@ -137,8 +137,7 @@ std::optional<int> take(Log& log, CampaignState<O>& state) {
   if (!entry) return std::nullopt;
   state.read(log.entries());
   const int id = parse_trial(*entry).id;
-  if (state.optimizer().trials()[std::size_t(id)].state == Trial::State::pending && claimed(id)) return id;
-  return take(log, state);   // somebody else was faster
+  return claimed(id) ? std::optional(id) : take(log, state);   // somebody else was faster
 }
 
 /// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer they would end the log.

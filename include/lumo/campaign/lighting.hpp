@@ -2,6 +2,7 @@
 
 #include "lumo/campaign/ensemble.hpp"
 #include "lumo/campaign/observations.hpp"
+#include "lumo/campaign/ray_refinement.hpp"
 #include "lumo/campaign/stopwatch.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/core/executor.hpp"
@@ -37,24 +38,7 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
-/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
-struct RayRefinement {
-  double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 9;            ///< at most this many, which is 62 times the rays; 0: everything is traced once
-  double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
-};
-
 namespace detail {
-
-/// Rays of a round, in those of round 0: 1, 1, 2, 2, 4, 4, …
-inline int rays_of(int round) { return 1 << (round / 2); }
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
-inline int rays_up_to(int round) {
-  int all = 0;
-  for (int r = 0; r <= round; ++r) all += rays_of(r);
-  return all;
-}
 
 /// A solved scenario with its fields.
 struct SolvedScenario {

@@ -3,6 +3,7 @@
 #include "lumo/campaign/ensemble.hpp"
 #include "lumo/campaign/lighting.hpp"
 #include "lumo/campaign/observations.hpp"
+#include "lumo/campaign/ray_refinement.hpp"
 #include "lumo/campaign/stopwatch.hpp"
 #include "lumo/core/executor.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
@@ -140,7 +141,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       done = 0;
-      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", detail::rays_up_to(round), " times the rays"), n); });
+      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", rays_up_to(round), " times the rays"), n); });
     }
   }
 

@@ -96,6 +96,13 @@ inline void require_in_range(const char* what, double value, double low, double 
   throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
+/// What a quantity may be, ends included.
+struct Limits {
+  double low, high;
+};
+
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {
   if (std::isfinite(value) && value > 0.0) return;

@@ -57,7 +57,9 @@ struct Sphere {
   }
 };
 
-inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, 0.1, 1000.0, "mm"); }
+inline constexpr Limits sphere_diameters_mm{0.1, 1000.0};
+
+inline void validate(const Sphere& s) { require_in_range("sphere diameter", s.diameter_m * 1e3, sphere_diameters_mm, "mm"); }
 
 static_assert(Indenter<Sphere>);
 

@@ -25,16 +25,19 @@ struct Scenario {
   Vec3 direction() const { return {-std::sin(angle_rad), 0.0, -std::cos(angle_rad)}; }
 };
 
+/// What validate() admits, in the units in which people give it.
+inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
+
 /// Throws InvalidArgument when an angle, place or load makes no sense.
 template <Indenter Tool>
 void validate(const Scenario<Tool>& s) {
   validate(s.indenter);
-  require_in_range("approach angle", s.angle_rad * 180.0 / pi, -80.0, 80.0, "deg");
-  require_in_range("contact place y", s.y_m * 1e3, -1e4, 1e4, "mm");
+  require_in_range("approach angle", s.angle_rad * 180.0 / pi, approach_angles_deg, "deg");
+  require_in_range("contact place y", s.y_m * 1e3, contact_places_mm, "mm");
   if (s.loads_N.empty()) throw InvalidArgument("loads: none given, at least one is needed");
   double last = 0.0;
   for (double load : s.loads_N) {
-    require_in_range("load", load, 1e-3, 1e4, "N");
+    require_in_range("load", load, loads_admitted_N, "N");
     if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
     last = load;
   }

@@ -134,8 +134,7 @@ inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<dou
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    const std::uint32_t wish = std::uint32_t(std::min(double(1 << 24), 1.4142 * total * shares[k] / all));
-    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::bit_floor(std::max(least, wish))});
+    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, detail::nearest_power_of_two(total * shares[k] / all))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
   for (auto& [place, block] : blocks) order[{block.code, place}] = &block;

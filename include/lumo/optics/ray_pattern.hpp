@@ -145,7 +145,7 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
     const double wish = rays * focus.density(e.center().y()) / density;
-    beam.rays = std::max(1u, std::max(4u, std::bit_floor(std::uint32_t(1.4142 * wish))) / images);
+    beam.rays = std::max(1u, std::max(4u, detail::nearest_power_of_two(wish)) / images);
     beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;
