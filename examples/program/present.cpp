@@ -243,7 +243,7 @@ std::string present(const Options& o, const EvaluationResult& e, Output& files) 
   std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios\n" + how(o);
   text += "J_contact = " + cell(e.J_contact, 4) + " ± " + cell(e.J_contact_err, 4);
   if (const auto& w = e.worst_contact) text += "   worst: sphere " + short_number(w->diameter_mm) + " mm, " + short_number(w->angle_deg) + "°, y = " + short_number(w->y_mm) + " mm";
-  text += "\nJ_obs     = " + cell(e.J_obs, 6) + " ± " + cell(e.J_obs_err, 6);
+  text += "\nJ_obs     = " + scientific(e.J_obs) + " ± " + scientific(e.J_obs_err);
   if (const auto& w = e.worst_observation)
     text += "   worst: sphere " + short_number(w->diameter_mm) + " mm, " + short_number(w->angle_deg) + "°, " + short_number(w->load_N) + " N, y = " + short_number(w->y_a_mm) + " and " +
             short_number(w->y_b_mm) + " mm";
