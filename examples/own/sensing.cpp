@@ -58,7 +58,7 @@ int main() {
   PeakLocalizer localizer({.position_m = readout.positions_m(), .noise = unloaded.noise()});
   ForceEstimator<own::PgmCamera, own::TextActuator, PeakLocalizer>::Config config;
   config.torque = {TorqueModel{.torque_constant_Nm_per_A = 1.0, .noise_Nm = 0.01}};
-  config.max_samples = 34;  // both recordings give what they have at once: a picture, and what the motor said meanwhile
+  config.max_samples = 33;  // both recordings give what they have at once: a picture, and what the motor said meanwhile
   config.max_frames = 1;
   ForceEstimator estimator(camera, actuator, readout, localizer, MomentArm{arm_m}, unloaded, config);
   ForceEstimate last;
