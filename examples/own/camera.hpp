@@ -9,7 +9,8 @@
 namespace own {
 
 //! [camera]
-/// Grey pictures in a folder, 0.pgm, 1.pgm … (binary Netpbm, at most 255 levels), one each period. No library is needed to read them.
+/// Grey pictures in a folder, 0.pgm, 1.pgm … (binary Netpbm, at most 255 levels), one each period.
+/// No library is needed to read them.
 class PgmCamera {
  public:
   PgmCamera(std::string folder, double period_s) : folder_(std::move(folder)), period_s_(period_s) {}
@@ -22,9 +23,11 @@ class PgmCamera {
     int width = 0, height = 0, levels = 0;
     in >> magic >> width >> height >> levels;
     in.get();
-    if (!in || magic != "P5" || width < 1 || height < 1 || width > 32768 || height > 32768 || levels < 1 || levels > 255) return end(lumo::StreamState::failed);
+    const bool good = in && magic == "P5" && width >= 1 && width <= 32768 && height >= 1 && height <= 32768;
+    if (!good || levels < 1 || levels > 255) return end(lumo::StreamState::failed);
     image_ = lumo::Image::black(width, height, lumo::PixelFormat::grey);
-    if (!in.read(reinterpret_cast<char*>(image_.pixels.data()), std::streamsize(image_.pixels.size()))) return end(lumo::StreamState::failed);
+    in.read(reinterpret_cast<char*>(image_.pixels.data()), std::streamsize(image_.pixels.size()));
+    if (!in) return end(lumo::StreamState::failed);
     lumo::Frame frame;
     frame.image = image_.view();  // valid until the next call
     frame.stamp_ns = std::int64_t(1e9 * period_s_ * double(index_));

@@ -6,7 +6,8 @@
 namespace own {
 
 //! [contact]
-/// A tool with a thin soft skin: its pressure rises more steeply the further it is pressed in, p = k o (1 + o/h) at the overlap o.
+/// A tool with a thin soft skin: its pressure rises more steeply the further it is pressed in,
+/// p = k o (1 + o/h) at the overlap o.
 struct SoftSkin {
   double stiffness_N_per_m3 = 2e10;  ///< k, at first touch; also the scale of lumo's friction springs
   double thickness_m = 50e-6;        ///< h
@@ -15,7 +16,8 @@ struct SoftSkin {
   lumo::ContactResponse respond(double gap) const {
     if (gap >= 0.0) return {0.0, 0.0, 0.0};
     const double o = -gap, k = stiffness_N_per_m3, h = thickness_m;
-    return {k * o * o * (0.5 + o / (3.0 * h)), k * o * (1.0 + o / h), k * (1.0 + 2.0 * o / h)};  // energy, pressure, stiffness
+    const double energy = k * o * o * (0.5 + o / (3.0 * h)), pressure = k * o * (1.0 + o / h);
+    return {energy, pressure, k * (1.0 + 2.0 * o / h)};
   }
 };
 

@@ -23,9 +23,12 @@ int main() {
   //! [body]
 
   //! [tools]
-  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{{.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
-  const Tracer<BeerLambert, ExitPower, Embree> light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16});
-  Pipeline<TetgenMesher, decltype(simulator), decltype(light)> pipeline{{}, simulator, light};
+  const own::Demiray material{.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa};
+  const own::SoftSkin contact{.thickness_m = 50e-6};
+  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{material, contact};
+  using Light = Tracer<BeerLambert, ExitPower, Embree>;
+  const Light light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16});
+  Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{{}, simulator, light};
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
   //! [tools]
@@ -35,7 +38,8 @@ int main() {
   contacts.diameters_m = {20.0_mm};
   contacts.places_m = {0.0_mm, 11.0_mm};
   contacts.loads_N = {1.0, 2.0};
-  const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2}, std::tuple{own::EvenSight{.load_N = 2.0}});
+  const std::tuple objectives{own::EvenSight{.load_N = 2.0}};
+  const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2}, objectives);
   //! [evaluate]
   for (const ScenarioRecord& s : scores.observations.scenarios)
     std::printf("y = %4.1f mm: %s, %.3f mm deep at 2 N\n", 1e3 * s.y_m, to_string(s.status).data(), 1e3 * s.states.back().depth_m);

@@ -9,7 +9,8 @@
 namespace own {
 
 //! [material]
-/// A solid that stiffens as it is stretched, like skin: W = μ/(2b) (exp(b i) − 1) + λ/2 (ln J)², i = I_C − 3 − 2 ln J.
+/// A solid that stiffens as it is stretched, like skin:
+/// W = μ/(2b) (exp(b i) − 1) + λ/2 (ln J)², i = I_C − 3 − 2 ln J.
 /// Source: Demiray 1972, here with a term that leaves the compressible solid without stress at rest.
 struct Demiray {
   double mu = 106.0e3;       ///< shear modulus [Pa]
@@ -27,9 +28,10 @@ struct Demiray {
   lumo::Mat9 distortion_tangent(const lumo::Mat3& F) const {
     const double J = F.determinant();
     const lumo::Mat3 c = lumo::cofactor(F), s = slope(F);
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> cofactors(c.data()), slopes(s.data());  // flattened by columns
-    return mu * rise(F) *
-           (lumo::Mat9::Identity() + cofactors * cofactors.transpose() / (J * J) - lumo::determinant_hessian(F) / J + 2.0 * b * slopes * slopes.transpose());
+    // Flattened by columns.
+    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> cofactors(c.data()), slopes(s.data());
+    const lumo::Mat9 bend = cofactors * cofactors.transpose() / (J * J) - lumo::determinant_hessian(F) / J;
+    return mu * rise(F) * (lumo::Mat9::Identity() + bend + 2.0 * b * slopes * slopes.transpose());
   }
   lumo::VolumetricSample volumetric(double J) const {
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
@@ -38,8 +40,11 @@ struct Demiray {
   }
 
  private:
-  double rise(const lumo::Mat3& F) const { return std::exp(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(F.determinant()))); }
-  static lumo::Mat3 slope(const lumo::Mat3& F) { return F - lumo::cofactor(F) / F.determinant(); }  // half of ∂i/∂F
+  double rise(const lumo::Mat3& F) const {
+    return std::exp(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(F.determinant())));
+  }
+  /// Half of ∂i/∂F.
+  static lumo::Mat3 slope(const lumo::Mat3& F) { return F - lumo::cofactor(F) / F.determinant(); }
 };
 
 /// Throws lumo::InvalidArgument.

@@ -9,7 +9,8 @@
 namespace own {
 
 //! [objective]
-/// How evenly contacts are seen: the smallest change of the response at one load over the largest, over all scenarios [–], in [0, 1].
+/// How evenly contacts are seen: the smallest change of the response at one load over the largest, over all
+/// scenarios [–], in [0, 1].
 struct EvenSight {
   double load_N = 2.0;
 
@@ -22,9 +23,10 @@ struct EvenSight {
         if (!least || size.value < least->value) least = size;
         if (!most || size.value > most->value) most = size;
       }
-    if (!least || !(most->value > 0.0)) return std::nullopt;  // the load is not one of the scenarios', or nothing is seen
+    if (!least || !(most->value > 0.0)) return std::nullopt;  // not one of the scenarios' loads, or nothing is seen
     const double ratio = least->value / most->value;
-    return lumo::Estimate{ratio, 2.0 * std::hypot(least->error, ratio * most->error) / most->value};  // two standard errors
+    const double deviation = std::hypot(least->error, ratio * most->error) / most->value;
+    return lumo::Estimate{ratio, 2.0 * deviation};
   }
 };
 

@@ -6,6 +6,7 @@
 #include "own/contact.hpp"
 #include "own/emitter.hpp"
 #include "own/material.hpp"
+#include "own/objective.hpp"
 #include "temporary_folder.hpp"
 
 #include "lumo/mechanics/neo_hookean.hpp"
@@ -65,6 +66,32 @@ TEST_CASE("a user's emitter sends all of its power, as densely as it draws direc
   const Emitter any = led, image = any.mirrored({-1.0, 1.0, 1.0});
   CHECK(any.has_intensity());
   CHECK(image.as<own::LensedLed>() != nullptr);
+}
+
+TEST_CASE("a user's objective is the ratio that it names, and nothing where there is none") {
+  const auto scenario = [](double size, double noise) {
+    ScenarioRecord s;
+    StateRecord state;
+    state.load_N = 2.0;
+    state.change.resize(4, 2);   // replicates × channels: (3, 4) size, and noise that has no mean
+    for (int r = 0; r < 4; ++r) state.change.row(r) << size * 3.0 + (r % 2 ? noise : -noise), size * 4.0;
+    s.states = {state};
+    return s;
+  };
+  Observations all;
+  all.scenarios = {scenario(2.0, 0.0), scenario(0.5, 0.0), scenario(1.0, 0.0)};
+  const auto even = own::EvenSight{.load_N = 2.0}(all);
+  REQUIRE(even);
+  CHECK(even->value == Approx(0.25).epsilon(1e-12));
+  CHECK(even->error < 1e-12);
+  all.scenarios[1] = scenario(0.5, 0.1);
+  const auto noisy = own::EvenSight{.load_N = 2.0}(all);
+  // Along (3, 4)/5 the replicates differ from their mean by 0.06; two standard errors of the mean of four, over the largest change, 10.
+  CHECK(noisy->error == Approx(2.0 * std::sqrt(4 * 0.06 * 0.06 / 12.0) / 10.0).epsilon(0.01));
+  CHECK(!own::EvenSight{.load_N = 5.0}(all));
+  CHECK(!own::EvenSight{.load_N = 2.0}(Observations{}));
+  all.scenarios = {scenario(0.0, 0.0)};
+  CHECK(!own::EvenSight{.load_N = 2.0}(all));
 }
 
 TEST_CASE("a user's camera gives each picture once, ends, and fails on what is no picture") {

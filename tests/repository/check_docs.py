@@ -11,7 +11,7 @@ import sys
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "cli"))
 sys.dont_write_bytecode = True
 
-PAGES = {"index": 2, "page_solver": 30, "page_contact": 20, "page_optics": 20, "page_objectives": 10, "page_acquisition": 25, "page_estimator": 25, "page_own": 1, "page_readings": 0}
+PAGES = {"index": 2, "page_solver": 30, "page_contact": 20, "page_optics": 20, "page_objectives": 10, "page_acquisition": 20, "page_estimator": 25, "page_own": 1, "page_readings": 0}
 
 # MathJax works through its queue; each formula leaves a script and, when it is understood, a picture.
 DONE = "typeof MathJax !== 'undefined' && !!MathJax.Hub && new Promise(done => MathJax.Hub.Queue(() => done(true)))"
@@ -20,7 +20,8 @@ LOOK = """(() => ({
   drawn: document.querySelectorAll('.MathJax_SVG svg').length,
   errors: [...document.querySelectorAll('.noError, .merror, .MathJax_Error, .MathJax_SVG_Processing, [data-mathml*="merror"]')].map(e => e.textContent.slice(0, 80)),
   undefined_sequences: [...document.querySelectorAll('.MathJax_SVG')].map(e => e.textContent).filter(t => t.includes('Undefined control')),
-  wide: [...document.querySelectorAll('.contents table.markdownTable, .contents p')].filter(e => e.getBoundingClientRect().right > innerWidth + 1).length
+  wide: [...document.querySelectorAll('.contents table.markdownTable, .contents p, .contents .fragment')]
+    .filter(e => e.getBoundingClientRect().right > innerWidth + 1 || e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.slice(0, 60))
 }))()"""
 
 
@@ -37,8 +38,8 @@ def look(browser_program, html, shots):
                 faults.append(f"{page}: {found['drawn']} of {found['formulas']} formulas are drawn, at least {least} are expected")
             for text in [*found["errors"], *found["undefined_sequences"]]:
                 faults.append(f"{page}: a formula is not understood: {text}")
-            if found["wide"]:
-                faults.append(f"{page}: {found['wide']} tables or paragraphs are wider than the window")
+            for text in found["wide"]:
+                faults.append(f"{page}: is wider than its place: {text!r}")
             faults += [f"{page}: {text}" for text in browser.complaints()]
             faults += [f"{page}: asks for {url}" for url in browser.requests() if not url.startswith(("file:", "data:", "about:"))]
             if shots:
