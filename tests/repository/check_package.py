@@ -48,6 +48,7 @@ def check_documents(root, package):
         require(name in text, f"{package}: its copyright file does not speak of {name}")
     require("@" not in text.replace("@debian.org", ""), f"{package}: something was not put into its copyright file")
     require(gzip.open(folder / "changelog.gz", "rt", encoding="utf-8").read().startswith("# Changelog"), f"{package}: no changelog")
+    require(gzip.open(folder / "changelog.Debian.gz", "rt", encoding="utf-8").read().startswith("lumo ("), f"{package}: no changelog of the package")
 
 
 def main(a):
