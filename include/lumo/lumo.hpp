@@ -2,6 +2,8 @@
 
 // Everything of lumo that needs nothing but Eigen, in the order in which data flows. Foreign libraries enter through lumo/support/.
 
+#include "lumo/version.hpp"
+
 #include "lumo/core/design_space.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/core/executor.hpp"

@@ -11,6 +11,7 @@ sys.dont_write_bytecode = True
 import check_cost  # noqa: E402
 import check_headers  # noqa: E402
 import check_includes  # noqa: E402
+import check_names  # noqa: E402
 import check_vocabulary  # noqa: E402
 
 
@@ -102,6 +103,25 @@ class Checks(unittest.TestCase):
         self.plant("core/a.hpp", "#pragma once\nstd::string s();\n")
         self.assertEqual(len(check_headers.check(compiler, [self.folder.name], cache)[0]), 1)
         self.assertEqual(len(check_headers.check(compiler, [self.folder.name], cache)[0]), 1)
+
+    @unittest.skipUnless(shutil.which("clang-tidy"), "needs clang-tidy")
+    def test_names(self):
+        rules = pathlib.Path(__file__).parent.parent.parent / ".clang-tidy"
+
+        def faults(text):
+            self.plant("mesh/b.hpp", f"#pragma once\nnamespace lumo {{\n{text}\n}}\n")
+            return check_names.check("clang-tidy", rules, [self.folder.name])[0]
+
+        good = """struct HeldState { double force_N; double stiffness_N_per_m3; double torque_constant_Nm_per_A; double J_contact; };
+                  enum class Kind { voltage_V, held_state };
+                  class Sum { double total_N_ = 0.0; double parts_ = 0.0; public: double total_N() const { return total_N_ + parts_; } };
+                  constexpr double operator""_kPa(long double value) { return 1e3 * double(value); }
+                  template <class Shape_> struct Held { using Shape = Shape_; };"""
+        self.assertEqual(faults(good), [])
+        for text in ["struct held_state {};", "struct S { double forceN; };", "class C { double total = 0.0; };", "inline void doIt() {}", "inline int f(int Count) { return Count; }",
+                     "enum class Kind { Held };", "namespace Inner { struct S {}; }", "using held = int;", "template <class shape> struct S {};"]:
+            with self.subTest(text):
+                self.assertEqual(len(faults(text)), 1)
 
     def test_cost(self):
         recorded = {"lumo": {"functions": 1000, "classes": 100}}

@@ -51,7 +51,7 @@ struct Evaluation {
   Observations observations;
 };
 
-/// The worst scenario's contact progression (paper Eq. 3), with the scenario that sets it.
+/// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
 /// θ → finger → meshes → equilibria → responses → the paper's two objectives.

@@ -17,7 +17,7 @@ struct Estimate {
   double error = 0.0;
 };
 
-/// The three terms of progressive-constraint contact of one scenario (paper Eq. 2–3). What the loads do not define is empty.
+/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is empty.
 struct ContactTerms {
   std::optional<Estimate> form;     ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface

@@ -11,7 +11,7 @@
 
 namespace lumo {
 
-/// Response of one state with what it is compared by (paper Eq. 4–5).
+/// Response of one state with what it is compared by (paper Eq. 6–7).
 struct ObservedState {
   std::size_t scenario;       ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;

@@ -42,14 +42,14 @@ struct ClockMap {
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
-    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
+    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) {
       const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      st += t, sd += d, stt += t * t, std_ += t * d;
+      sum_t += t, sum_d += d, sum_tt += t * t, sum_td += t * d;
     }
-    const double det = n * stt - st * st;
-    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
-    map.offset_s = (sd - map.drift * st) / n;
+    const double det = n * sum_tt - sum_t * sum_t;
+    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
+    map.offset_s = (sum_d - map.drift * sum_t) / n;
     double squares = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
     map.residual_s = std::sqrt(squares / n);

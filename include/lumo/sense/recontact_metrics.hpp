@@ -22,7 +22,7 @@ inline Eigen::VectorXd intensity_force_slope(In<MatrixXd> response, In<VectorXd>
   return response * centred / spread;
 }
 
-/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 7, model.md §8).
+/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;    ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   double W_recontact = 0.0;   ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]

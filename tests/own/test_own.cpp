@@ -1,0 +1,126 @@
+#include "../catch.hpp"
+
+#include "mechanics/material_laws.hpp"
+#include "own/actuator.hpp"
+#include "own/camera.hpp"
+#include "own/contact.hpp"
+#include "own/emitter.hpp"
+#include "own/material.hpp"
+#include "own/objective.hpp"
+#include "temporary_folder.hpp"
+
+#include "lumo/mechanics/neo_hookean.hpp"
+
+// What the pages show as a user's own must keep the laws of the concepts.
+using namespace lumo;
+
+TEST_CASE("a user's material obeys the laws of a hyperelastic material") {
+  test::check_material_laws(own::Demiray{});
+  test::check_material_laws(own::Demiray{.mu = 9.0e4, .b = 0.3, .lambda = 1.0e6});
+}
+
+TEST_CASE("a user's material has its closed form in tension, and is Neo-Hookean where it does not stiffen") {
+  const own::Demiray skin{.mu = 1.0e5, .b = 0.7, .lambda = 0.0};
+  for (const double stretch : {0.7, 1.2, 1.6}) {
+    // Volume is kept, and the sides are free: what pressure adds at the sides is taken off along the axis (Demiray 1972).
+    const double side = 1.0 / std::sqrt(stretch);
+    const Mat3 F = Vec3(stretch, side, side).asDiagonal(), P = skin.distortion_stress(F);
+    const double nominal = P(0, 0) - P(1, 1) * side / stretch;
+    const double closed = 1.0e5 * std::exp(0.7 * (stretch * stretch + 2.0 / stretch - 3.0)) * (stretch - 1.0 / (stretch * stretch));
+    CHECK(nominal == Approx(closed).epsilon(1e-12));
+  }
+  const own::Demiray plain{.mu = 1.0e5, .b = 1e-6, .lambda = 1.0e6};
+  const NeoHookean neo{.mu = 1.0e5, .lambda = 1.0e6};
+  std::mt19937 random(3);
+  for (int k = 0; k < 10; ++k) {
+    const Mat3 F = test::random_deformation(random, 0.3);
+    CHECK((first_piola(plain, F) - first_piola(neo, F)).norm() < 1e-4 * 1.0e5);
+  }
+}
+
+TEST_CASE("a user's contact law: nothing while open, and derivatives of its energy") {
+  const own::SoftSkin skin{};
+  for (const double gap : {0.0, 1e-9, 1e-3}) CHECK((skin.respond(gap).energy == 0.0 && skin.respond(gap).pressure == 0.0 && skin.respond(gap).stiffness == 0.0));
+  for (const double gap : {-1e-6, -2e-5, -1e-4}) {
+    const double h = 1e-3 * -gap;
+    const ContactResponse at = skin.respond(gap);
+    CHECK(at.pressure == Approx(-(skin.respond(gap + h).energy - skin.respond(gap - h).energy) / (2.0 * h)).epsilon(1e-5));
+    CHECK(at.stiffness == Approx(-(skin.respond(gap + h).pressure - skin.respond(gap - h).pressure) / (2.0 * h)).epsilon(1e-5));
+  }
+  CHECK_THROWS_AS(validate(own::SoftSkin{.thickness_m = 0.0}), InvalidArgument);
+}
+
+TEST_CASE("a user's emitter sends all of its power, as densely as it draws directions") {
+  const own::LensedLed led{.exponent = 3.0, .power_W = 2.0};
+  double power = 0.0;
+  for (int k = 0; k < 20000; ++k) power += 2.0 * pi * led.intensity((k + 0.5) / 20000.0) / 20000.0;
+  CHECK(power == Approx(2.0).epsilon(1e-6));
+  double before = 1.0;
+  for (int k = 1; k < 100; ++k) {
+    const double u = 0.01 * k, cosine = led.polar(u).cosine;
+    CHECK(cosine < before);
+    CHECK(1.0 - std::pow(cosine, 4.0) == Approx(u).epsilon(1e-12));   // ∫ of 4 c³ from the cosine to 1
+    CHECK(led.polar(u).sine == Approx(std::sqrt(1.0 - cosine * cosine)).epsilon(1e-12));
+    before = cosine;
+  }
+  const Emitter any = led, image = any.mirrored({-1.0, 1.0, 1.0});
+  CHECK(any.has_intensity());
+  CHECK(image.as<own::LensedLed>() != nullptr);
+}
+
+TEST_CASE("a user's objective is the ratio that it names, and nothing where there is none") {
+  const auto scenario = [](double size, double noise) {
+    ScenarioRecord s;
+    StateRecord state;
+    state.load_N = 2.0;
+    state.change.resize(4, 2);   // replicates × channels: (3, 4) size, and noise that has no mean
+    for (int r = 0; r < 4; ++r) state.change.row(r) << size * 3.0 + (r % 2 ? noise : -noise), size * 4.0;
+    s.states = {state};
+    return s;
+  };
+  Observations all;
+  all.scenarios = {scenario(2.0, 0.0), scenario(0.5, 0.0), scenario(1.0, 0.0)};
+  const auto even = own::EvenSight{.load_N = 2.0}(all);
+  REQUIRE(even);
+  CHECK(even->value == Approx(0.25).epsilon(1e-12));
+  CHECK(even->error < 1e-12);
+  all.scenarios[1] = scenario(0.5, 0.1);
+  const auto noisy = own::EvenSight{.load_N = 2.0}(all);
+  // Along (3, 4)/5 the replicates differ from their mean by 0.06; two standard errors of the mean of four, over the largest change, 10.
+  CHECK(noisy->error == Approx(2.0 * std::sqrt(4 * 0.06 * 0.06 / 12.0) / 10.0).epsilon(0.01));
+  CHECK(!own::EvenSight{.load_N = 5.0}(all));
+  CHECK(!own::EvenSight{.load_N = 2.0}(Observations{}));
+  all.scenarios = {scenario(0.0, 0.0)};
+  CHECK(!own::EvenSight{.load_N = 2.0}(all));
+}
+
+TEST_CASE("a user's camera gives each picture once, ends, and fails on what is no picture") {
+  const TemporaryFolder folder;
+  const auto write = [&](int number, const std::string& bytes) { folder.write(std::to_string(number) + ".pgm", bytes); };
+  write(0, "P5\n3 2\n255\nabcdef");
+  write(1, "P5\n3 2\n255\nghijkl");
+  own::PgmCamera camera(folder.path.string(), 0.5);
+  for (const int k : {0, 1}) {
+    const auto frame = camera.next();
+    REQUIRE(frame);
+    CHECK((frame->stamp_ns == k * 500'000'000 && frame->index == k));
+    CHECK(frame->image.green(1, 1) == (k == 0 ? 'e' : 'k'));
+  }
+  CHECK(camera.state() == StreamState::open);
+  CHECK((!camera.next() && camera.state() == StreamState::ended));
+  write(1, "P5\n3 2\n255\nghi");
+  own::PgmCamera torn(folder.path.string(), 0.5);
+  CHECK(torn.next());
+  CHECK((!torn.next() && torn.state() == StreamState::failed && !torn.next()));
+}
+
+TEST_CASE("a user's actuator gives each sample once, ends, and fails on what is no sample") {
+  std::istringstream text("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
+  own::TextActuator actuator(text), bad(broken);
+  CHECK(actuator.next()->effort[0] == 0.3);
+  const auto second = actuator.next();
+  CHECK((second->stamp_ns == 1'000'000 && second->position_rad[0] == 0.4 && second->velocity_rad_per_s[0] == 0.5));
+  CHECK((!actuator.next() && actuator.state() == StreamState::ended));
+  CHECK(bad.next());
+  CHECK((!bad.next() && bad.state() == StreamState::failed && !bad.next()));
+}
