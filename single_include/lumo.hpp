@@ -73,6 +73,18 @@
 #include <variant>
 #include <vector>
 
+// ---- lumo/version.hpp
+
+namespace lumo {
+
+/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch does not.
+/// These three numbers are the only place where it stands; CMake and pkg-config read them here.
+inline constexpr int version_major = 0;
+inline constexpr int version_minor = 1;
+inline constexpr int version_patch = 0;
+
+}  // namespace lumo
+
 // ---- lumo/core/error.hpp
 
 namespace lumo {
@@ -9688,7 +9700,7 @@ struct Estimate {
   double error = 0.0;
 };
 
-/// The three terms of progressive-constraint contact of one scenario (paper Eq. 2–3). What the loads do not define is empty.
+/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is empty.
 struct ContactTerms {
   std::optional<Estimate> form;     ///< q_form: patch radius at 2 N over indenter radius
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
@@ -9773,7 +9785,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
 
 namespace lumo {
 
-/// Response of one state with what it is compared by (paper Eq. 4–5).
+/// Response of one state with what it is compared by (paper Eq. 6–7).
 struct ObservedState {
   std::size_t scenario;       ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
@@ -12241,14 +12253,14 @@ struct ClockMap {
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
-    double st = 0.0, sd = 0.0, stt = 0.0, std_ = 0.0;
+    double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) {
       const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      st += t, sd += d, stt += t * t, std_ += t * d;
+      sum_t += t, sum_d += d, sum_tt += t * t, sum_td += t * d;
     }
-    const double det = n * stt - st * st;
-    map.drift = det > 1e-9 * n * n ? (n * std_ - st * sd) / det : 0.0;
-    map.offset_s = (sd - map.drift * st) / n;
+    const double det = n * sum_tt - sum_t * sum_t;
+    map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;
+    map.offset_s = (sum_d - map.drift * sum_t) / n;
     double squares = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) squares += std::pow(1e-9 * double(to_ns[i] - map(from_ns[i])), 2);
     map.residual_s = std::sqrt(squares / n);
@@ -13355,7 +13367,7 @@ inline Eigen::VectorXd intensity_force_slope(In<MatrixXd> response, In<VectorXd>
   return response * centred / spread;
 }
 
-/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 7, model.md §8).
+/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;    ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   double W_recontact = 0.0;   ///< median over places and re-contacts of the RMS deviation from the median profile [unit/N]
@@ -17245,7 +17257,7 @@ struct Evaluation {
   Observations observations;
 };
 
-/// The worst scenario's contact progression (paper Eq. 3), with the scenario that sets it.
+/// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
 /// θ → finger → meshes → equilibria → responses → the paper's two objectives.

@@ -20,6 +20,7 @@ LUMO = MAKE_STORE = CHROMIUM = ""
 FOLDER = pathlib.Path()
 USAGE, BAD_FILE = 2, 5
 STORES = {"DS_flat": 14, "DS_curved": 14, "Sol_flat": 16, "Sol_curved": 16}   # successful evaluations
+OLD_STORE, OLD_VERSION = "Sol_curved", 3   # its results are of another version
 PLACES, BINS, SCENARIOS, LOADS = 7, 11, 28, 5
 
 
@@ -31,7 +32,8 @@ def store(name):
     path = FOLDER / f"{name}.db"
     if not path.exists():
         material, ensemble = name.split("_")
-        subprocess.run([MAKE_STORE, path, material, ensemble, str(STORES[name])], check=True, timeout=300)
+        version = [str(OLD_VERSION)] if name == OLD_STORE else []
+        subprocess.run([MAKE_STORE, path, material, ensemble, str(STORES[name]), *version], check=True, timeout=300)
     return path
 
 
@@ -316,6 +318,10 @@ class Campaigns(Page):
         self.assertEqual(len(set(digests)), 4)
         for digest in digests:
             self.assertIn(f"digest {digest}", foot)
+        data = json.loads(self.browser.evaluate("document.getElementById('data').textContent"))
+        versions = [c["results_version"] for c in data["campaigns"]]
+        self.assertEqual(versions, [OLD_VERSION if name == OLD_STORE else data["results_version"] for name in STORES])
+        self.assertNotEqual(OLD_VERSION, data["results_version"])
         self.browser.screenshot(FOLDER / "four-1280.png")
         self.quiet()
 

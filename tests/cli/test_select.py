@@ -24,8 +24,8 @@ class Select(unittest.TestCase):
     def tearDown(self):
         self.folder.cleanup()
 
-    def make(self, what):
-        subprocess.run([MAKE_STORE, self.store, "DS", "flat", what], check=True, timeout=300)
+    def make(self, what, *version):
+        subprocess.run([MAKE_STORE, self.store, "DS", "flat", what, *version], check=True, timeout=300)
 
     def test_the_balanced_choice(self):
         self.make("12")
@@ -47,7 +47,7 @@ class Select(unittest.TestCase):
         self.assertEqual(len(chosen["table_2"]), 4)
 
     def test_the_baseline_gains_nothing_on_itself(self):
-        self.make("6,6,8,5,0")
+        self.make("6,6,8,5,0", "1")   # results of another version are read, too
         done = run("campaign", "select", "--store", self.store, "--json", "--quiet")
         chosen = json.loads(done.stdout)
         self.assertEqual(chosen["gain_percent"], [0, 0, 0])

@@ -19,7 +19,7 @@
 
 #include <map>
 
-// Every material with every contact, element and solver, on a finger of few elements.
+// Every material with every element and solver, every contact with every element and solver, on a finger of few elements.
 using namespace lumo;
 
 namespace {
@@ -62,14 +62,17 @@ MechanicalState press(const Contact& contact, const Element& element) {
 bool is_cured(const LinearTet&) { return false; }
 bool is_cured(const QuadraticTet& e) { return e.mean_dilatation; }
 
+/// Contact at vertices with two of the materials: contact knows nothing of them, and each combination compiles for seconds.
 template <class Contact, class Element, class Method>
 void every_material(const std::string& name, const Contact& contact, const Element& element) {
-  const std::map<std::string, MechanicalState> states = {{"NeoHookean", press<NeoHookean, Contact, Element, Method>(contact, element)},
-                                                         {"StableNeoHookean", press<StableNeoHookean, Contact, Element, Method>(contact, element)},
-                                                         {"MooneyRivlin", press<MooneyRivlin, Contact, Element, Method>(contact, element)},
-                                                         {"Yeoh", press<Yeoh, Contact, Element, Method>(contact, element)},
-                                                         {"Ogden", press<Ogden, Contact, Element, Method>(contact, element)}};
-  const MechanicalState& first = states.at("NeoHookean");
+  std::map<std::string, MechanicalState> states = {{"NeoHookean", press<NeoHookean, Contact, Element, Method>(contact, element)},
+                                                   {"Ogden", press<Ogden, Contact, Element, Method>(contact, element)}};
+  if constexpr (std::same_as<Contact, SDFContact>) {
+    states["StableNeoHookean"] = press<StableNeoHookean, Contact, Element, Method>(contact, element);
+    states["MooneyRivlin"] = press<MooneyRivlin, Contact, Element, Method>(contact, element);
+    states["Yeoh"] = press<Yeoh, Contact, Element, Method>(contact, element);
+  }
+  const MechanicalState first = states.at("NeoHookean");
   for (const auto& [material, s] : states) {
     INFO(name << " " << material << ": " << to_string(s.status) << ", " << s.force_N << " N at " << s.depth_m * 1e3 << " mm, residual " << s.residual_N);
     CHECK(s.status == (std::same_as<Method, VertexBlockDescent> ? Status::held : Status::converged));
