@@ -30,7 +30,6 @@
 #include <sqlite3.h>
 #include <xxhash.h>
 #endif
-
 #ifdef LUMO_PROGRAM_ZIP
 #include <zip.h>
 #endif

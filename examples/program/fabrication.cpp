@@ -11,6 +11,8 @@
 #include "program/present.hpp"
 #include "program/text.hpp"
 
+#include <algorithm>
+#include <span>
 #include <sstream>
 #include <vector>
 
@@ -87,13 +89,14 @@ std::string fabricate(const Options& options, Output& files) {
   }
   j["print_material"] = {{"name", "PLA"}, {"density_kg_per_m3", print_density_kg_per_m3}, {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
   j["silicone"] = {{"density_kg_per_m3", rubber.density_kg_per_m3},
-                   {"source", "paper Table I; mixed 1A:1B by weight, as both makers' bulletins say"},
+                   {"source", "paper Table I"},
                    {"pad_volume_mm3", number(1e9 * volume.pad)},
                    {"pad_mass_g", number(grams(volume.pad, rubber.density_kg_per_m3))},
                    {"fits_volume_mm3", number(1e9 * volume.fits)},
                    {"openings_volume_mm3", number(1e9 * volume.openings)},
                    {"cast_volume_mm3", number(1e9 * volume.total())},
                    {"cast_mass_g", number(cast_g)},
+                   {"mix", "1A:1B by weight"},
                    {"reserve_percent", 100.0 * (reserve - 1.0)},
                    {"part_a_g", number(0.5 * mix_g)},
                    {"part_b_g", number(0.5 * mix_g)}};

@@ -21,7 +21,7 @@ struct CastingOptions {
   double wall = 8.0e-3;            ///< of the mould about the pad
   double rim = 3.0e-3;             ///< how far the mould reaches down the plate's edge, which it is centred by
   double gate_diameter = 4.0e-3;   ///< at the pad; a Luer tip fits
-  double vent_diameter = 1.5e-3;   ///< at the pad
+  double vent_diameter = 2.0e-3;   ///< at the pad: the smallest hole that FDM prints well
 
   /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
   static constexpr double thinnest_wall = 0.8e-3;
@@ -82,8 +82,8 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
                                        s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
     throw InvalidArgument(detail::text("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
-  if (at.notch_outer > at.half_width - 3.5e-3)
-    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ", 3.5 + 1e3 * o.clearance, " mm"));
+  if (at.notch_outer > at.half_width - 4.3e-3)
+    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ", 4.3 + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo

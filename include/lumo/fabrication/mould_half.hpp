@@ -39,7 +39,7 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
   // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
   const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
   const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
-  const double corner_x = at.half_width - 2.0e-3, corner_z = 2.0e-3;
+  const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, vent + length * std::tan(3.0_deg)});
   return list;
