@@ -89,7 +89,6 @@ inline double least_draft(const TriangleSurface& half, const CastSection& s, In<
     const Vec3 middle = (a + b + c) / 3.0;
     if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
     const Vec3 normal = (b - a).cross(c - a).normalized();
-    if (normal.z() == -1.0 && middle.z() == 0.0) continue;   // the ledge
     least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
   }
   return least;

@@ -82,8 +82,8 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
                                        s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
     throw InvalidArgument(detail::text("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
-  if (at.notch_outer > at.half_width - 4.3e-3)
-    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ", 4.3 + 1e3 * o.clearance, " mm"));
+  if (at.notch_outer > at.half_width - 4.55e-3)
+    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ", 4.55 + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo

@@ -2,6 +2,7 @@
 
 #include "lumo/fabrication/carrier_solid.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
@@ -9,7 +10,7 @@
 
 namespace lumo {
 
-/// The end at which the pad is poured, through the wall of mould half A; lengths in m, in (x, z).
+/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y; lengths in m, places in (x, z).
 struct Opening {
   std::array<double, 2> at_pad, outside;   ///< centres at the pad's end and at the mould's outer face
   double radius, outer_radius;
@@ -41,7 +42,7 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
   const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
   const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
-  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, vent + length * std::tan(3.0_deg)});
+  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
   return list;
 }
 
