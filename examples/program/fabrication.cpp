@@ -12,6 +12,7 @@
 #include "program/text.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <span>
 #include <sstream>
 #include <vector>
@@ -60,6 +61,9 @@ std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
   return list;
 }
 
+/// To a nanometre, so that 9 mm in m are 9 mm again.
+double mm(double length_m) { return std::round(1e9 * 1e3 * length_m) / 1e9; }
+
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
 
 }  // namespace
@@ -76,14 +80,14 @@ std::string fabricate(const Options& options, Output& files) {
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(options);
-  j["options_mm"] = {{"clearance", 1e3 * o.clearance}, {"plate", 1e3 * o.plate}, {"wall", 1e3 * o.wall}, {"strip_width", 1e3 * o.strip_width}, {"strip_height", 1e3 * o.strip_height},
-                     {"gate", 1e3 * o.gate_diameter}, {"vent", 1e3 * o.vent_diameter}};
+  j["options_mm"] = {{"clearance", mm(o.clearance)},       {"plate", mm(o.plate)},        {"wall", mm(o.wall)}, {"strip_width", mm(o.strip_width)},
+                     {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)}, {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
   std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) + "  printed, x × y × z [mm]\n";
   for (const CastingPart& part : kit) {
     const double mass_g = grams(part.volume_m3, print_density_kg_per_m3);
     j["parts"].push_back({{"name", part.name}, {"file", part.name + ".stl"}, {"copies", part.copies}, {"volume_mm3", number(1e9 * part.volume_m3)}, {"mass_g", number(mass_g)},
-                          {"box_mm", numbers(std::vector{1e3 * part.box.x(), 1e3 * part.box.y(), 1e3 * part.box.z()})}});
+                          {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
     table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) + "  " + short_number(1e3 * part.box.x()) + " × " +
              short_number(1e3 * part.box.y()) + " × " + short_number(1e3 * part.box.z()) + "\n";
   }

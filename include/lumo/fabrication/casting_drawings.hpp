@@ -63,6 +63,9 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
     d.lines.push_back({3, std::move(half)});
     if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
   }
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  if (s.gap_width > 0.0) legend.push_back("cores");
+  for (int layer = 0; layer < int(legend.size()); ++layer) d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }
