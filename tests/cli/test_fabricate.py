@@ -20,7 +20,7 @@ import zipfile
 LUMO = ""
 USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
-EXTREMES = ["2,5,4,2,0", "19,1,15,2,2", "19,1,4,14.5,7.5", "2,18,4,2,7.5", "10,8,4.5,4,7.5", "8,1,4,2,0.5", "19,1,15,14,2"]
+EXTREMES = ["2,5.5,4,2,0", "19,1,15,2,2", "19,1,4,14.5,7.5", "2,18,4,2,7.5", "10,8,4.5,4,7.5", "8,1,4,2,0.5", "19,1,15,14,2"]
 
 
 def run(*arguments, **options):

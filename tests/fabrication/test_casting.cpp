@@ -180,7 +180,7 @@ TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
 
 TEST_CASE("every option at its ends makes solids", "[fabrication]") {
   namespace limits = casting_limits;
-  for (const FingerDesign& d : {FingerDesign{2, 5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
+  for (const FingerDesign& d : {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
     for (const bool low : {true, false}) {
       const auto end = [low](const Limits& mm) { return 1e-3 * (low ? mm.low : mm.high); };
       CastingOptions o;
