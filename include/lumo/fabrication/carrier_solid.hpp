@@ -48,7 +48,8 @@ inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions&
     std::vector<FacetedSolid::Loop> loops;
     for (const double x : {-1.0, 1.0})
       for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(detail::ring(Vec3(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3::UnitX(), Vec3::UnitY(), 0.5 * o.hole_diameter)));
+        loops.push_back(reversed(detail::ring(Vec3(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3::UnitX(), Vec3::UnitY(),
+                                              0.5 * o.hole_diameter)));
     return loops;
   };
   auto below = holes(bottom), above = holes(0.0);

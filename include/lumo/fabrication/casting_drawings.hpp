@@ -53,11 +53,13 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   else pad.push_back({ridge, 0.0});
   pad.insert(pad.end(), s.outline.begin(), s.outline.end());
   d.lines.push_back({0, detail::mirrored(std::move(pad))});
-  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, s.ridge_height}, {ridge, s.ridge_height}, {ridge, 0.0}, {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
+  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, s.ridge_height}, {ridge, s.ridge_height}, {ridge, 0.0},
+                                          {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
   d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+                                     {0.0, at.mould_top}};
     half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
     for (Drawing::Point& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
@@ -65,7 +67,8 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   }
   std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
   if (s.gap_width > 0.0) legend.push_back("cores");
-  for (int layer = 0; layer < int(legend.size()); ++layer) d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+  for (int layer = 0; layer < int(legend.size()); ++layer)
+    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }

@@ -29,7 +29,8 @@ struct CastingOptions {
 
 /// Limits of the options in mm, as they are checked and as they are told.
 namespace casting_limits {
-inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5}, gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5};
+inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
 }
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
@@ -78,12 +79,13 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
   const CastingLayout at(s, o);
   const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
   if (o.strip_width * 1e3 > widest + 1e-9)
-    throw InvalidArgument(detail::text("LED strip width is ", detail::exact(o.strip_width * 1e3), " mm, must be at most ", widest, " mm: 0.6 mm of wall on each side of it in a ridge of ",
-                                       s.ridge_width * 1e3, " mm"));
+    throw InvalidArgument(detail::text("LED strip width is ", detail::exact(o.strip_width * 1e3), " mm, must be at most ", widest,
+                                       " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
     throw InvalidArgument(detail::text("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
   if (at.notch_outer > at.half_width - 4.55e-3)
-    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ", 4.55 + 1e3 * o.clearance, " mm"));
+    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
+                                       4.55 + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo

@@ -38,7 +38,8 @@ inline void write_dxf(std::ostream& out, const Drawing& drawing) {
     for (const Drawing::Point& p : line.points) pair(0, "VERTEX"), pair(8, name(line.layer)), point(10, p);
     pair(0, "SEQEND"), pair(8, name(line.layer));
   }
-  for (const Drawing::Label& label : drawing.labels) pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, detail::in_mm(label.height)), pair(1, label.words);
+  for (const Drawing::Label& label : drawing.labels)
+    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, detail::in_mm(label.height)), pair(1, label.words);
   pair(0, "ENDSEC"), pair(0, "EOF");
   if (!out) throw InputError("writing a .dxf file failed");
 }

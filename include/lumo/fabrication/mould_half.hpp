@@ -92,7 +92,8 @@ class MouldHalf {
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
     if (notched_)
-      for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}}) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
+      for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
+        line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
     return line;
   }
 
@@ -131,7 +132,8 @@ inline void MouldHalf::cavity() {
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_)) holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
+    for (const Opening& opening : pour_openings(s_, o_))
+      holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
@@ -155,8 +157,10 @@ inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notched_ ? at_.notch_outer : left;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
   if (notched_)
-    for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}}) solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
-  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y}, {at_.rim_x, at_.rim_y}}, rim_)));
+    for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
+      solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
+  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
+                               {at_.rim_x, at_.rim_y}}, rim_)));
   solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
   Corners inner = stepped(0.0, -o_.clearance);   // along its top
   std::reverse(inner.begin(), inner.end());
@@ -175,7 +179,8 @@ inline void MouldHalf::outside() {
     for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
       holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
   if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_)) holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
+    for (const Opening& opening : pour_openings(s_, o_))
+      holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
