@@ -1,6 +1,6 @@
 # Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package alike.
 # LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
-set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json)
+set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json zip)
 set(LUMO_PACKAGE_tetgen libtet1.5-dev)
 set(LUMO_PACKAGE_embree libembree-dev)
 set(LUMO_PACKAGE_cholmod libsuitesparse-dev)
@@ -8,6 +8,7 @@ set(LUMO_PACKAGE_tbb libtbb-dev)
 set(LUMO_PACKAGE_opencv libopencv-dev)
 set(LUMO_PACKAGE_sqlite "libsqlite3-dev libxxhash-dev")
 set(LUMO_PACKAGE_json nlohmann-json3-dev)
+set(LUMO_PACKAGE_zip libzip-dev)
 
 macro(lumo_component name includes)  # further arguments: libraries
   if(NOT TARGET lumo::${name})
@@ -77,4 +78,12 @@ find_path(LUMO_JSON_INCLUDE nlohmann/json.hpp)
 mark_as_advanced(LUMO_JSON_INCLUDE)
 if(LUMO_JSON_INCLUDE)
   lumo_component(json "${LUMO_JSON_INCLUDE}")
+endif()
+
+# Not by its own package file, which asks for command-line tools that Debian packs apart.
+find_path(LUMO_ZIP_INCLUDE zip.h)
+find_library(LUMO_ZIP_LIBRARY zip)
+mark_as_advanced(LUMO_ZIP_INCLUDE LUMO_ZIP_LIBRARY)
+if(LUMO_ZIP_INCLUDE AND LUMO_ZIP_LIBRARY)
+  lumo_component(zip "${LUMO_ZIP_INCLUDE}" "${LUMO_ZIP_LIBRARY}")
 endif()

@@ -2,6 +2,7 @@
 #include "program/campaign.hpp"
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
+#include "program/fabrication.hpp"
 #include "program/interrupt.hpp"
 #include "program/optimize.hpp"
 #include "program/options.hpp"
@@ -58,6 +59,7 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
 std::string general(const Options& options, Output& files, Progress& progress, char** arguments) {
   switch (options.command) {
     case Command::doctor: return options.camera ? sense(options, files, progress, arguments) : doctor(options.json);
+    case Command::fabricate: return fabricate(options, files);
     case Command::optimize: optimize(options.space, options.transcript); return "";
     case Command::campaign_run: return campaign_run(options, progress);
     case Command::campaign_status: return campaign_status(options);

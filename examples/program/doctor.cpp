@@ -30,6 +30,9 @@
 #include <sqlite3.h>
 #include <xxhash.h>
 #endif
+#ifdef LUMO_PROGRAM_ZIP
+#include <zip.h>
+#endif
 
 namespace lumo::program {
 
@@ -122,6 +125,11 @@ std::vector<Component> components() {
   opencv.on = true, opencv.version = LUMO_PROGRAM_OPENCV;
 #endif
   list.push_back(opencv);
+  Component libzip{"libzip", "", "BSD-3-Clause", "libzip-dev", "3MF files of lumo fabricate", ""};
+#ifdef LUMO_PROGRAM_ZIP
+  libzip.on = true, libzip.version = zip_libzip_version();
+#endif
+  list.push_back(libzip);
   list.push_back({"CLI11", CLI11_VERSION, "BSD-3-Clause", "libcli11-dev", "this command line", "", true});
   list.push_back({"nlohmann-json", triple(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH), "MIT", "nlohmann-json3-dev", "JSON output, sessions of logs", "", true});
   return list;

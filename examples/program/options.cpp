@@ -21,6 +21,7 @@ namespace {
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
   std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
+  std::string clearance, plate, wall, strip_width, strip_height, gate, vent;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
   bool csv = false;
@@ -130,6 +131,23 @@ Mechanics read_mechanics(const Typed& t, Command command) {
   return m;
 }
 
+/// Sizes of the parts to print; in m, as the library wants them.
+CastingOptions read_casting(const Typed& t) {
+  namespace limits = casting_limits;
+  CastingOptions o;
+  const auto length = [](const char* option, const std::string& typed, const Limits& admitted_mm, double& into) {
+    if (!typed.empty()) into = 1e-3 * in_range(option, typed, admitted_mm, "mm");
+  };
+  length("--clearance", t.clearance, limits::clearance_mm, o.clearance);
+  length("--plate", t.plate, limits::plate_mm, o.plate);
+  length("--wall", t.wall, limits::wall_mm, o.wall);
+  length("--strip-width", t.strip_width, limits::strip_width_mm, o.strip_width);
+  length("--strip-height", t.strip_height, limits::strip_height_mm, o.strip_height);
+  length("--gate", t.gate, limits::gate_mm, o.gate_diameter);
+  length("--vent", t.vent, limits::vent_mm, o.vent_diameter);
+  return o;
+}
+
 bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate; }
 
 void read(Options& o, const Typed& t) {
@@ -170,6 +188,8 @@ void read(Options& o, const Typed& t) {
   if (!t.y.empty()) o.y_mm = in_range("--y", t.y, contact_places_mm, "mm");
   if (!t.loads.empty()) o.loads_N = read_loads(t.loads);
   o.mechanics = read_mechanics(t, o.command);
+  o.casting = read_casting(t);
+  if (o.command == Command::fabricate && !o.out) throw UsageError("--out is missing (see lumo fabricate --help)");
 }
 
 /// `into` is a string, or a list of them for an option that may be repeated.
@@ -224,7 +244,7 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 25> names = {"section",         "mesh",            "press",           "trace",           "evaluate",
+  static constexpr std::array<std::string_view, 26> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
                                                              "campaign select", "campaign report", "study carrier",   "study void",      "study solver",
                                                              "doctor",          "lab recontact",   "lab cycle",       "lab imaging",     "lab force",
@@ -287,6 +307,23 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--size", t.size, "Of all edges [mm], default: graded, fine at the contact; in paper mode 1", "N");
     text_option(c, "--sweeps", t.sweeps, "Of vbd, per 0.01 s step, default 10", "N");
     contact(c);
+  };
+  const auto fabrication = [&](CLI::App* c) {
+    theta(c);
+    material(c);
+    text_option(c, "--out", t.out, "Directory for the files; made when it is not there", "DIR");
+    const CastingOptions normal;
+    const auto length = [&](const char* option, std::string& typed, const char* what, double normal_m) {
+      text_option(c, option, typed, lumo::detail::text(what, " [mm], default ", short_number(1e3 * normal_m)), "N");
+    };
+    length("--clearance", t.clearance, "On each side between printed parts", normal.clearance);
+    length("--plate", t.plate, "Thickness of the carrier's plate", normal.plate);
+    length("--wall", t.wall, "Of the mould about the pad", normal.wall);
+    length("--strip-width", t.strip_width, "Width of the LED strip", normal.strip_width);
+    length("--strip-height", t.strip_height, "Height of the LED strip with its LEDs", normal.strip_height);
+    length("--gate", t.gate, "Diameter of the gate at the pad", normal.gate_diameter);
+    length("--vent", t.vent, "Diameter of the vents at the pad", normal.vent_diameter);
+    common(c);
   };
   const auto optimization = [&](CLI::App* c) {
     text_option(c, "--space", o.space, "Variables, constraints, objectives and budget (JSON)", "FILE");
@@ -358,7 +395,8 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   };
   for (const Entry& e : {Entry{Command::section, "Draw the cross-section with its dimensions (SVG)"}, Entry{Command::mesh, "Make the tetrahedral mesh (VTU with --out)"},
                          Entry{Command::press, "Press a sphere on the pad: force, depth, contact"}, Entry{Command::trace, "Press, then trace light: response of each region"},
-                         Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
+                         Entry{Command::evaluate, "Both objectives of a design over an ensemble"}, Entry{Command::fabricate, "Files to print and cast the finger: carrier, mould, drawings"},
+                         Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
                          Entry{Command::decode, "Place from regional responses, one repetition left out"},
                          Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
                          Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
@@ -367,6 +405,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), common(c);
     else if (of_log(e.command)) of_a_log(c, e.command);
     else if (e.command == Command::optimize) optimization(c);
+    else if (e.command == Command::fabricate) fabrication(c);
     else design(c);
     if (e.command == Command::press || e.command == Command::trace) scenario(c);
     if (e.command == Command::evaluate) ensemble(c), ray_error(c);

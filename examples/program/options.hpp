@@ -4,6 +4,7 @@
 
 #include "lumo/campaign/ray_refinement.hpp"
 #include "lumo/core/error.hpp"
+#include "lumo/fabrication/casting_options.hpp"
 
 #include <array>
 #include <optional>
@@ -14,7 +15,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_solver, doctor,
+enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_solver, doctor,
                      lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
 enum class Ensemble { flat, curved };
 
@@ -56,6 +57,7 @@ struct Options {
   bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
   std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
   std::optional<int> camera;             ///< number of a live one
+  CastingOptions casting;
 };
 
 /// The command line makes no sense.

@@ -12,7 +12,8 @@ ALLOWED = {stage: set(STAGES[: i + 1]) for i, stage in enumerate(STAGES)}
 ALLOWED["optimize"] = {"core", "optimize"}
 ALLOWED["sense"] = {"core", "sense"}
 ALLOWED["lab"] = set(STAGES) | {"sense", "lab"}
-ALLOWED["campaign"] = set(STAGES) | {"optimize", "sense", "lab", "campaign"}
+ALLOWED["fabrication"] = {"core", "morphology", "mesh", "fabrication"}
+ALLOWED["campaign"] = set(STAGES) | {"optimize", "sense", "lab", "fabrication", "campaign"}
 ALLOWED["support"] = ALLOWED["campaign"] | {"support"}
 ALLOWED[""] = ALLOWED["campaign"] | {""}  # umbrella headers, which need Eigen only
 

@@ -1,0 +1,97 @@
+#pragma once
+
+#include "lumo/fabrication/carrier_solid.hpp"
+#include "lumo/fabrication/core_solid.hpp"
+#include "lumo/fabrication/mould_half.hpp"
+#include "lumo/fabrication/three_mf.hpp"
+
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// A part to be printed.
+struct CastingPart {
+  std::string name;
+  TriangleSurface assembled;      ///< where it is in the closed mould, the pad's frame [m]
+  TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  int copies = 1;
+  double volume_m3 = 0.0;         ///< of one
+  Vec3 box = Vec3::Zero();        ///< edges of the printed one's bounding box [m]
+};
+
+/// Silicone that a cast takes [m³].
+struct CastVolume {
+  double pad = 0.0;               ///< the design's, exact
+  double fits = 0.0;              ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double openings = 0.0;          ///< gate and vents up to the mould's outer face: cut off
+  double total() const { return pad + fits + openings; }
+};
+
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
+template <class = void>
+std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+
+CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+
+/// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
+/// Faces of the half that lie within the pad's box are such.
+template <class Vec3 = Vec3>
+double least_draft(const TriangleSurface& half, const CastSection& section, In<Vec3> direction);
+
+/// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft of the pad's ends.
+template <class = void>
+inline Vec3 opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
+
+namespace detail {
+
+/// Turned by a rotation and moved to the corner of the printer's bed.
+template <class Mat3 = Mat3>
+inline CastingPart print_part(std::string name, TriangleSurface surface, In<Mat3> turn, int copies = 1) {
+  CastingPart part{std::move(name), surface, std::move(surface), copies};
+  for (Vec3& v : part.printed.vertices) v = turn * v;
+  const SurfaceReport report = validate_surface(part.printed);
+  for (Vec3& v : part.printed.vertices) v -= report.low;
+  part.volume_m3 = report.volume, part.box = report.high - report.low;
+  return part;
+}
+
+}  // namespace detail
+
+template <class>
+inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
+  // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
+  const Mat3 flat = Mat3::Identity(), on_far_end = (Mat3() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
+             on_side = (Mat3() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
+  std::vector<CastingPart> kit;
+  kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
+  kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
+  kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
+  if (s.gap_width > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  return kit;
+}
+
+inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  CastVolume v{s.exact_volume_m3, 4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height + s.ridge_width * s.ridge_height * o.clearance, 0.0};
+  for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
+  return v;
+}
+
+template <class Vec3>
+inline double least_draft(const TriangleSurface& half, const CastSection& s, In<Vec3> direction) {
+  const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
+  double least = 0.5 * pi;
+  for (const auto& t : half.triangles) {
+    const Vec3 &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
+    const Vec3 middle = (a + b + c) / 3.0;
+    if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
+    const Vec3 normal = (b - a).cross(c - a).normalized();
+    least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
+  }
+  return least;
+}
+
+}  // namespace lumo
