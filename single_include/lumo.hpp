@@ -18232,6 +18232,1110 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
 
 }  // namespace lumo
 
+// ---- lumo/morphology/cast_section.hpp
+
+namespace lumo {
+
+/// What a pad that is cast on its carrier looks like, in general words: a dome over a ridge, an open gap along each side of the ridge, the same all along y.
+/// Lengths in m, the body's frame: x across, y along, centred, z from the carrier's plate outwards.
+struct CastSection {
+  std::vector<std::array<double, 2>> outline;  ///< half outline (x, z) of the pad: from the plate at x > 0 up and over to (0, height)
+  double length = 0.0;                         ///< of the pad along y
+  double ridge_width = 0.0;                    ///< of the rigid ridge in the middle
+  double ridge_height = 0.0;
+  double gap_width = 0.0;                      ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
+  double exact_volume_m3 = 0.0;                ///< of the pad with its curve uncut [m³]
+  FingerOptions::Leds leds;                    ///< centred on the ridge, facing up
+
+  double half_width() const { return outline.front()[0]; }
+  double height() const { return outline.back()[1]; }
+  /// Area inside the cut outline, ridge and gaps taken off [m²].
+  double area_m2() const;
+};
+
+/// Chords for making things: they leave the curve by less than 5 µm, a tenth of what printers resolve.
+inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
+
+/// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws InfeasibleDesign.
+CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
+
+inline double CastSection::area_m2() const {
+  double half = 0.0;
+  for (std::size_t i = 0; i + 1 < outline.size(); ++i) half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
+  return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
+}
+
+inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options, const Chords& chords) {
+  validate(options);
+  const HalfSection half = half_section(design, Twin::none, chords, options.pad);
+  CastSection s;
+  s.outline.push_back({0.5e-3 * options.pad.width, 0.0});
+  for (std::size_t i = 0; i < half.x.size(); ++i)
+    if (half.tag[i] == SectionTag::dome || half.tag[i] == SectionTag::mirror) s.outline.push_back({half.x[i], half.z[i]});
+  s.length = 1e-3 * options.pad.length;
+  s.ridge_width = 1e-3 * design.w_s, s.ridge_height = 1e-3 * design.h_s, s.gap_width = 1e-3 * design.w_v;
+  s.exact_volume_m3 = 2.0 * half.exact_area_m2() * s.length;
+  s.leds = options.leds;
+  return s;
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/casting_options.hpp
+
+namespace lumo {
+
+/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within what the sources in
+/// docs/fabrication.md advise.
+struct CastingOptions {
+  double clearance = 0.2e-3;       ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
+  double plate = 4.0e-3;           ///< thickness of the carrier's plate
+  double flange = 3.0e-3;          ///< of the plate beyond the pad's long sides: the mould seals on it
+  double tab = 7.0e-3;             ///< of the plate beyond the pad's ends, with the mounting holes
+  double hole_diameter = 3.4e-3;   ///< of the mounting holes: M3, ISO 273 medium
+  double strip_width = 2.0e-3;     ///< of the LED strip
+  double strip_height = 0.9e-3;    ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
+  double wall = 8.0e-3;            ///< of the mould about the pad
+  double rim = 3.0e-3;             ///< how far the mould reaches down the plate's edge, which it is centred by
+  double gate_diameter = 4.0e-3;   ///< at the pad; a Luer tip fits
+  double vent_diameter = 2.0e-3;   ///< at the pad: the smallest hole that FDM prints well
+
+  /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
+  static constexpr double thinnest_wall = 0.8e-3;
+};
+
+/// Limits of the options in mm, as they are checked and as they are told.
+namespace casting_limits {
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5};
+inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
+}
+
+/// Throws InvalidArgument for an option that is out of range, or does not fit the section.
+void validate(const CastingOptions& options, const CastSection& section);
+
+/// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
+struct CastingLayout {
+  double half_width, top, half_length;            ///< of the pad; half_length is that of the cavity, too
+  double plate_x, plate_y;                        ///< half the plate
+  double rim_x, rim_y;                            ///< where the mould's rim begins: the plate with its clearance
+  double mould_x, mould_y, mould_top;             ///< half the mould, and its height above the plate
+  double notch_inner, notch_outer, notch_roof;    ///< of the openings for the cores, from the middle out
+  double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
+  double strip_y;                                 ///< half the LED strip
+
+  CastingLayout(const CastSection& s, const CastingOptions& o) {
+    const double c = o.clearance;
+    half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
+    plate_x = half_width + o.flange, plate_y = half_length + o.tab;
+    rim_x = plate_x + c, rim_y = plate_y + c;
+    mould_x = half_width + o.wall, mould_y = rim_y + (mould_x - rim_x), mould_top = top + o.wall;
+    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c, notch_roof = s.ridge_height + c;
+    strip_y = 0.5 * ((s.leds.count - 1) * s.leds.pitch + strip_margin);
+    pocket_x = 0.5 * o.strip_width + c, pocket_y = strip_y + c, pocket_floor = s.ridge_height - o.strip_height;
+  }
+
+  static constexpr double strip_margin = 8.0e-3;  ///< of the strip beyond the outer LEDs' centres, both together
+  static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
+};
+
+inline void validate(const CastingOptions& o, const CastSection& s) {
+  namespace limits = casting_limits;
+  require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
+  require_in_range("plate thickness", o.plate * 1e3, limits::plate_mm, "mm");
+  require_in_range("mould wall", o.wall * 1e3, limits::wall_mm, "mm");
+  require_in_range("LED strip width", o.strip_width * 1e3, limits::strip_width_mm, "mm");
+  require_in_range("LED strip height", o.strip_height * 1e3, limits::strip_height_mm, "mm");
+  require_in_range("gate diameter", o.gate_diameter * 1e3, limits::gate_mm, "mm");
+  require_in_range("vent diameter", o.vent_diameter * 1e3, limits::vent_mm, "mm");
+  require_in_range("mounting hole diameter", o.hole_diameter * 1e3, 1.0, 5.0, "mm");
+  require_in_range("plate beyond the pad's ends", o.tab * 1e3, o.hole_diameter * 1e3 + 3.0, 30.0, "mm");
+  require_in_range("plate beyond the pad's sides", o.flange * 1e3, 1.0, (o.wall - o.clearance) * 1e3 - 2.0, "mm");
+  require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
+  require_in_range("pad width", 2e3 * s.half_width(), 20.0, 200.0, "mm");
+  require_in_range("ridge height", s.ridge_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * s.height() - 4.9, "mm");
+  const CastingLayout at(s, o);
+  const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
+  if (o.strip_width * 1e3 > widest + 1e-9)
+    throw InvalidArgument(detail::text("LED strip width is ", detail::exact(o.strip_width * 1e3), " mm, must be at most ", widest,
+                                       " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
+  if (at.pocket_y > at.half_length - 1.0e-3)
+    throw InvalidArgument(detail::text("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
+  if (at.notch_outer > at.half_width - 4.55e-3)
+    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
+                                       4.55 + 1e3 * o.clearance, " mm"));
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/polygon_triangles.hpp
+
+namespace lumo::detail {
+
+/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
+/// are exact. Corners on straight edges are allowed.
+class PolygonTriangles {
+ public:
+  using Triangle = std::array<int, 3>;
+
+  template <class Vec3 = Vec3>
+  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+    const Projection project(normal);
+    for (const Vec3& v : vertices) points_.push_back(project(v));
+  }
+
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
+
+ private:
+  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
+  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  bool crosses(int a, int b, const std::vector<int>& loop) const;
+  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
+
+  std::vector<Point2> points_;
+};
+
+/// Whether the segment a b meets an edge of the loop that does not end in a or b.
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int p = loop[i], q = loop[(i + 1) % loop.size()];
+    const bool shared = p == a || p == b || q == a || q == b;
+    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
+  }
+  return false;
+}
+
+/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
+  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
+}
+
+inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+  const int from = hole[start];
+  std::vector<std::pair<double, std::size_t>> nearest;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
+    nearest.emplace_back(dx * dx + dy * dy, i);
+  }
+  std::sort(nearest.begin(), nearest.end());
+  for (const auto& candidate : nearest) {
+    const std::size_t corner = candidate.second;
+    const int to = loop[corner];
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
+    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    std::vector<int> detour{to};
+    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
+    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
+    return true;
+  }
+  return false;
+}
+
+/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
+  if (a == c || turn(a, b, c) <= 0) return 0.0;
+  for (const int p : loop)
+    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
+  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
+  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
+}
+
+inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
+  while (!holes.empty()) {
+    const std::vector<int> hole = std::move(holes.back());
+    holes.pop_back();
+    if (!bridge(loop, hole, holes)) return std::nullopt;
+  }
+  std::vector<Triangle> triangles;
+  std::vector<double> shape;   // of the ear at each corner
+  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
+  while (loop.size() > 3) {
+    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
+    if (!(shape[ear] > 0.0)) return std::nullopt;
+    const std::size_t n = loop.size();
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+    shape.erase(shape.begin() + std::ptrdiff_t(ear));
+    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+  }
+  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
+  triangles.push_back({loop[0], loop[1], loop[2]});
+  return triangles;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/fabrication/faceted_solid.hpp
+
+namespace lumo {
+
+/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
+/// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
+/// told is what is made, and surface() checks that it bounds a solid.
+class FacetedSolid {
+ public:
+  using Loop = std::vector<Vec3>;
+
+  /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
+  void face(const Loop& outline, const std::vector<Loop>& holes = {});
+  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
+  /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  void band(const Loop& from, const Loop& to, bool closed = true);
+
+  /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
+  template <class = void>
+  TriangleSurface surface() const;
+
+ private:
+  struct Face {
+    std::vector<int> outline;
+    std::vector<std::vector<int>> holes;
+  };
+
+  int vertex(const Vec3& p);
+  std::vector<int> numbers(const Loop& loop);
+  template <class Vec3 = Vec3>
+  std::vector<int> with_corners_between(const std::vector<int>& loop) const;
+
+  std::vector<Vec3> vertices_;
+  std::map<std::array<double, 3>, int> known_;
+  std::vector<Face> faces_;
+};
+
+/// The loop the other way round.
+inline FacetedSolid::Loop reversed(FacetedSolid::Loop loop) {
+  std::reverse(loop.begin(), loop.end());
+  return loop;
+}
+
+inline int FacetedSolid::vertex(const Vec3& p) {
+  const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
+  if (fresh) vertices_.push_back(p);
+  return place->second;
+}
+
+inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
+  std::vector<int> n;
+  for (const Vec3& p : loop) n.push_back(vertex(p));
+  return n;
+}
+
+inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
+  Face f{numbers(outline), {}};
+  for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
+  faces_.push_back(std::move(f));
+}
+
+inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
+  const std::size_t n = from.size();
+  for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
+}
+
+/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
+template <class Vec3>
+inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
+  std::vector<int> full;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int from = loop[i], to = loop[(i + 1) % loop.size()];
+    const Vec3 &a = vertices_[std::size_t(from)], &b = vertices_[std::size_t(to)];
+    full.push_back(from);
+    for (int axis = 0; axis < 3; ++axis) {
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      if (a[u] != b[u] || a[v] != b[v]) continue;
+      std::vector<std::pair<double, int>> between;
+      for (std::size_t k = 0; k < vertices_.size(); ++k) {
+        const Vec3& p = vertices_[k];
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.emplace_back(std::abs(p[axis] - a[axis]), int(k));
+      }
+      std::sort(between.begin(), between.end());
+      for (const auto& corner : between) full.push_back(corner.second);
+    }
+  }
+  return full;
+}
+
+template <class>
+inline TriangleSurface FacetedSolid::surface() const {
+  TriangleSurface s{vertices_, {}};
+  for (const Face& f : faces_) {
+    const std::vector<int> outline = with_corners_between(f.outline);
+    std::vector<std::vector<int>> holes;
+    for (const auto& hole : f.holes) holes.push_back(with_corners_between(hole));
+    const Vec3 normal = detail::polygon_normal(vertices_, f.outline);
+    // Numbers of the corners alone: the projection of thousands of others would cost more than the cut.
+    std::vector<int> of = outline;
+    for (const auto& hole : holes) of.insert(of.end(), hole.begin(), hole.end());
+    std::sort(of.begin(), of.end());
+    of.erase(std::unique(of.begin(), of.end()), of.end());
+    std::vector<Vec3> corners;
+    for (const int vertex : of) corners.push_back(vertices_[std::size_t(vertex)]);
+    const auto local = [&](std::vector<int> loop) {
+      for (int& vertex : loop) vertex = int(std::lower_bound(of.begin(), of.end(), vertex) - of.begin());
+      return loop;
+    };
+    std::vector<std::vector<int>> local_holes;
+    for (const auto& hole : holes) local_holes.push_back(local(hole));
+    const auto triangles = detail::PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
+    if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
+    for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
+  }
+  validate_surface(s);
+  return s;
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/carrier_solid.hpp
+
+namespace lumo {
+
+/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for its wires through the plate.
+/// The ridge is a clearance shorter than the pad, so that it goes between the mould's ends. Stands on z = −plate.
+/// Throws InvalidArgument, MeshError.
+template <class = void>
+TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
+template <class Vec3 = Vec3>
+inline FacetedSolid::Loop ring(In<Vec3> center, In<Vec3> u, In<Vec3> v, double radius, int corners = 32) {
+  FacetedSolid::Loop loop;
+  for (int k = 0; k < corners; ++k) loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
+  return loop;
+}
+
+/// A rectangle in a plane of constant z, counter-clockwise seen from above.
+template <class = void>
+inline FacetedSolid::Loop rectangle(double x0, double x1, double y0, double y1, double z) {
+  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
+}
+
+}  // namespace detail
+
+template <class>
+inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  using detail::rectangle;
+  const CastingLayout at(s, o);
+  const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
+  FacetedSolid solid;
+  const auto plate = [&](double z) { return rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto ridge = [&](double z) { return rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto pocket = [&](double z) { return rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
+  const auto duct = [&](double z) { return rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
+  const auto holes = [&](double z) {
+    std::vector<FacetedSolid::Loop> loops;
+    for (const double x : {-1.0, 1.0})
+      for (const double y : {-1.0, 1.0})
+        loops.push_back(reversed(detail::ring(Vec3(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3::UnitX(), Vec3::UnitY(),
+                                              0.5 * o.hole_diameter)));
+    return loops;
+  };
+  auto below = holes(bottom), above = holes(0.0);
+  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
+  solid.band(plate(bottom), plate(0.0));
+  solid.band(ridge(0.0), ridge(s.ridge_height));
+  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
+  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
+
+  std::vector<FacetedSolid::Loop> openings;   // seen from below
+  for (const auto& loop : below) openings.push_back(reversed(loop));
+  openings.push_back(duct(bottom));
+  solid.face(reversed(plate(bottom)), openings);
+  above.push_back(reversed(ridge(0.0)));
+  solid.face(plate(0.0), above);
+  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
+  solid.face(ridge(s.ridge_height), {reversed(pocket(s.ridge_height))});
+  return solid.surface();
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/core_solid.hpp
+
+namespace lumo {
+
+/// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
+/// other, a handle behind it, and a step that stops at the mould.
+inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
+  const CastingLayout at(s, o);
+  constexpr double handle = 10.0e-3;
+  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim}, {at.mould_y + handle, s.ridge_height},
+          {-at.half_length, s.ridge_height}};
+}
+
+/// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along +y.
+/// Throws InvalidArgument where there is no gap, MeshError.
+template <class = void>
+inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o = {}) {
+  validate(o, s);
+  require_positive("gap width", s.gap_width * 1e3, "mm");
+  const auto side = [&](double x) {
+    FacetedSolid::Loop loop;
+    for (const auto& p : core_outline(s, o)) loop.emplace_back(x, p[0], p[1]);
+    return loop;
+  };
+  const auto inner = side(0.5 * s.ridge_width), outer = side(0.5 * s.ridge_width + s.gap_width);
+  FacetedSolid solid;
+  solid.band(inner, outer);
+  solid.face(reversed(inner));
+  solid.face(outer);
+  return solid.surface();
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/mould_half.hpp
+
+namespace lumo {
+
+/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y; lengths in m, places in (x, z).
+struct Opening {
+  std::array<double, 2> at_pad, outside;   ///< centres at the pad's end and at the mould's outer face
+  double radius, outer_radius;
+
+  /// Volume of the opening, which is cut as a frustum over a regular polygon [m³].
+  double volume_m3(double length, int corners = 32) const {
+    const double unit = 0.5 * corners * std::sin(2.0 * pi / corners);
+    return unit * length / 3.0 * (radius * radius + radius * outer_radius + outer_radius * outer_radius);
+  }
+};
+
+/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
+
+/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
+/// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
+/// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
+/// Throws InvalidArgument, MeshError.
+template <class = void>
+TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
+template <class = void>
+TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
+
+inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
+  const CastingLayout at(s, o);
+  const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
+  // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
+  const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
+  const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
+  const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
+  std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
+  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+  return list;
+}
+
+namespace detail {
+
+/// Tells the faces of one half; `poured` is half A with its openings, else they are left out.
+class MouldHalf {
+ public:
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
+      : s_(s), o_(o), at_(s, o), poured_(poured), notched_(poured && s.gap_width > 0.0), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {}
+
+  template <class = void>
+  TriangleSurface surface() {
+    cavity();
+    parting();
+    underside();
+    outside();
+    if (notched_) notches();
+    if (poured_) openings();
+    return solid_.surface();
+  }
+
+ private:
+  using Loop = FacetedSolid::Loop;
+  using Corners = std::vector<std::array<double, 2>>;
+
+  /// Of corners (x, z), in a plane of constant y.
+  static Loop upright(const Corners& corners, double y) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
+    return loop;
+  }
+  /// Of corners (y, z), in a plane of constant x.
+  static Loop lengthwise(const Corners& corners, double x) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
+    return loop;
+  }
+  /// Of corners (x, y), in a plane of constant z.
+  static Loop level(const Corners& corners, double z) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
+    return loop;
+  }
+
+  /// A line at height z from the mould's left side, with a step up to `up` over each core.
+  Corners stepped(double z, double up) const {
+    Corners line{{-at_.mould_x, z}};
+    if (notched_)
+      for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
+        line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
+    return line;
+  }
+
+  template <class = void>
+  void cavity();
+  template <class = void>
+  void parting();
+  template <class = void>
+  void underside();
+  template <class = void>
+  void outside();
+  template <class = void>
+  void notches();
+  template <class = void>
+  void openings();
+
+  const CastSection& s_;
+  const CastingOptions& o_;
+  CastingLayout at_;
+  bool poured_, notched_;
+  double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
+  FacetedSolid solid_;
+};
+
+/// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
+template <class>
+inline void MouldHalf::cavity() {
+  solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
+  const Corners crown(s_.outline.rbegin(), s_.outline.rend());
+  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  face.insert(face.end(), crown.begin(), crown.end() - 1);
+  solid_.face(upright(face, near_));
+
+  Corners wall = stepped(0.0, at_.notch_roof);
+  wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
+  wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
+  std::vector<Loop> holes;
+  if (poured_)
+    for (const Opening& opening : pour_openings(s_, o_))
+      holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
+  solid_.face(upright(wall, end_), holes);
+}
+
+/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
+template <class>
+inline void MouldHalf::parting() {
+  constexpr double radius = 2.5e-3, height = 3.0e-3;
+  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
+  const auto around = [&](double x, double place, double r) { return ring(Vec3(x, place, z), Vec3::UnitZ(), Vec3::UnitY(), r); };   // seen from −x
+  solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
+              {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
+  solid_.band(around(0.0, y, radius), around(-height, y, tip));
+  solid_.face(around(-height, y, tip));
+  solid_.band(reversed(around(height + c, -y, tip + c)), reversed(around(0.0, -y, radius + c)));
+  solid_.face(around(height + c, -y, tip + c));
+}
+
+/// The ledge that lies on the carrier's plate, and the rim round it.
+template <class>
+inline void MouldHalf::underside() {
+  const double left = -at_.mould_x, from = notched_ ? at_.notch_outer : left;
+  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
+  if (notched_)
+    for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
+      solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
+  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
+                               {at_.rim_x, at_.rim_y}}, rim_)));
+  solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
+  Corners inner = stepped(0.0, -o_.clearance);   // along its top
+  std::reverse(inner.begin(), inner.end());
+  inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, 0.0}});
+  solid_.face(upright(inner, at_.rim_y));
+}
+
+template <class>
+inline void MouldHalf::outside() {
+  const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
+  solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
+  solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
+  solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
+  std::vector<Loop> holes;
+  if (notched_)
+    for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
+      holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  if (poured_)
+    for (const Opening& opening : pour_openings(s_, o_))
+      holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
+  solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
+}
+
+/// Through the end wall, open to the plate; the rim below it is a clearance lower, so that the core lies on the plate.
+template <class>
+inline void MouldHalf::notches() {
+  const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
+  const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
+  for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}}) {
+    solid_.face(lengthwise(cheek, a));
+    solid_.face(reversed(lengthwise(cheek, b)));
+    solid_.face(reversed(rectangle(a, b, end_, far, roof)));
+    solid_.face(rectangle(a, b, at_.rim_y, far, low));
+  }
+}
+
+template <class>
+inline void MouldHalf::openings() {
+  for (const Opening& o : pour_openings(s_, o_)) {
+    const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
+    const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);
+    solid_.band(reversed(outer), reversed(inner));
+  }
+}
+
+}  // namespace detail
+
+template <class>
+inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  return detail::MouldHalf(s, o, true).surface();
+}
+
+template <class>
+inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  TriangleSurface half = detail::MouldHalf(s, o, false).surface();
+  for (Vec3& v : half.vertices) v = Vec3(-v.x(), -v.y(), v.z());
+  return half;
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/millimetres.hpp
+
+namespace lumo::detail {
+
+/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+inline std::string in_mm(double length_m) {
+  char digits[400];
+  std::string s(digits, std::to_chars(digits, digits + sizeof digits, 1e3 * length_m, std::chars_format::fixed, 6).ptr);
+  s.erase(s.find_last_not_of('0') + 1);
+  if (s.back() == '.') s.pop_back();
+  return s == "-0" ? "0" : s;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/fabrication/three_mf.hpp
+
+namespace lumo {
+
+/// A file within an archive.
+struct ArchivedFile {
+  std::string name;   ///< with its folders, as in "3D/3dmodel.model"
+  std::string contents;
+};
+
+/// Packs files into the bytes of one .zip file. Laws: same files, same bits; unpacked, the files are the same. Throws InputError.
+template <class A>
+concept Archiver = requires(const A& archiver, std::span<const ArchivedFile> files) {
+  { archiver.pack(files) } -> std::same_as<std::string>;
+};
+
+/// A thing to be printed, `copies` times, standing on z = 0 with its corner at the origin.
+struct PrintItem {
+  std::string name;   ///< letters, digits, blanks and _ only
+  TriangleSurface surface;
+  int copies = 1;
+};
+
+/// The files of a 3MF package in mm: one object each, the copies beside each other, `spacing` [m] apart. Throws InvalidArgument for a name with other characters.
+/// Source: 3MF Consortium, 3D Manufacturing Format Core Specification 1.3; ECMA-376 part 2 (open packaging).
+template <class Vec3 = Vec3>
+std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing = 5.0e-3);
+
+/// The package in one. Throws InputError when the stream fails.
+template <Archiver A>
+void write_3mf(std::ostream& out, std::span<const PrintItem> items, const A& archiver) {
+  const std::string bytes = archiver.pack(three_mf_files(items));
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  if (!out) throw InputError("writing a .3mf file failed");
+}
+
+template <class Vec3>
+inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing) {
+  using detail::in_mm;
+  std::string objects, build;
+  double x = 0.0;
+  for (std::size_t k = 0; k < items.size(); ++k) {
+    const PrintItem& item = items[k];
+    for (const char c : item.name)
+      if (!((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == ' ' || c == '_'))
+        throw InvalidArgument(detail::text("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
+    const std::string id = std::to_string(k + 1);
+    objects += "<object id=\"" + id + "\" type=\"model\" name=\"" + item.name + "\"><mesh><vertices>\n";
+    double width = 0.0;
+    for (const Vec3& v : item.surface.vertices) {
+      objects += "<vertex x=\"" + in_mm(v.x()) + "\" y=\"" + in_mm(v.y()) + "\" z=\"" + in_mm(v.z()) + "\"/>\n";
+      width = std::max(width, v.x());
+    }
+    objects += "</vertices><triangles>\n";
+    for (const auto& t : item.surface.triangles)
+      objects += "<triangle v1=\"" + std::to_string(t[0]) + "\" v2=\"" + std::to_string(t[1]) + "\" v3=\"" + std::to_string(t[2]) + "\"/>\n";
+    objects += "</triangles></mesh></object>\n";
+    for (int copy = 0; copy < item.copies; ++copy, x += width + spacing)
+      build += "<item objectid=\"" + id + "\" transform=\"1 0 0 0 1 0 0 0 1 " + in_mm(x) + " 0 0\"/>\n";
+  }
+  const std::string xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
+  return {{"[Content_Types].xml", xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
+                                        "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
+                                        "<Default Extension=\"model\" ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
+          {"_rels/.rels", xml + "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">"
+                                "<Relationship Target=\"/3D/3dmodel.model\" Id=\"rel0\" Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>\n"},
+          {"3D/3dmodel.model", xml + "<model unit=\"millimeter\" xml:lang=\"en\" xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n<resources>\n" + objects +
+                                   "</resources>\n<build>\n" + build + "</build>\n</model>\n"}};
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/casting_kit.hpp
+
+namespace lumo {
+
+/// A part to be printed.
+struct CastingPart {
+  std::string name;
+  TriangleSurface assembled;      ///< where it is in the closed mould, the pad's frame [m]
+  TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  int copies = 1;
+  double volume_m3 = 0.0;         ///< of one
+  Vec3 box = Vec3::Zero();        ///< edges of the printed one's bounding box [m]
+};
+
+/// Silicone that a cast takes [m³].
+struct CastVolume {
+  double pad = 0.0;               ///< the design's, exact
+  double fits = 0.0;              ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double openings = 0.0;          ///< gate and vents up to the mould's outer face: cut off
+  double total() const { return pad + fits + openings; }
+};
+
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
+template <class = void>
+std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+
+CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+
+/// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
+/// Faces of the half that lie within the pad's box are such.
+template <class Vec3 = Vec3>
+double least_draft(const TriangleSurface& half, const CastSection& section, In<Vec3> direction);
+
+/// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft of the pad's ends.
+template <class = void>
+inline Vec3 opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
+
+namespace detail {
+
+/// Turned by a rotation and moved to the corner of the printer's bed.
+template <class Mat3 = Mat3>
+inline CastingPart print_part(std::string name, TriangleSurface surface, In<Mat3> turn, int copies = 1) {
+  CastingPart part{std::move(name), surface, std::move(surface), copies};
+  for (Vec3& v : part.printed.vertices) v = turn * v;
+  const SurfaceReport report = validate_surface(part.printed);
+  for (Vec3& v : part.printed.vertices) v -= report.low;
+  part.volume_m3 = report.volume, part.box = report.high - report.low;
+  return part;
+}
+
+}  // namespace detail
+
+template <class>
+inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
+  // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
+  const Mat3 flat = Mat3::Identity(), on_far_end = (Mat3() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
+             on_side = (Mat3() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
+  std::vector<CastingPart> kit;
+  kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
+  kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
+  kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
+  if (s.gap_width > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  return kit;
+}
+
+inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  CastVolume v{s.exact_volume_m3, 4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height + s.ridge_width * s.ridge_height * o.clearance, 0.0};
+  for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
+  return v;
+}
+
+template <class Vec3>
+inline double least_draft(const TriangleSurface& half, const CastSection& s, In<Vec3> direction) {
+  const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
+  double least = 0.5 * pi;
+  for (const auto& t : half.triangles) {
+    const Vec3 &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
+    const Vec3 middle = (a + b + c) / 3.0;
+    if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
+    const Vec3 normal = (b - a).cross(c - a).normalized();
+    least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
+  }
+  return least;
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/drawing.hpp
+
+namespace lumo {
+
+/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
+struct Drawing {
+  using Point = std::array<double, 2>;
+  struct Layer {
+    std::string name;    ///< capitals and _ only
+    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
+    std::string stroke;  ///< the same, as CSS writes it
+  };
+  struct Line {
+    int layer;
+    std::vector<Point> points;
+    bool closed = true;
+  };
+  struct Label {
+    int layer;
+    Point at;            ///< left end of its baseline
+    double height;       ///< of capitals
+    std::string words;   ///< ASCII
+  };
+
+  std::string title;
+  std::vector<Layer> layers;
+  std::vector<Line> lines;
+  std::vector<Label> labels;
+
+  /// Lower left and upper right corner of all lines.
+  std::array<Point, 2> box() const {
+    constexpr double far = std::numeric_limits<double>::infinity();
+    Point low{far, far}, high{-far, -far};
+    for (const Line& line : lines)
+      for (const Point& p : line.points) low = {std::min(low[0], p[0]), std::min(low[1], p[1])}, high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+    return {low, high};
+  }
+};
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/casting_drawings.hpp
+
+namespace lumo {
+
+/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
+Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
+Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Words under a drawing, and a line of 10 mm by which a print can be measured.
+inline void add_caption(Drawing& d, const std::string& words) {
+  const int layer = int(d.layers.size());
+  d.layers.push_back({"NOTES", 8, "#666666"});
+  const auto box = d.box();
+  const double x = box[0][0], y = box[0][1] - 5.0e-3;
+  d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
+  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
+  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
+  d.title = words;
+}
+
+inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
+
+/// A half outline at x > 0 and its mirror image in one loop.
+inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
+  for (std::size_t i = half.size(); i-- > 0;)
+    if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
+  return half;
+}
+
+}  // namespace detail
+
+inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
+  Drawing d;
+  d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
+  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
+  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
+  if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
+  else pad.push_back({ridge, 0.0});
+  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
+  d.lines.push_back({0, detail::mirrored(std::move(pad))});
+  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, s.ridge_height}, {ridge, s.ridge_height}, {ridge, 0.0},
+                                          {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
+  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
+  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
+  for (const double side : {1.0, -1.0}) {
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+                                     {0.0, at.mould_top}};
+    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
+    for (Drawing::Point& p : half) p[0] *= side;
+    d.lines.push_back({3, std::move(half)});
+    if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
+  }
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  if (s.gap_width > 0.0) legend.push_back("cores");
+  for (int layer = 0; layer < int(legend.size()); ++layer)
+    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+  detail::add_caption(d, "Section at scale 1:1");
+  return d;
+}
+
+inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
+  d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
+  for (int k = 0; k < s.leds.count; ++k) {
+    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
+    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x, 0.5 * s.leds.width_x));
+  }
+  detail::add_caption(d, detail::text("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width, " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+  return d;
+}
+
+inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  require_positive("gap width", s.gap_width * 1e3, "mm");
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}};
+  d.lines.push_back({0, core_outline(s, o)});
+  detail::add_caption(d, detail::text("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  return d;
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/stl.hpp
+
+namespace lumo {
+
+/// The surface as a binary .stl file in mm, the format's unit by habit. Throws InputError when the stream fails.
+/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50 bytes each, little-endian.
+template <class Vec3 = Vec3>
+inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
+  std::string bytes = "binary STL, mm, by lumo";   // not "solid", by which texts are told
+  bytes.resize(80, ' ');
+  const auto word = [&bytes](std::uint32_t value) {
+    for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);
+  };
+  const auto point = [&word](const Vec3& p) {
+    for (int i = 0; i < 3; ++i) word(std::bit_cast<std::uint32_t>(float(p[i])));
+  };
+  word(std::uint32_t(surface.triangles.size()));
+  for (const auto& t : surface.triangles) {
+    const std::array<Vec3, 3> corner{1e3 * surface.vertices[std::size_t(t[0])], 1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
+    point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
+    for (const Vec3& p : corner) point(p);
+    bytes.append(2, '\0');
+  }
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  if (!out) throw InputError("writing an .stl file failed");
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/dxf.hpp
+
+namespace lumo {
+
+/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
+/// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
+inline void write_dxf(std::ostream& out, const Drawing& drawing) {
+  const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
+  const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, detail::in_mm(p[0])), pair(code + 10, detail::in_mm(p[1])), pair(code + 20, "0"); };
+  const auto begin = [&pair](const char* section) { pair(0, "SECTION"), pair(2, section); };
+  const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
+  const auto box = drawing.box();
+
+  pair(999, drawing.title + ", mm, 1:1, by lumo");
+  begin("HEADER");
+  pair(9, "$ACADVER"), pair(1, "AC1009");
+  pair(9, "$EXTMIN"), point(10, box[0]);
+  pair(9, "$EXTMAX"), point(10, box[1]);
+  pair(0, "ENDSEC");
+  begin("TABLES");
+  pair(0, "TABLE"), pair(2, "LTYPE"), pair(70, "1");
+  pair(0, "LTYPE"), pair(2, "CONTINUOUS"), pair(70, "0"), pair(3, "Solid line"), pair(72, "65"), pair(73, "0"), pair(40, "0");
+  pair(0, "ENDTAB");
+  pair(0, "TABLE"), pair(2, "LAYER"), pair(70, std::to_string(drawing.layers.size()));
+  for (const Drawing::Layer& l : drawing.layers) pair(0, "LAYER"), pair(2, l.name), pair(70, "0"), pair(62, std::to_string(l.dxf_color)), pair(6, "CONTINUOUS");
+  pair(0, "ENDTAB");
+  pair(0, "ENDSEC");
+  begin("ENTITIES");
+  for (const Drawing::Line& line : drawing.lines) {
+    pair(0, "POLYLINE"), pair(8, name(line.layer)), pair(66, "1"), point(10, {0.0, 0.0}), pair(70, line.closed ? "1" : "0");
+    for (const Drawing::Point& p : line.points) pair(0, "VERTEX"), pair(8, name(line.layer)), point(10, p);
+    pair(0, "SEQEND"), pair(8, name(line.layer));
+  }
+  for (const Drawing::Label& label : drawing.labels)
+    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, detail::in_mm(label.height)), pair(1, label.words);
+  pair(0, "ENDSEC"), pair(0, "EOF");
+  if (!out) throw InputError("writing a .dxf file failed");
+}
+
+}  // namespace lumo
+
+// ---- lumo/fabrication/scaled_svg.hpp
+
+namespace lumo {
+
+/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group. Throws InputError when the stream fails.
+inline void write_svg(std::ostream& out, const Drawing& drawing) {
+  using detail::in_mm;
+  constexpr double margin = 5.0e-3;
+  auto [low, high] = drawing.box();
+  for (const Drawing::Label& label : drawing.labels) {   // letters are at most as wide as high, but for few
+    low = {std::min(low[0], label.at[0]), std::min(low[1], label.at[1])};
+    high = {std::max(high[0], label.at[0] + 0.85 * label.height * double(label.words.size())), std::max(high[1], label.at[1] + label.height)};
+  }
+  const double left = low[0] - margin, top = high[1] + margin;
+  const std::string width = in_mm(high[0] + margin - left), height = in_mm(top - low[1] + margin);
+  const auto at = [&](const Drawing::Point& p) { return in_mm(p[0] - left) + " " + in_mm(top - p[1]); };
+  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" << width << "mm\" height=\"" << height << "mm\" viewBox=\"0 0 " << width << " " << height
+      << "\" font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\">\n<title>" << drawing.title << "</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n";
+  for (std::size_t k = 0; k < drawing.layers.size(); ++k) {
+    const Drawing::Layer& layer = drawing.layers[k];
+    out << "<g id=\"" << layer.name << "\" fill=\"none\" stroke=\"" << layer.stroke << "\" stroke-width=\"0.15\" stroke-linejoin=\"round\">\n";
+    for (const Drawing::Line& line : drawing.lines) {
+      if (std::size_t(line.layer) != k) continue;
+      out << "<path d=\"";
+      for (std::size_t i = 0; i < line.points.size(); ++i) out << (i == 0 ? "M" : "L") << at(line.points[i]);
+      out << (line.closed ? "Z\"/>\n" : "\"/>\n");
+    }
+    for (const Drawing::Label& label : drawing.labels)
+      if (std::size_t(label.layer) == k)   // DejaVu's capitals are 0.73 of its size high
+        out << "<text x=\"" << in_mm(label.at[0] - left) << "\" y=\"" << in_mm(top - label.at[1]) << "\" font-size=\"" << in_mm(label.height / 0.73) << "\" fill=\"" << layer.stroke
+            << "\" stroke=\"none\">" << label.words << "</text>\n";
+    out << "</g>\n";
+  }
+  out << "</svg>\n";
+  if (!out) throw InputError("writing an .svg file failed");
+}
+
+}  // namespace lumo
+
 // ---- lumo/lab/draws.hpp
 
 namespace lumo {

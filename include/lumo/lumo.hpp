@@ -76,6 +76,13 @@
 #include "lumo/campaign/gaussian_process_decoder.hpp"
 #include "lumo/campaign/observe_pad.hpp"
 
+#include "lumo/fabrication/casting_kit.hpp"
+#include "lumo/fabrication/casting_drawings.hpp"
+#include "lumo/fabrication/stl.hpp"
+#include "lumo/fabrication/three_mf.hpp"
+#include "lumo/fabrication/dxf.hpp"
+#include "lumo/fabrication/scaled_svg.hpp"
+
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/pad_file.hpp"

@@ -14,7 +14,7 @@ struct Drawing {
   struct Layer {
     std::string name;    ///< capitals and _ only
     int dxf_color;       ///< AutoCAD's colour index, 1 to 255
-    std::string stroke;  ///< the same as #rrggbb
+    std::string stroke;  ///< the same, as CSS writes it
   };
   struct Line {
     int layer;
