@@ -17,6 +17,7 @@
 #include "program/version.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <new>
@@ -97,9 +98,12 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   return result;
 }
 
+/// As people give them: 30, where 30 · π/180 · 180/π is an ulp below.
+double degrees(double rad) { return std::round(rad * 180.0 / pi * 1e9) / 1e9; }
+
 ScenarioReport report(const ScenarioRecord& s) {
   ScenarioReport report;
-  report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = s.angle_rad * 180.0 / pi, report.y_mm = 1e3 * s.y_m;
+  report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = degrees(s.angle_rad), report.y_mm = 1e3 * s.y_m;
   report.status = std::string(to_string(s.status));
   report_terms(report, s.terms);
   for (const StateRecord& k : s.states) {
@@ -126,7 +130,7 @@ EvaluationResult report(const Evaluation& e) {
   }
   if (e.worst_observation) {
     const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    result.worst_observation = WorstObservation{1e3 * a.diameter_m, a.angle_rad * 180.0 / pi, a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
+    result.worst_observation = WorstObservation{1e3 * a.diameter_m, degrees(a.angle_rad), a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
   }
   result.unloaded_response = seen.unloaded_response;
   result.ledger = report(seen.ledger);

@@ -111,6 +111,12 @@ class Quick(unittest.TestCase):
         lowest = min(arrays["displacement_m"][2::3])
         self.assertLess(lowest, -0.5e-3 * depths[1])
 
+    def test_a_contact_comes_back_as_typed(self):
+        for angle in (-30, 15):
+            done = self.good("press", "--mode", "paper", "--size", "5", "--sweeps", "2", "--loads", "1", "--angle", str(angle), "--y", "-11", "--json")
+            report = strict(done.stdout)
+            self.assertEqual([report["diameter_mm"], report["angle_deg"], report["y_mm"]], [10, angle, -11])
+
     def test_no_equilibrium(self):
         with tempfile.TemporaryDirectory() as folder:
             out = os.path.join(folder, "out")
@@ -311,6 +317,15 @@ class Long(unittest.TestCase):
         qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
         self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
         self.assertGreater(report["J_obs"], 0)
+
+    def test_curved_ensemble(self):
+        done = run("evaluate", "--json", "--ensemble", "curved", "--mode", "paper", "--size", "5", "--sweeps", "2", "--ray-error", "100", timeout=3600)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        report = strict(done.stdout)
+        self.assertEqual(report["ensemble"], "curved")
+        contacts = {(s["diameter_mm"], s["angle_deg"], s["y_mm"]) for s in report["scenarios"]}
+        self.assertEqual(len(report["scenarios"]), 140)
+        self.assertEqual(contacts, {(d, a, y) for d in (10, 15, 20, 30) for a in (-30, -15, 0, 15, 30) for y in (-22, -11, -5.5, 0, 5.5, 11, 22)})
 
     def test_study_goes_on_where_it_was_stopped(self):
         with tempfile.TemporaryDirectory() as folder:
