@@ -1959,6 +1959,116 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vecto
 
 }  // namespace lumo::detail
 
+// ---- lumo/mesh/polygon_triangles.hpp
+
+namespace lumo::detail {
+
+/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
+/// are exact. Corners on straight edges are allowed.
+class PolygonTriangles {
+ public:
+  using Triangle = std::array<int, 3>;
+
+  template <class Vec3 = Vec3>
+  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+    const Projection project(normal);
+    for (const Vec3& v : vertices) points_.push_back(project(v));
+  }
+
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
+
+ private:
+  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
+  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  bool crosses(int a, int b, const std::vector<int>& loop) const;
+  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
+
+  std::vector<Point2> points_;
+};
+
+/// Whether the segment a b meets an edge of the loop that does not end in a or b.
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int p = loop[i], q = loop[(i + 1) % loop.size()];
+    const bool shared = p == a || p == b || q == a || q == b;
+    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
+  }
+  return false;
+}
+
+/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
+  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
+}
+
+inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+  const int from = hole[start];
+  std::vector<std::pair<double, std::size_t>> nearest;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
+    nearest.emplace_back(dx * dx + dy * dy, i);
+  }
+  std::sort(nearest.begin(), nearest.end());
+  for (const auto& candidate : nearest) {
+    const std::size_t corner = candidate.second;
+    const int to = loop[corner];
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
+    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    std::vector<int> detour{to};
+    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
+    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
+    return true;
+  }
+  return false;
+}
+
+/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
+  if (a == c || turn(a, b, c) <= 0) return 0.0;
+  for (const int p : loop)
+    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
+  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
+  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
+}
+
+inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
+  while (!holes.empty()) {
+    const std::vector<int> hole = std::move(holes.back());
+    holes.pop_back();
+    if (!bridge(loop, hole, holes)) return std::nullopt;
+  }
+  std::vector<Triangle> triangles;
+  std::vector<double> shape;   // of the ear at each corner
+  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
+  while (loop.size() > 3) {
+    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
+    if (!(shape[ear] > 0.0)) return std::nullopt;
+    const std::size_t n = loop.size();
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+    shape.erase(shape.begin() + std::ptrdiff_t(ear));
+    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+  }
+  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
+  triangles.push_back({loop[0], loop[1], loop[2]});
+  return triangles;
+}
+
+}  // namespace lumo::detail
+
 // ---- lumo/mesh/self_intersection.hpp
 
 namespace lumo::detail {
@@ -2577,30 +2687,21 @@ class SurfaceText {
   int line_ = 0;
 };
 
-// Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
-// refused with its surface.
+// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
 template <class Vec3 = Vec3>
-inline void cut_polygon(In<std::vector<Vec3>> vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
-  const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
-  Vec3 normal = Vec3::Zero();   // Newell's
-  for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
-  while (loop.size() > 3) {
-    const std::size_t n = loop.size();
-    std::size_t ear = n;
-    double best = 0.0;
-    for (std::size_t k = 0; k < n; ++k) {
-      const Vec3 &a = at(k + n - 1), &b = at(k), &c = at(k + 1);
-      const auto left = [&](const Vec3& from, const Vec3& to, const Vec3& p) { return (to - from).cross(p - from).dot(normal) >= 0.0; };
-      const double turn = (b - a).cross(c - b).dot(normal), longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-      bool free = turn > 0.0;
-      for (std::size_t m = k + 2; free && m < k + n - 1; ++m) free = !(left(a, b, at(m)) && left(b, c, at(m)) && left(c, a, at(m)));
-      if (free && turn > best * longest) best = turn / longest, ear = k;
-    }
-    if (ear == n) ear = 1;
-    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
-    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
+  std::vector<Vec3> corners;
+  std::vector<int> order;
+  for (const int vertex : loop) {
+    order.push_back(int(order.size()));
+    corners.push_back(surface.vertices[std::size_t(vertex)]);
   }
-  triangles.push_back({loop[0], loop[1], loop[2]});
+  auto triangles = PolygonTriangles(corners, polygon_normal(corners, order)).cut(order, {});
+  if (!triangles) {
+    triangles.emplace();
+    for (std::size_t k = 1; k + 1 < order.size(); ++k) triangles->push_back({0, order[k], order[k + 1]});
+  }
+  for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
 template <class = void>
@@ -2618,7 +2719,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
         if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
         loop.push_back(at);
       }
-      cut_polygon(s.vertices, std::move(loop), s.triangles);
+      add_polygon(s, loop);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
       text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
     }
@@ -5932,6 +6033,7 @@ struct SectorModel {
       : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
         touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
         resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
+    blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
       if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
@@ -6113,6 +6215,7 @@ struct QuasiStaticConfig {
   int max_iterations = 200;           ///< factorisations per load
   int stride_iterations = 40;         ///< factorisations before a stride is cut
   double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+  double late_contraction = 0.4;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
   double load_stride = 1.6;           ///< loads in between are at most this factor apart
   double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;          ///< per scenario, wall clock
@@ -6204,7 +6307,7 @@ class QuasiStaticRun {
  private:
   using System = PressSystem<Model, Tool>;
   static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom change between sticking and sliding
+  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom come and go, or change between sticking and sliding
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
@@ -6253,7 +6356,7 @@ class QuasiStaticRun {
       // The plain residual is what counts; it is looked at when the linearised one is small.
       if (r.norm() <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
       if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
-      if (!fresh || r.norm() > config_.chord_contraction * last) {
+      if (!fresh || r.norm() > (r.norm() < settled * load ? config_.late_contraction : config_.chord_contraction) * last) {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = r.norm() < settled * load ? 1.0 : 0.0;
@@ -17087,7 +17190,7 @@ struct Pipeline {
   bool accept_held = false;              ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
 };
 
-/// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
+/// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
 /// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
@@ -17152,12 +17255,17 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   const ContactPlan plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
   std::mutex reporting;
   int done = 0;
+  const auto begin = [&](std::string_view stage, std::size_t total) {
+    done = 0;
+    if (progress) progress(stage, done, int(total));
+  };
   const auto report = [&](std::string_view stage, std::size_t total) {
     const std::lock_guard lock(reporting);
     if (progress) progress(stage, ++done, int(total));
   };
 
   // Meshes: scenarios at one place and angle share one.
+  begin("mesh", plan.places.size());
   const TetMesh coarse = mesh_body(body, pipeline.mesher);
   std::vector<std::unique_ptr<Prepared>> places(plan.places.size());
   std::vector<double> meshing(places.size());
@@ -17173,7 +17281,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   // Equilibria.
   const std::vector<std::size_t> order = detail::longest_first(plan);
   std::vector<detail::SolvedScenario> solved(plan.solves.size());
-  done = 0;
+  begin("press", order.size());
   executor.for_each(order.size(), [&](std::size_t i) {
     const auto& s = plan.solves[order[i]];
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
@@ -18367,116 +18475,6 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
 
 }  // namespace lumo
 
-// ---- lumo/fabrication/polygon_triangles.hpp
-
-namespace lumo::detail {
-
-/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
-/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
-/// are exact. Corners on straight edges are allowed.
-class PolygonTriangles {
- public:
-  using Triangle = std::array<int, 3>;
-
-  template <class Vec3 = Vec3>
-  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
-    const Projection project(normal);
-    for (const Vec3& v : vertices) points_.push_back(project(v));
-  }
-
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
-  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
-
- private:
-  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
-  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
-  bool crosses(int a, int b, const std::vector<int>& loop) const;
-  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
-  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
-
-  std::vector<Point2> points_;
-};
-
-/// Whether the segment a b meets an edge of the loop that does not end in a or b.
-inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const int p = loop[i], q = loop[(i + 1) % loop.size()];
-    const bool shared = p == a || p == b || q == a || q == b;
-    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
-  }
-  return false;
-}
-
-/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
-  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
-  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
-  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
-}
-
-inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
-  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
-  const int from = hole[start];
-  std::vector<std::pair<double, std::size_t>> nearest;
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
-    nearest.emplace_back(dx * dx + dy * dy, i);
-  }
-  std::sort(nearest.begin(), nearest.end());
-  for (const auto& candidate : nearest) {
-    const std::size_t corner = candidate.second;
-    const int to = loop[corner];
-    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
-    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
-    std::vector<int> detour{to};
-    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
-    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
-    return true;
-  }
-  return false;
-}
-
-/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
-  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
-  if (a == c || turn(a, b, c) <= 0) return 0.0;
-  for (const int p : loop)
-    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
-  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
-  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
-  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
-}
-
-inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
-  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
-  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
-  while (!holes.empty()) {
-    const std::vector<int> hole = std::move(holes.back());
-    holes.pop_back();
-    if (!bridge(loop, hole, holes)) return std::nullopt;
-  }
-  std::vector<Triangle> triangles;
-  std::vector<double> shape;   // of the ear at each corner
-  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
-  while (loop.size() > 3) {
-    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
-    if (!(shape[ear] > 0.0)) return std::nullopt;
-    const std::size_t n = loop.size();
-    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
-    loop.erase(loop.begin() + std::ptrdiff_t(ear));
-    shape.erase(shape.begin() + std::ptrdiff_t(ear));
-    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
-  }
-  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
-  triangles.push_back({loop[0], loop[1], loop[2]});
-  return triangles;
-}
-
-}  // namespace lumo::detail
-
 // ---- lumo/fabrication/faceted_solid.hpp
 
 namespace lumo {
@@ -18740,11 +18738,14 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings, else they are left out.
+/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
 class MouldHalf {
  public:
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
-      : s_(s), o_(o), at_(s, o), poured_(poured), notched_(poured && s.gap_width > 0.0), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {}
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+    if (!poured) return;
+    openings_ = pour_openings(s, o);
+    if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+  }
 
   template <class = void>
   TriangleSurface surface() {
@@ -18752,8 +18753,8 @@ class MouldHalf {
     parting();
     underside();
     outside();
-    if (notched_) notches();
-    if (poured_) openings();
+    notches();
+    openings();
     return solid_.surface();
   }
 
@@ -18783,9 +18784,7 @@ class MouldHalf {
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
-    if (notched_)
-      for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
-        line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
+    for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
     return line;
   }
 
@@ -18805,7 +18804,8 @@ class MouldHalf {
   const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
-  bool poured_, notched_;
+  std::vector<Opening> openings_;
+  std::vector<std::pair<double, double>> notches_;   ///< from and to, along x
   double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
@@ -18823,9 +18823,8 @@ inline void MouldHalf::cavity() {
   wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
-  if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_))
-      holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
+  for (const Opening& opening : openings_)
+    holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
@@ -18846,9 +18845,9 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 template <class>
 inline void MouldHalf::underside() {
-  const double left = -at_.mould_x, from = notched_ ? at_.notch_outer : left;
+  const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
-  if (notched_)
+  if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
   solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
@@ -18867,12 +18866,9 @@ inline void MouldHalf::outside() {
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
   solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
   std::vector<Loop> holes;
-  if (notched_)
-    for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
-      holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
-  if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_))
-      holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
+  for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  for (const Opening& opening : openings_)
+    holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
@@ -18881,7 +18877,7 @@ template <class>
 inline void MouldHalf::notches() {
   const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
   const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
-  for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}}) {
+  for (const auto& [a, b] : notches_) {
     solid_.face(lengthwise(cheek, a));
     solid_.face(reversed(lengthwise(cheek, b)));
     solid_.face(reversed(rectangle(a, b, end_, far, roof)));
@@ -18891,7 +18887,7 @@ inline void MouldHalf::notches() {
 
 template <class>
 inline void MouldHalf::openings() {
-  for (const Opening& o : pour_openings(s_, o_)) {
+  for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
     const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);
     solid_.band(reversed(outer), reversed(inner));

@@ -54,9 +54,9 @@ TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress&
 }
 
 ProgressReport shown_in(Progress& progress) {
-  return [&progress, stage = std::string()](std::string_view now, int, int total) mutable {
+  return [&progress, stage = std::string()](std::string_view now, int done, int total) mutable {
     if (now != stage) progress.stage(stage = now, total);
-    progress.step();
+    if (done > 0) progress.step();
   };
 }
 
@@ -99,7 +99,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
 }
 
 /// As people give them: 30, where 30 · π/180 · 180/π is an ulp below.
-double degrees(double rad) { return std::round(rad * 180.0 / pi * 1e9) / 1e9; }
+double degrees(double rad) { return as_typed(rad * 180.0 / pi); }
 
 ScenarioReport report(const ScenarioRecord& s) {
   ScenarioReport report;

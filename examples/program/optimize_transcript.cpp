@@ -58,8 +58,8 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
       lines.push_back({int(number), std::move(content)});
       begin = good = end + 1;
     }
-    const std::string begin = "{\"space\":";   // of which all may have been cut off
-    if (lines.empty() ? text.find(begin) != 0 && begin.find(text) != 0 : !lines.front().content.contains("space")) refuse(path, "does not begin with a space: it is no transcript");
+    const std::string opening = "{\"space\":";   // of which all may have been cut off
+    if (lines.empty() ? text.find(opening) != 0 && opening.find(text) != 0 : !lines.front().content.contains("space")) refuse(path, "does not begin with a space: it is no transcript");
     if (!lines.empty()) {
       const std::string found = difference(space, lines.front().content["space"]);
       if (!found.empty()) refuse(path, "belongs to another space: " + found);

@@ -5,6 +5,7 @@
 #include "lumo/optimize/gaussian_process.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <set>
 
@@ -116,10 +117,9 @@ Json machine_model(const StoredCampaign& campaign) {
   for (const StoredTrial& t : campaign.trials) {
     if (const Json& v = member(t.notes, "lumo"); v.is_string()) versions.insert(v.get<std::string>());
     std::string machine;
-    for (const char* key : {"processor", "system", "compiler"})
-      if (const Json& v = member(member(t.notes, "machine"), key); v.is_string()) machine += (machine.empty() ? "" : ", ") + v.get<std::string>();
-    for (const std::string library : {"TetGen", "Embree", "CHOLMOD"})
-      if (const Json& v = member(member(t.notes, "machine"), library.c_str()); v.is_string()) machine += (machine.empty() ? "" : ", ") + library + " " + v.get<std::string>();
+    for (const auto& [key, value] : member(t.notes, "machine").items())   // libraries by name, the rest speaks for itself
+      if (value.is_string())
+        machine += (machine.empty() ? "" : ", ") + (std::isupper(static_cast<unsigned char>(key[0])) ? key + " " : "") + value.get<std::string>();
     if (!machine.empty()) machines.insert(machine);
     if (const double n = value_at(t.notes, "threads"); n >= 1.0 && n <= 1e6) threads.insert(int(n));
     if (std::isfinite(t.seconds())) seconds += t.seconds(), ++timed;

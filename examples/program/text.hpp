@@ -34,6 +34,9 @@ inline std::string short_number(double v, int digits = 2) {
   return s == "-0" ? "0" : s;
 }
 
+/// Without the last digits, which a change of unit leaves: 30°, not 29.999999999999996.
+inline double as_typed(double v) { return std::round(v * 1e9) / 1e9; }
+
 /// A design as it is typed, or with another separator.
 inline std::string joined(std::span<const double> values, const char* separator = ",") {
   std::string s;

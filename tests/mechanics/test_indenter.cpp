@@ -321,6 +321,7 @@ TEST_CASE("bad surface files are refused with one line that says where") {
   for (auto& t : turned.triangles) std::swap(t[1], t[2]);
   refuses("q.obj", obj_of(turned, 1e-3), "inside out");
   refuses("r.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 nan\nv 1 nan 0\nf 1 2 3\n", "not finite");
+  refuses("s.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 inf\nv 1 nan 0\nv 0 1 0\nf 1 2 3 4 5\n", "not finite");
   REQUIRE(::mkfifo((folder / "pipe.stl").c_str(), 0600) == 0);
   CHECK_THROWS_AS(read_surface(folder / "pipe.stl"), InputError);   // and does not wait for a writer
   CHECK_THROWS_AS(read_surface(folder / "absent.obj"), InputError);

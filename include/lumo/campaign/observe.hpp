@@ -37,7 +37,7 @@ struct Pipeline {
   bool accept_held = false;              ///< score states of a solver that goes in time: the problem is what it holds, not equilibrium
 };
 
-/// Called after each step: stage, steps done, steps in all. May be called from any thread, one call at a time.
+/// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
 /// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
@@ -102,12 +102,17 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   const ContactPlan plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
   std::mutex reporting;
   int done = 0;
+  const auto begin = [&](std::string_view stage, std::size_t total) {
+    done = 0;
+    if (progress) progress(stage, done, int(total));
+  };
   const auto report = [&](std::string_view stage, std::size_t total) {
     const std::lock_guard lock(reporting);
     if (progress) progress(stage, ++done, int(total));
   };
 
   // Meshes: scenarios at one place and angle share one.
+  begin("mesh", plan.places.size());
   const TetMesh coarse = mesh_body(body, pipeline.mesher);
   std::vector<std::unique_ptr<Prepared>> places(plan.places.size());
   std::vector<double> meshing(places.size());
@@ -123,7 +128,7 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   // Equilibria.
   const std::vector<std::size_t> order = detail::longest_first(plan);
   std::vector<detail::SolvedScenario> solved(plan.solves.size());
-  done = 0;
+  begin("press", order.size());
   executor.for_each(order.size(), [&](std::size_t i) {
     const auto& s = plan.solves[order[i]];
     solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);

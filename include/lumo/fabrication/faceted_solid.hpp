@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/fabrication/polygon_triangles.hpp"
+#include "lumo/mesh/polygon_triangles.hpp"
 #include "lumo/mesh/triangle_surface.hpp"
 
 #include <algorithm>

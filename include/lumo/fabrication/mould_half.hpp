@@ -48,11 +48,14 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings, else they are left out.
+/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
 class MouldHalf {
  public:
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
-      : s_(s), o_(o), at_(s, o), poured_(poured), notched_(poured && s.gap_width > 0.0), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {}
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+    if (!poured) return;
+    openings_ = pour_openings(s, o);
+    if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+  }
 
   template <class = void>
   TriangleSurface surface() {
@@ -60,8 +63,8 @@ class MouldHalf {
     parting();
     underside();
     outside();
-    if (notched_) notches();
-    if (poured_) openings();
+    notches();
+    openings();
     return solid_.surface();
   }
 
@@ -91,9 +94,7 @@ class MouldHalf {
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
-    if (notched_)
-      for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
-        line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
+    for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
     return line;
   }
 
@@ -113,7 +114,8 @@ class MouldHalf {
   const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
-  bool poured_, notched_;
+  std::vector<Opening> openings_;
+  std::vector<std::pair<double, double>> notches_;   ///< from and to, along x
   double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
@@ -131,9 +133,8 @@ inline void MouldHalf::cavity() {
   wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
-  if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_))
-      holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
+  for (const Opening& opening : openings_)
+    holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
@@ -154,9 +155,9 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 template <class>
 inline void MouldHalf::underside() {
-  const double left = -at_.mould_x, from = notched_ ? at_.notch_outer : left;
+  const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
-  if (notched_)
+  if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
   solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
@@ -175,12 +176,9 @@ inline void MouldHalf::outside() {
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
   solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
   std::vector<Loop> holes;
-  if (notched_)
-    for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}})
-      holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
-  if (poured_)
-    for (const Opening& opening : pour_openings(s_, o_))
-      holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
+  for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  for (const Opening& opening : openings_)
+    holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
@@ -189,7 +187,7 @@ template <class>
 inline void MouldHalf::notches() {
   const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
   const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
-  for (const auto& [a, b] : {std::pair{-at_.notch_outer, -at_.notch_inner}, std::pair{at_.notch_inner, at_.notch_outer}}) {
+  for (const auto& [a, b] : notches_) {
     solid_.face(lengthwise(cheek, a));
     solid_.face(reversed(lengthwise(cheek, b)));
     solid_.face(reversed(rectangle(a, b, end_, far, roof)));
@@ -199,7 +197,7 @@ inline void MouldHalf::notches() {
 
 template <class>
 inline void MouldHalf::openings() {
-  for (const Opening& o : pour_openings(s_, o_)) {
+  for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
     const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);
     solid_.band(reversed(outer), reversed(inner));

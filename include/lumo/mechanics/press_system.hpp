@@ -35,6 +35,7 @@ struct SectorModel {
       : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
         touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
         resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
+    blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
       if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;

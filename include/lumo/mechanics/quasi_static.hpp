@@ -20,6 +20,7 @@ struct QuasiStaticConfig {
   int max_iterations = 200;           ///< factorisations per load
   int stride_iterations = 40;         ///< factorisations before a stride is cut
   double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
+  double late_contraction = 0.4;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
   double load_stride = 1.6;           ///< loads in between are at most this factor apart
   double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;          ///< per scenario, wall clock
@@ -111,7 +112,7 @@ class QuasiStaticRun {
  private:
   using System = PressSystem<Model, Tool>;
   static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom change between sticking and sliding
+  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom come and go, or change between sticking and sliding
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
@@ -160,7 +161,7 @@ class QuasiStaticRun {
       // The plain residual is what counts; it is looked at when the linearised one is small.
       if (r.norm() <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
       if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
-      if (!fresh || r.norm() > config_.chord_contraction * last) {
+      if (!fresh || r.norm() > (r.norm() < settled * load ? config_.late_contraction : config_.chord_contraction) * last) {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = r.norm() < settled * load ? 1.0 : 0.0;

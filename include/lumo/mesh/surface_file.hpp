@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/mesh/polygon_triangles.hpp"
 #include "lumo/mesh/triangle_surface.hpp"
 
 #include <algorithm>
@@ -74,30 +75,21 @@ class SurfaceText {
   int line_ = 0;
 };
 
-// Cuts a plane polygon into triangles: one ear after the other, the best shaped first. One that has no ears (it crosses itself) is cut into a fan, and
-// refused with its surface.
+// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
 template <class Vec3 = Vec3>
-inline void cut_polygon(In<std::vector<Vec3>> vertices, std::vector<int> loop, std::vector<std::array<int, 3>>& triangles) {
-  const auto at = [&](std::size_t k) -> const Vec3& { return vertices[std::size_t(loop[k % loop.size()])]; };
-  Vec3 normal = Vec3::Zero();   // Newell's
-  for (std::size_t k = 0; k < loop.size(); ++k) normal += (at(k) - at(0)).cross(at(k + 1) - at(0));
-  while (loop.size() > 3) {
-    const std::size_t n = loop.size();
-    std::size_t ear = n;
-    double best = 0.0;
-    for (std::size_t k = 0; k < n; ++k) {
-      const Vec3 &a = at(k + n - 1), &b = at(k), &c = at(k + 1);
-      const auto left = [&](const Vec3& from, const Vec3& to, const Vec3& p) { return (to - from).cross(p - from).dot(normal) >= 0.0; };
-      const double turn = (b - a).cross(c - b).dot(normal), longest = std::max({(b - a).squaredNorm(), (c - b).squaredNorm(), (a - c).squaredNorm()});
-      bool free = turn > 0.0;
-      for (std::size_t m = k + 2; free && m < k + n - 1; ++m) free = !(left(a, b, at(m)) && left(b, c, at(m)) && left(c, a, at(m)));
-      if (free && turn > best * longest) best = turn / longest, ear = k;
-    }
-    if (ear == n) ear = 1;
-    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
-    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
+  std::vector<Vec3> corners;
+  std::vector<int> order;
+  for (const int vertex : loop) {
+    order.push_back(int(order.size()));
+    corners.push_back(surface.vertices[std::size_t(vertex)]);
   }
-  triangles.push_back({loop[0], loop[1], loop[2]});
+  auto triangles = PolygonTriangles(corners, polygon_normal(corners, order)).cut(order, {});
+  if (!triangles) {
+    triangles.emplace();
+    for (std::size_t k = 1; k + 1 < order.size(); ++k) triangles->push_back({0, order[k], order[k + 1]});
+  }
+  for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
 template <class = void>
@@ -115,7 +107,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
         if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
         loop.push_back(at);
       }
-      cut_polygon(s.vertices, std::move(loop), s.triangles);
+      add_polygon(s, loop);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
       text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
     }

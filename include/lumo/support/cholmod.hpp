@@ -7,12 +7,14 @@
 #include <suitesparse/cholmod.h>
 #include <sys/mman.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <memory>
 #include <mutex>
 #include <new>
 #include <utility>
+#include <vector>
 
 // Present only when the program is linked with OpenBLAS or an OpenMP run time.
 extern "C" {
@@ -81,7 +83,6 @@ class Cholmod {
     common_->print = 0;
     common_->supernodal = CHOLMOD_SUPERNODAL;
     common_->nmethods = 1;
-    common_->method[0].ordering = CHOLMOD_METIS;
     common_->error_handler = nullptr;
     // One thread per factor: scenarios run side by side, and threads inside BLAS would change the order of sums.
     if (openblas_set_num_threads) openblas_set_num_threads(1);
@@ -96,6 +97,9 @@ class Cholmod {
     std::swap(common_, other.common_);
     std::swap(symbolic_, other.symbolic_);
     std::swap(factor_, other.factor_);
+    order_.swap(other.order_);
+    source_.swap(other.source_);
+    reordered_.swap(other.reordered_);
     return *this;
   }
 
@@ -105,7 +109,16 @@ class Cholmod {
     static std::mutex metis;
     const std::lock_guard one_at_a_time(metis);
     cholmod_sparse view = view_of(lower);
-    symbolic_ = own(cholmod_analyze(&view, common_.get()));
+    common_->method[0].ordering = CHOLMOD_METIS;
+    common_->postorder = 1;
+    const Factor ordered = own(cholmod_analyze(&view, common_.get()));
+    if (!ordered) throw std::bad_alloc();
+    reorder(lower, static_cast<const int*>(ordered->Perm));
+    // In that order CHOLMOD takes the matrix as it is, where it would else transpose it twice for each factor: a fifth of the time.
+    cholmod_sparse sorted = view_of(reordered_);
+    common_->method[0].ordering = CHOLMOD_NATURAL;
+    common_->postorder = 0;
+    symbolic_ = own(cholmod_analyze(&sorted, common_.get()));
     if (!symbolic_) throw std::bad_alloc();
     factor_ = nullptr;
   }
@@ -114,7 +127,8 @@ class Cholmod {
   FactorStatus factorize(const SparseLower& lower) {
     // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
     if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
-    cholmod_sparse view = view_of(lower);
+    for (std::size_t k = 0; k < source_.size(); ++k) reordered_.valuePtr()[k] = lower.valuePtr()[source_[k]];
+    cholmod_sparse view = view_of(reordered_);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
     common_->status = CHOLMOD_OK;
     const detail::BlasStay stay(sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
@@ -126,19 +140,23 @@ class Cholmod {
   }
 
   Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) {
+    Eigen::MatrixXd result(rhs.rows(), rhs.cols());
+    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
+      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(k, j) = rhs(order_[std::size_t(k)], j);
     cholmod_dense b{};
     b.nrow = std::size_t(rhs.rows());
     b.ncol = std::size_t(rhs.cols());
     b.nzmax = b.nrow * b.ncol;
     b.d = b.nrow;
-    b.x = const_cast<double*>(rhs.data());
+    b.x = result.data();
     b.xtype = CHOLMOD_REAL;
     b.dtype = CHOLMOD_DOUBLE;
     const detail::BlasStay stay(8 * sizeof(double) * b.nzmax);
     const detail::WithoutOpenMp one_thread;
     cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
     if (!x) throw std::bad_alloc();
-    Eigen::MatrixXd result = Eigen::Map<Eigen::MatrixXd>(static_cast<double*>(x->x), rhs.rows(), rhs.cols());
+    for (Eigen::Index j = 0; j < rhs.cols(); ++j)
+      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(order_[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
     cholmod_free_dense(&x, common_.get());
     return result;
   }
@@ -159,7 +177,30 @@ class Cholmod {
     factor_ = nullptr;
     symbolic_ = nullptr;
     if (other.symbolic_) symbolic_ = own(cholmod_copy_factor(other.symbolic_.get(), common_.get()));
+    order_ = other.order_;
+    source_ = other.source_;
+    reordered_ = other.reordered_;
   }
+
+  /// Takes over an order (new place → old) with the pattern in it, and where in the caller's values each of its values stands.
+  template <class = void>
+  void reorder(const SparseLower& lower, const int* order) {
+    const int n = int(lower.cols());
+    order_.assign(order, order + n);
+    std::vector<int> place(order_.size());
+    for (int k = 0; k < n; ++k) place[std::size_t(order_[std::size_t(k)])] = k;
+    std::vector<Eigen::Triplet<double, int>> entries;   // with the number of the value, exact below 2⁵³
+    entries.reserve(std::size_t(lower.nonZeros()));
+    for (int j = 0; j < n; ++j)
+      for (int e = lower.outerIndexPtr()[j]; e < lower.outerIndexPtr()[j + 1]; ++e) {
+        const int a = place[std::size_t(lower.innerIndexPtr()[e])], b = place[std::size_t(j)];
+        entries.emplace_back(std::max(a, b), std::min(a, b), double(e));
+      }
+    reordered_.resize(n, n);
+    reordered_.setFromTriplets(entries.begin(), entries.end());
+    source_.assign(reordered_.valuePtr(), reordered_.valuePtr() + reordered_.nonZeros());
+  }
+
   template <class = void>
   static cholmod_sparse view_of(const SparseLower& lower) {
     cholmod_sparse a{};
@@ -181,6 +222,9 @@ class Cholmod {
   Common common_;
   Factor symbolic_;
   Factor factor_;
+  std::vector<int> order_;    // fill-reducing: new place → the caller's
+  std::vector<int> source_;   // of each value of `reordered_`, in the caller's
+  SparseLower reordered_;
 };
 
 static_assert(LinearSolver<Cholmod>);
