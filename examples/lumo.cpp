@@ -122,6 +122,8 @@ int main(int argc, char** argv) {
     return complain(e.what(), infeasible);
   } catch (const lumo::MeshError& e) {
     return complain(e.what(), numerical);
+  } catch (const lumo::PressFailure& e) {
+    return complain(e.what(), numerical);
   } catch (const lumo::CampaignError& e) {
     return complain(e.what(), numerical);
   } catch (const lumo::InputError& e) {

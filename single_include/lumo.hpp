@@ -16955,6 +16955,7 @@ struct Timing {
 struct Observations {
   std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
   std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
+  std::vector<double> unloaded_error;           ///< its standard error; meshes share their rays, so that it does not shrink with their number
   EnergyLedger ledger;                          ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;
@@ -17235,10 +17236,10 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
 /// taken on one mesh and added to the common mean.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, int channels) {
+inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
-    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += r.power_W[b] / (r.ledger.emitted * double(responses.size()));
+    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += (r.*watts)[b] / (r.ledger.emitted * double(responses.size()));
   return mean;
 }
 
@@ -17294,7 +17295,8 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), channels);
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
+    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
     for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;
@@ -18088,6 +18090,12 @@ struct PadResponses {
   Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
 };
 
+/// A press on the way to the responses found no equilibrium.
+class PressFailure : public Error {
+ public:
+  using Error::Error;
+};
+
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
 template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline void validate(const PadResponses& r, const std::string& name) {
@@ -18289,7 +18297,7 @@ struct PadGrid {
 };
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
-/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and InputError when a press does not converge.
+/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
 template <class P, Executor E>
 PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
@@ -18301,7 +18309,7 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   for (const double y : grid.tilt_place_m) scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
-    if (s.status != Status::converged) throw InvalidArgument(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
+    if (s.status != Status::converged) throw PressFailure(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
 
   const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
   PadResponses r;

@@ -133,6 +133,7 @@ EvaluationResult report(const Evaluation& e) {
     result.worst_observation = WorstObservation{1e3 * a.diameter_m, degrees(a.angle_rad), a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
   }
   result.unloaded_response = seen.unloaded_response;
+  result.unloaded_error = seen.unloaded_error;
   result.ledger = report(seen.ledger);
   result.size = {seen.nodes, seen.elements};
   result.seconds = report(seen.seconds);
@@ -240,6 +241,7 @@ TraceResult make_trace(const Options& o, Progress& progress) {
     progress.step();
   });
   result.unloaded_response = per_power(responses[0], responses[0].power_W);
+  result.unloaded_error = per_power(responses[0], responses[0].error_W);
   double worst = -1.0;
   for (std::size_t k = 0; k < responses.size(); ++k) {
     const Response& r = responses[k];

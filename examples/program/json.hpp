@@ -44,7 +44,8 @@ inline Json json(const StateReport& s) {
           {"reference_area_mm2", number(s.reference_area_mm2)},
           {"residual_N", number(s.residual_N)},
           {"penetration_mm", number(s.penetration_mm)},
-          {"response", s.response.empty() ? Json(nullptr) : numbers(s.response)}};
+          {"response", s.response.empty() ? Json(nullptr) : numbers(s.response)},
+          {"response_change_err", s.change_error.empty() ? Json(nullptr) : numbers(s.change_error)}};
 }
 
 inline Json json(const ScenarioReport& s) {
@@ -87,6 +88,7 @@ inline Json json(const EvaluationResult& e) {
   j["worst_contact"] = e.worst_contact ? json(*e.worst_contact) : Json(nullptr);
   j["worst_observation"] = e.worst_observation ? json(*e.worst_observation) : Json(nullptr);
   j["unloaded_response"] = numbers(e.unloaded_response);
+  j["unloaded_response_err"] = numbers(e.unloaded_error);
   j["scenarios"] = Json::array();
   for (const auto& s : e.scenarios) j["scenarios"].push_back(json(s));
   j["ledger"] = json(e.ledger);

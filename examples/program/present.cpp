@@ -42,7 +42,8 @@ std::string csv(const std::vector<ScenarioReport>& scenarios) {
   std::size_t regions = 0;
   for (const auto& s : scenarios)
     for (const auto& k : s.states) regions = std::max(regions, k.response.size());
-  for (std::size_t b = 1; b <= regions; ++b) out << ",response_" << b;
+  for (const char* name : {"response", "response_change_err"})
+    for (std::size_t b = 1; b <= regions; ++b) out << "," << name << "_" << b;
   out << "\n";
   const auto put = [&out](double v) {
     out << ",";
@@ -52,7 +53,8 @@ std::string csv(const std::vector<ScenarioReport>& scenarios) {
     for (const auto& k : s.states) {
       out << s.diameter_mm << "," << s.angle_deg << "," << s.y_mm << "," << s.status;
       for (const double v : {k.load_N, k.force_N, k.depth_mm, k.contact_area_mm2, k.reference_area_mm2, k.residual_N, k.penetration_mm}) put(v);
-      for (std::size_t b = 0; b < regions; ++b) put(b < k.response.size() ? k.response[b] : undefined);
+      for (const auto* numbers : {&k.response, &k.change_error})
+        for (std::size_t b = 0; b < regions; ++b) put(b < numbers->size() ? (*numbers)[b] : undefined);
       out << "\n";
     }
   return out.str();
@@ -193,6 +195,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
     j["mechanics"] = json(o.mechanics);
     append(j, json(t.scenario));
     j["unloaded_response"] = numbers(t.unloaded_response);
+    j["unloaded_response_err"] = numbers(t.unloaded_error);
     j["ledger"] = json(t.ledger);
     j["mesh"] = json(t.press.size);
     j["seconds"] = json(t.press.seconds);

@@ -24,7 +24,7 @@ struct StateReport {
   double residual_N = undefined;
   double penetration_mm = undefined;      ///< largest overlap of pad and sphere
   std::vector<double> response = {};      ///< per emitted power and region; empty when no light was traced
-  std::vector<double> change_error = {};  ///< standard error of the response minus the unloaded one; for the pictures
+  std::vector<double> change_error = {};  ///< standard error of the response minus the unloaded one
 };
 
 struct ScenarioReport {
@@ -74,7 +74,7 @@ struct PressOutcome {
 struct TraceResult {
   PressResult press;                     ///< its seconds are those of the light, too
   ScenarioReport scenario;               ///< the press's, with responses r (not differences)
-  std::vector<double> unloaded_response; ///< per emitted power and region
+  std::vector<double> unloaded_response, unloaded_error;   ///< per emitted power and region, and its standard error
   Ledger ledger;                         ///< of the state in which it closes worst
 };
 
@@ -90,7 +90,7 @@ struct EvaluationResult {
   double J_contact = undefined, J_contact_err = undefined, J_obs = undefined, J_obs_err = undefined;
   std::optional<WorstContact> worst_contact;
   std::optional<WorstObservation> worst_observation;
-  std::vector<double> unloaded_response;
+  std::vector<double> unloaded_response, unloaded_error;
   std::vector<ScenarioReport> scenarios;
   Ledger ledger;
   MeshReport size;

@@ -18,10 +18,10 @@ import unittest
 import xml.etree.ElementTree
 
 LUMO, LONG = "", False
-STATE = ["load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2", "residual_N", "penetration_mm", "response"]
+STATE = ["load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2", "residual_N", "penetration_mm", "response", "response_change_err"]
 SCENARIO = ["diameter_mm", "angle_deg", "y_mm", "status", "q_form", "q_stable", "q_stiff", "states"]
 EVALUATION = ["theta_mm", "material", "mechanics", "ensemble", "J_contact", "J_contact_err", "J_obs", "J_obs_err", "worst_contact", "worst_observation",
-              "unloaded_response", "scenarios", "ledger", "mesh", "seconds"]
+              "unloaded_response", "unloaded_response_err", "scenarios", "ledger", "mesh", "seconds"]
 
 
 MECHANICS = {"mode": "default", "solver": "quasi_static", "element": "quadratic", "size_mm": None, "sweeps": None, "law": "neo_hookean",
@@ -110,6 +110,10 @@ class Quick(unittest.TestCase):
         self.assertEqual(len(arrays["displacement_m"]), 3 * points)
         lowest = min(arrays["displacement_m"][2::3])
         self.assertLess(lowest, -0.5e-3 * depths[1])
+        self.assertEqual(len(arrays["pressure_Pa"]), points)
+        self.assertTrue(min(arrays["pressure_Pa"]) == 0 and max(arrays["pressure_Pa"]) > report["states"][1]["load_N"] / (1e-6 * report["states"][1]["contact_area_mm2"]))
+        field = [v for v in arrays["contact_field_m"] if not math.isnan(v)]   # is not defined inside the pad
+        self.assertTrue(min(field) < 0 < max(field))   # outside, inside the contact
 
     def test_a_contact_comes_back_as_typed(self):
         for angle in (-30, 15):
@@ -255,6 +259,13 @@ class Quick(unittest.TestCase):
         self.assertEqual(len(one["states"][0]["response"]), 11)
         ledger = one["ledger"]
         self.assertAlmostEqual(ledger["emitted"], sum(v for k, v in ledger.items() if k != "emitted"), delta=1e-9)
+        self.assertLessEqual(abs(ledger["lost"]), 1e-6)
+        self.assertLess(abs(ledger["sampling"]), 0.02 * ledger["regions"])
+        for response, error in zip(one["unloaded_response"], one["unloaded_response_err"], strict=True):
+            self.assertTrue(0 < error < 0.05 * response, (response, error))
+        # What rays do not know of a change is far less than what they do not know of the response, for both states share them.
+        self.assertEqual(len(one["states"][0]["response_change_err"]), 11)
+        self.assertTrue(0 < sum(one["states"][0]["response_change_err"]) < 0.5 * sum(one["unloaded_response_err"]))
 
     def test_interrupt_is_clean(self):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -299,6 +310,8 @@ class Long(unittest.TestCase):
             self.assertEqual([s["load_N"] for s in scenario["states"]], [1, 2, 5, 10, 15])
             for state in scenario["states"]:
                 self.assertEqual(len(state["response"]), 11)
+                self.assertEqual(len(state["response_change_err"]), 11)
+        self.assertLessEqual(abs(report["ledger"]["lost"]), 1e-6)
         qualities = [(s["q_form"] * s["q_stable"] * s["q_stiff"]) ** (1 / 3) for s in report["scenarios"]]
         self.assertAlmostEqual(min(qualities), report["J_contact"], places=6)
 

@@ -30,7 +30,11 @@ TEST_CASE("the penalty's pressure and stiffness are derivatives of its energy, a
   CHECK_THROWS_AS(validate(SDFContact{std::nan("")}), InvalidArgument);
 }
 
-TEST_CASE("contact forces and stiffness are the derivatives of the contact energy, by nodes and by the advance") {
+namespace {
+
+/// Central differences of the energy and of the forces of what is pushed by s0 into the wavy top of a block, by nodes and by the advance.
+template <class Tool>
+void check_contact_derivatives(const Tool& tool, const Vec3& start, const Vec3& direction, double s0) {
   const Vec3 size(8e-3, 8e-3, 4e-3);
   const Body body = test::block_body(size);
   const TetMesh mesh = test::block_mesh(size, test::even(3), test::even(3), test::even(1), 2, false);
@@ -40,13 +44,10 @@ TEST_CASE("contact forces and stiffness are the derivatives of the contact energ
     for (const auto& p : surface.points(f)) area += p.area_m2;
   CHECK(area == Approx(64e-6));
 
-  const Sphere sphere{10e-3};
   const SDFContact contact{1e9};
-  const Vec3 direction = Vec3(-0.3, 0, -1).normalized();
-  const auto at = [&](double s) { return Moving<Sphere>{&sphere, Vec3(3.7e-3, 4.2e-3, 4e-3) - (5e-3 - s) * direction, direction}; };
+  const auto at = [&](double s) { return Moving<Tool>{&tool, start + s * direction, direction}; };
   Positions x = positions_of(mesh);
   for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) += 0.1 * test::wavy(x.col(k), 8e-3);
-  const double s0 = 0.6e-3;
   const Sector sector = sector_of(mesh, {});
   const Equations eq(sector, body, {});
   const auto evaluate = [&](const Positions& y, double s, Positions* f) { return add_contact_forces(surface, contact, at(s), y, f); };
@@ -78,6 +79,15 @@ TEST_CASE("contact forces and stiffness are the derivatives of the contact energ
       if (const int row = eq.of[j]; row >= 0) worst = std::max(worst, std::abs((fu.data()[j] - fd.data()[j]) / (2 * h) - K(row, column)));
     CHECK(worst < 2e-3 * K.norm());
   }
+}
+
+}  // namespace
+
+TEST_CASE("contact forces and stiffness are the derivatives of the contact energy, by nodes and by the advance") {
+  const Vec3 direction = Vec3(-0.3, 0, -1).normalized();
+  check_contact_derivatives(Sphere{10e-3}, Vec3(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
+  // The carrier from above: a plate, and a rib below it that goes deeper.
+  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}}, Vec3(4e-3, 4e-3, 4.2e-3), Vec3(0, 0, -1), 0.3e-3);
 }
 
 TEST_CASE("contact area and overlap of known fields are exact up to the facets") {

@@ -106,6 +106,34 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
   CHECK(residual(moved, state.depth_m, 2.0) > 1e-5);
 }
 
+TEST_CASE("what is pressed onto the carrier comes to rest there, and the independent residual knows of it") {
+  // A plate held at its sides, 0.2 mm above a rigid floor.
+  auto [body, mesh] = test::symmetric_block({6e-3, 6e-3, 2e-3}, test::even(6), test::even(6), test::even(2));
+  body.patches[0].bonded = false, body.patches[0].meets_carrier = true;
+  body.patches[2].bonded = true;
+  const Body floating = body;
+  body.carrier = {{{0, 0, -2.2e-3}, {20e-3, 20e-3, 2e-3}}};
+  const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {2.0}};
+  const FastSimulator sim;
+  const auto lowest = [&mesh = mesh](const MechanicalState& state) {
+    double z = 0.0;
+    for (std::size_t k = 0; k < mesh.nodes.size(); ++k) z = std::min(z, mesh.nodes[k].z() + state.displacement[k].z());
+    return z;
+  };
+  const MechanicalState resting = sim.press(body, mesh, s).front(), hanging = sim.press(floating, mesh, s).front();
+  REQUIRE(resting.status == Status::converged);
+  REQUIRE(hanging.status == Status::converged);
+  CHECK(lowest(hanging) < -0.5e-3);
+  CHECK(lowest(resting) == Approx(-0.2e-3).margin(0.02e-3));
+  CHECK(resting.depth_m < 0.9 * hanging.depth_m);
+  const Touch touch = first_touch(body, mesh, s);
+  const auto residual = [&, &mesh = mesh](const Body& with) {
+    return out_of_balance(with, mesh, sim.material, sim.contact, sim.element, s.indenter, touch.origin + resting.depth_m * s.direction(), s.direction(), 2.0, resting.displacement);
+  };
+  CHECK(residual(body) < 2e-6);
+  CHECK(residual(floating) > 0.01);   // without the floor its push is missing
+}
+
 TEST_CASE("half and quarter models, mirror images and the whole body agree") {
   const FingerDesign design{8, 4, 6, 4, 2};
   const auto depths = [&](bool symmetric, double angle, double y) {

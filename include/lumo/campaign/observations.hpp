@@ -40,6 +40,7 @@ struct Timing {
 struct Observations {
   std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
   std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
+  std::vector<double> unloaded_error;           ///< its standard error; meshes share their rays, so that it does not shrink with their number
   EnergyLedger ledger;                          ///< of the traced state that closes worst
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;

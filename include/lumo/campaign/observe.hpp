@@ -82,10 +82,10 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
 /// taken on one mesh and added to the common mean.
-inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, int channels) {
+inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
-    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += r.power_W[b] / (r.ledger.emitted * double(responses.size()));
+    for (std::size_t b = 0; b < mean.size(); ++b) mean[b] += (r.*watts)[b] / (r.ledger.emitted * double(responses.size()));
   return mean;
 }
 
@@ -141,7 +141,8 @@ Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenar
   if (channels > 0) {
     done = 0;
     lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
-    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), channels);
+    out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
+    out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
     for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
       if (undecided.empty()) break;

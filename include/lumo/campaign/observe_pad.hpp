@@ -23,7 +23,7 @@ struct PadGrid {
 };
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
-/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and InputError when a press does not converge.
+/// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
 template <class P, Executor E>
 PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
@@ -35,7 +35,7 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   for (const double y : grid.tilt_place_m) scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
-    if (s.status != Status::converged) throw InvalidArgument(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
+    if (s.status != Status::converged) throw PressFailure(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
 
   const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
   PadResponses r;

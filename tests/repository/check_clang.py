@@ -1,0 +1,43 @@
+"""Lets clang read every source that a build compiles, with the build's own options and warnings as errors.
+
+usage: check_clang.py --compiler clang++ --commands compile_commands.json [--jobs N]
+"""
+import argparse
+import concurrent.futures
+import json
+import pathlib
+import shlex
+import subprocess
+import sys
+
+
+def command_of(compiler, entry):
+    """The entry's command for clang: parsed and checked, nothing written."""
+    words, out = shlex.split(entry["command"])[1:], [compiler, "-fsyntax-only", "-Werror", "-Wno-unknown-warning-option"]
+    skip = False
+    for word in words:
+        if skip:
+            skip = False
+        elif word in ("-o", "-MF", "-MT"):
+            skip = True
+        elif word not in ("-MD", "-c") and not word.startswith("-Wl,"):
+            out.append(word)
+    return out
+
+
+def complaints(compiler, entry):
+    done = subprocess.run(command_of(compiler, entry), cwd=entry["directory"], capture_output=True, text=True)
+    return "" if done.returncode == 0 else f"{entry['file']}:\n{done.stdout}{done.stderr}"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--compiler", required=True)
+    parser.add_argument("--commands", required=True)
+    parser.add_argument("--jobs", type=int, default=1)
+    arguments = parser.parse_args()
+    entries = json.loads(pathlib.Path(arguments.commands).read_text(encoding="utf-8"))
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        faults = [text for text in pool.map(lambda e: complaints(arguments.compiler, e), entries) if text]
+    print("\n".join(faults) if faults else f"clang has nothing to say about {len(entries)} sources")
+    sys.exit(1 if faults or not entries else 0)
