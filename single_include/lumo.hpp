@@ -6267,10 +6267,13 @@ class QuasiStaticRun {
  public:
   QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
-        eq_(model.blocks.front().equations), linear_(model.blocks.front().analysed), now_{positions_of(model.sector.mesh), 0.0},
+        eq_(model.blocks.front().equations), now_{positions_of(model.sector.mesh), 0.0},
         touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()),
         deadline_(std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                                         std::chrono::duration<double>(std::min(config.time_limit_s, 1e6)))) {}
+                                                         std::chrono::duration<double>(std::min(config.time_limit_s, 1e6)))) {
+    linear_.reserve(model.blocks.size());
+    for (const auto& block : model.blocks) linear_.push_back(block.analysed);
+  }
 
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
@@ -6352,22 +6355,24 @@ class QuasiStaticRun {
     double last = std::numeric_limits<double>::infinity();
     for (const int stop = iterations + config_.stride_iterations;;) {
       const auto r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
-      if (!std::isfinite(r.norm())) return Status::non_finite;
+      const double unbalanced = r.norm();
+      const bool nearly_there = unbalanced < settled * load;
+      if (!std::isfinite(unbalanced)) return Status::non_finite;
       // The plain residual is what counts; it is looked at when the linearised one is small.
-      if (r.norm() <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
+      if (unbalanced <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
       if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
-      if (!fresh || r.norm() > (r.norm() < settled * load ? config_.late_contraction : config_.chord_contraction) * last) {
+      if (!fresh || unbalanced > (nearly_there ? config_.late_contraction : config_.chord_contraction) * last) {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
-        touched_.turning = rested_.turning = r.norm() < settled * load ? 1.0 : 0.0;
+        touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
-        const FactorStatus f = linear_.factorize(tangent_.matrix.front());
+        const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
         fresh = true;
       }
-      last = r.norm();
+      last = unbalanced;
       if (const Status s = step(r, seen); s != Status::converged) return s;
     }
   }
@@ -6395,7 +6400,7 @@ class QuasiStaticRun {
   }
 
   bool border() {
-    response_ = linear_.solve(tangent_.coupling);
+    response_ = linear_.front().solve(tangent_.coupling);
     schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
     return std::isfinite(schur_) && schur_ > 0.0;
   }
@@ -6403,7 +6408,7 @@ class QuasiStaticRun {
   // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
   Status step(const typename System::Residual& r, typename System::Seen& seen) {
-    const Eigen::VectorXd z = linear_.solve(r.free);
+    const Eigen::VectorXd z = linear_.front().solve(r.free);
     const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
     const Eigen::VectorXd du = -z - response_ * ds;
     if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
@@ -6434,11 +6439,10 @@ class QuasiStaticRun {
     typename System::Tangent t;
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
-      auto linear = model_.blocks[b].analysed;
-      const FactorStatus f = linear.factorize(t.matrix[b]);
+      const FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;   // the advance moves with the even fields only
-      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear.solve(t.coupling)));
+      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
       if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
     return Status::converged;
@@ -6448,7 +6452,7 @@ class QuasiStaticRun {
   const Model& model_;
   System system_;
   const Equations& eq_;
-  std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)> linear_;
+  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>> linear_;   // by parity; the first one's factor is that of the steps
   typename System::Place now_, factored_;   // where we are, and where the factor was made
   FrictionHistory touched_, rested_;        // at the end of the last stride
   std::chrono::steady_clock::time_point deadline_;
@@ -17235,7 +17239,7 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 }
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
-/// taken on one mesh and added to the common mean.
+/// taken on one mesh and added to the common mean. `watts` names the mean power or its standard error.
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)

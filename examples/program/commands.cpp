@@ -17,7 +17,6 @@
 #include "program/version.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <map>
 #include <memory>
 #include <new>

@@ -4,6 +4,7 @@
 #include "lumo/morphology/silicone.hpp"
 #include "program/json.hpp"
 #include "program/options.hpp"
+#include "program/text.hpp"
 
 #include <string>
 #include <vector>
@@ -20,7 +21,7 @@ inline constexpr int results_version = 5;
 inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {
   const auto scaled = [](const std::vector<double>& values, double unit) {
     Json a = Json::array();
-    for (const double v : values) a.push_back(std::round(v / unit * 1e6) / 1e6);
+    for (const double v : values) a.push_back(as_typed(v / unit));
     return a;
   };
   const Silicone card = silicone(material);

@@ -43,9 +43,9 @@ TEST_CASE("The medium decides what a ray meets: contradicting faces and carrier 
   t.push_back({{Vec3(-1, -1, 0.001), Vec3(1, 0, 0.001), Vec3(-1, 1, 0.001)}, true});
   t.push_back({{Vec3(-1, -1, 0.03), Vec3(-1, 1, 0.03), Vec3(1, 0, 0.03)}, true});
   const BvhScene scene = Bvh{}.build(t);
-  const RayHit inside = scene.first_hit(Vec3(0.001, 0.0005, -0.005), Vec3::UnitZ(), true);
-  CHECK(inside.triangle < walls);
-  CHECK(inside.t == Approx(0.015));
+  const RayHit wall = scene.first_hit(Vec3(0.001, 0.0005, -0.005), Vec3::UnitZ(), true);
+  CHECK(wall.triangle < walls);
+  CHECK(wall.t == Approx(0.015));
   const RayHit outside = scene.first_hit(Vec3(0.001, 0.0005, 0.02), Vec3::UnitZ(), false);
   CHECK(outside.triangle == walls + 2);
   CHECK(scene.first_hit(Vec3(0.001, 0.0005, -0.005), Vec3::UnitZ(), false).triangle == walls);
