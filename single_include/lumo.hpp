@@ -4894,6 +4894,14 @@ class Solid {
     return least;
   }
 
+  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element that is inside out.
+  double smallest_volume() const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
+    return least;
+  }
+
   const Material& material() const { return material_; }
 
  private:
@@ -6278,6 +6286,7 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
+    if (!(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
     const typename System::Place start = now_;
     const FrictionHistory touched_before = touched_, rested_before = rested_;
     const double from = load_;
@@ -11842,8 +11851,6 @@ class TrialLog {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
-  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
-  bool failed_for_good(int id) const;
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
@@ -11852,7 +11859,7 @@ class TrialLog {
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
-  /// Inputs (d × n) of the trials in a state, by id; failed ones only where they failed for good.
+  /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
@@ -11879,13 +11886,6 @@ inline bool TrialLog::superseded(const Trial& trial) const {
 
 inline bool TrialLog::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
-}
-
-inline bool TrialLog::failed_for_good(int id) const {
-  const Trial& trial = trials_.at(std::size_t(id));
-  if (trial.state != Trial::State::failed) return false;
-  if (!trial.retry) return true;
-  return !superseded(trial) && !tries_left(trial);
 }
 
 inline std::optional<Design> TrialLog::scheduled() const {
@@ -11937,7 +11937,7 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state && (state != Trial::State::failed || failed_for_good(t.id))) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
+    if (t.state == state && !(state == Trial::State::failed && t.retry)) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
   return x.leftCols(column);
 }
 
@@ -11957,7 +11957,7 @@ inline Eigen::MatrixXd TrialLog::told_outputs() const {
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then Sobol points, then the
-/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for good
+/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for a reason of its design
 /// it is that of highest acquisition times the probability of success. Answers may come in any order.
 /// Law: a proposal is a function of the problem, the configuration and the trials before it, to the bit; so whoever keeps the trials can
 /// restore() them and go on. No design is asked twice, except after a failure that may be retried.
@@ -12006,8 +12006,6 @@ class Optimizer {
 
   const Problem& problem() const { return log_.problem(); }
   const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
-  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
-  bool failed_for_good(int id) const { return log_.failed_for_good(id); }
   int told() const { return log_.count(Trial::State::told); }
   int pending() const { return log_.count(Trial::State::pending); }
 
@@ -12030,7 +12028,7 @@ class Optimizer {
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
 
-  /// Where evaluations succeed; nothing while none has failed for good.
+  /// Where evaluations succeed; nothing while none has failed for a reason of its design.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
@@ -17578,8 +17576,14 @@ class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  /// Failures that speak against going on: of designs, of the machine with no try left, and those of trials in `own`.
-  int failed(const std::set<int>& own) const;
+  /// Evaluations that ended, and how many of them failed.
+  struct Tally {
+    int failed = 0, ended = 0;
+  };
+  /// Of designs: what the machine failed at is no evaluation.
+  Tally designs() const;
+  /// Of the machine, in the trials that it was given.
+  Tally machine(const std::set<int>& own) const;
   /// Of the latest trial that failed; empty when none did.
   std::string last_failure() const;
 
@@ -17592,8 +17596,8 @@ class CampaignState {
 
 /// How a campaign goes on when things go wrong.
 struct CampaignConfig {
-  int failures_at_least = 5;       ///< it stops once so many evaluations have failed; those that another run may repeat do not count there
-  double failures_above = 0.5;     ///< and more than this share of all
+  int failures_at_least = 5;       ///< it stops once so many evaluations have failed: of all for their designs, or of this process's own for the machine
+  double failures_above = 0.5;     ///< and more than this share of them
   double poll_s = 0.5;             ///< how often it looks whether another process has ended, or died
 };
 
@@ -17639,10 +17643,25 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 }
 
 template <class O>
-int CampaignState<O>::failed(const std::set<int>& own) const {
-  int n = 0;
-  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed && (!t.retry || own.contains(t.id) || optimizer_.failed_for_good(t.id));
-  return n;
+auto CampaignState<O>::designs() const -> Tally {
+  Tally all;
+  for (const Trial& t : optimizer_.trials()) {
+    const bool failed = t.state == Trial::State::failed && !t.retry;
+    all.failed += failed;
+    all.ended += failed || t.state == Trial::State::told;
+  }
+  return all;
+}
+
+template <class O>
+auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
+  Tally all;
+  for (const int id : own) {
+    const Trial& t = optimizer_.trials()[std::size_t(id)];
+    all.failed += t.state == Trial::State::failed && t.retry;
+    ++all.ended;
+  }
+  return all;
 }
 
 template <class O>
@@ -17694,10 +17713,10 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
   std::set<int> own;   // trials that this process answered
   while (true) {
     state.read(log.entries());
-    const int failed = state.failed(own), ended = failed + state.optimizer().told();
-    if (failed >= config.failures_at_least && failed > config.failures_above * ended)
-      throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
-                                       " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
+    for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
+      if (failed >= config.failures_at_least && failed > config.failures_above * ended)
+        throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
+                                         " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
     const std::optional<int> id = detail::take(log, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
@@ -17767,12 +17786,14 @@ inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   return v;
 }
 
-/// The same of a mesh that could not be made; the machine's limits are not the design's.
+/// Was it the machine's limits, not the body's, that left it without a mesh?
+inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
+
+/// The same of a mesh that could not be made.
 inline Verdict verdict_of(const MeshError& e) {
-  using enum MeshError::Reason;
   Verdict v;
   v.why = detail::text("mesh: ", e.what());
-  v.retry = e.reason() == timed_out || e.reason() == out_of_memory;
+  v.retry = of_the_machine(e);
   return v;
 }
 
@@ -17890,7 +17911,8 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
   return p;
 }
 
-/// The design itself, then its variants, in the order of `study.twins`. What fails in one leaves the others whole. Throws InfeasibleDesign.
+/// The design itself, then its variants, in the order of `study.twins`. What fails in one leaves the others whole. Throws InfeasibleDesign, and
+/// MeshError where a mesh failed for the machine's limits: another try may have them all.
 template <class P, Executor E>
 std::vector<VariantResult> compare_variants(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const MatchedStudy& study, const P& pipeline,
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
@@ -17924,6 +17946,7 @@ VariantResult evaluate_variant(const FingerDesign& design, Twin twin, const Sili
   try {
     result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
   } catch (const MeshError& e) {
+    if (of_the_machine(e)) throw;
     result.why = text("mesh: ", e.what());
     return result;
   }

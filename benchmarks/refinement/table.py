@@ -25,9 +25,10 @@ def read(path):
     return studies
 
 
-def depths(base, other):
+def ratios(base, other, name, first=0):
+    """Relative differences in every state from the given one on."""
     for a, b in zip(base["scenarios"], other["scenarios"]):
-        for x, y in zip(a["depth_mm"], b["depth_mm"]):
+        for x, y in zip(a[name][first:], b[name][first:]):
             yield x / y - 1
 
 
@@ -58,7 +59,8 @@ def main():
                 continue
             pairs = [(base[d], rows[d]) for d in both]
             print(f"\n### {study}: `{arguments.base}` against `{name}`, {len(both)} designs\n\n| difference | median | largest |\n|---|---|---|")
-            print(row("depth", [v for p in pairs for v in depths(*p)], True))
+            print(row("depth", [v for p in pairs for v in ratios(*p, "depth_mm")], True))
+            print(row("area of contact, from the second load on", [v for p in pairs for v in ratios(*p, "area_mm2", 1)], True))
             for term in ("q_form", "q_stable", "q_stiff", "score"):
                 print(row("J of a scenario" if term == "score" else term, [v for p in pairs for v in terms(*p, term)], False))
             print(row("J_contact", [a["J_contact"][0] - b["J_contact"][0] for a, b in pairs], False))

@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <random>
 #include <sstream>
 
 using namespace lumo;
@@ -83,11 +84,11 @@ struct Totals {
     std::vector<std::size_t> all(sequences.size());
     for (std::size_t i = 0; i < all.size(); ++i) all[i] = i;
     Interval r{recovery(sequences, all)};
-    detail::CountedDraws draws(1);
+    std::mt19937 random(1);
     std::vector<double> drawn;
     for (int k = 0; k < 2000; ++k) {
       std::vector<std::size_t> some(all.size());
-      for (auto& i : some) i = draws.below(all.size());
+      for (auto& i : some) i = random() % all.size();
       drawn.push_back(recovery(sequences, some));
     }
     r.low = quantile(drawn, 0.025), r.high = quantile(drawn, 0.975);

@@ -159,19 +159,29 @@ Json run_notes(const Options& o) {
   return {{"lumo", version}, {"threads", o.threads}, {"machine", machine}};
 }
 
-/// What a store keeps; whatever goes wrong in `work` is in the verdict.
+/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
+/// the design is one of the machine.
 template <class Work>
-Verdict recorded(Json record, Json notes, const Work& work) {
+Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
+  const lumo::detail::Stopwatch watch;
+  std::string stage = "start";
+  const ProgressReport shown = progress.watched() ? shown_in(progress) : ProgressReport{};
+  const auto report = [&](std::string_view now, int done, int total) {
+    stage = now;
+    if (shown) shown(now, done, total);
+  };
   Verdict verdict;
   try {
-    verdict = work(record, notes);
+    verdict = work(record, notes, report);
   } catch (const MeshError& e) {
     verdict = verdict_of(e);
   } catch (const std::bad_alloc&) {
-    verdict.why = "out of memory";
-    verdict.retry = true;
+    verdict = {{}, true, stage + ": out of memory", "", ""};
+  } catch (const std::exception& e) {
+    verdict = {{}, true, stage + ": " + e.what(), "", ""};
   }
   if (!verdict.why.empty()) record["why"] = verdict.why;
+  if (!notes.contains("seconds")) notes["seconds"] = {{"total", watch.seconds()}};
   verdict.record = record.dump();
   verdict.notes = notes.dump();
   return verdict;
@@ -318,9 +328,9 @@ PadResponses make_pad_responses(const Options& o, Progress& progress) {
 
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), [&](Json& record, Json& notes) {
-      const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
-                                    progress.watched() ? shown_in(progress) : ProgressReport{});
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, [&](Json& record, Json& notes, const ProgressReport& report_stage) {
+      const Evaluation e =
+          evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads}, report_stage);
       const EvaluationResult result = report(e);
       append(record, json(result));
       notes["seconds"] = json(result.seconds);
@@ -331,9 +341,8 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
 
 Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
   return [o, study, ensemble, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), [&](Json& record, Json& notes) {
-      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads},
-                                             progress.watched() ? shown_in(progress) : ProgressReport{});
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, [&](Json& record, Json& notes, const ProgressReport& report_stage) {
+      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
       Verdict verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {

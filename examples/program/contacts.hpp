@@ -14,8 +14,9 @@ namespace lumo::program {
 /// The contacts that an ensemble's name stands for.
 inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_ensemble() : curved_ensemble(); }
 
-/// Raised whenever an evaluation of the same design gives other numbers than before: old stores are then of another problem.
-inline constexpr int results_version = 5;
+/// Raised whenever an evaluation of the same design gives other numbers than before, or a search asks for other designs after the same trials: old
+/// stores are then of another problem.
+inline constexpr int results_version = 6;
 
 /// Material and contacts with every number that decides a result, for the text by which a store knows its problem.
 inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {

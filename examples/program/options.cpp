@@ -2,6 +2,7 @@
 
 #include "lumo/mechanics/scenario.hpp"
 #include "lumo/morphology/design.hpp"
+#include "program/contacts.hpp"
 #include "program/text.hpp"
 #include "program/version.hpp"
 
@@ -256,7 +257,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   Options o;
   Typed t;
   CLI::App app("Mechanics, optics and design of soft lit finger pads.", "lumo");
-  app.set_version_flag("--version", std::string("lumo ") + version);
+  app.set_version_flag("--version", lumo::detail::text("lumo ", version, ", results ", results_version));
   app.require_subcommand(0, 1);
   app.footer("Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 bad file, 130 interrupted.\n"
              "Results go to standard output, progress to standard error.");

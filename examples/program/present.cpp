@@ -83,11 +83,14 @@ BarChart response_chart(const Options& o, const std::string& title, const std::s
   return c;
 }
 
-/// ParaView's colour ranges ignore NaN but not infinity.
-std::vector<double> finite_or_nan(std::vector<double> v) {
-  for (double& x : v)
-    if (!std::isfinite(x)) x = undefined;
-  return v;
+/// A contact field with a number on every node: what cannot be touched is as far from contact as the farthest node that can be.
+std::vector<double> on_all_nodes(std::vector<double> field) {
+  double least = 0.0;
+  for (const double v : field)
+    if (std::isfinite(v)) least = std::min(least, v);
+  for (double& v : field)
+    if (!std::isfinite(v)) v = least;
+  return field;
 }
 
 /// What a press leaves behind: curve, contact sets, table and states.
@@ -105,7 +108,7 @@ void add_press(const Options& o, const PressResult& press, Output& files) {
     const std::size_t n = press.mesh.nodes.size();
     if (s.displacement.size() == n) fields.push_back(node_field("displacement_m", s.displacement));
     if (s.pressure_Pa.size() == n) fields.push_back({"pressure_Pa", 1, s.pressure_Pa});
-    if (s.contact_field.size() == n) fields.push_back({"contact_field_m", 1, finite_or_nan(s.contact_field)});
+    if (s.contact_field.size() == n) fields.push_back({"contact_field_m", 1, on_all_nodes(s.contact_field)});
     std::ostringstream vtu;
     write_vtu(vtu, press.mesh, fields);
     series.push_back({s.load_N, "press_" + std::to_string(k + 1) + ".vtu"});
@@ -222,7 +225,7 @@ std::string present(const Options& o, const EvaluationResult& e, Output& files) 
   if (files.wanted()) {
     files.add("evaluation.json", dump(j));
     files.add("evaluation.csv", csv(e.scenarios));
-    LineChart curves = force_depth_chart(o, std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios");
+    LineChart curves = force_depth_chart(o, std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios; one curve per place along the finger");
     std::vector<double> seen;   // one colour per diameter, in order of appearance
     for (const auto& s : e.scenarios) {
       const auto place = std::size_t(std::find(seen.begin(), seen.end(), s.diameter_mm) - seen.begin());

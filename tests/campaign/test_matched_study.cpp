@@ -95,6 +95,40 @@ TEST_CASE("Variants of a design: softer without a carrier, and the design withou
   CHECK(gaps[0].J_contact->value == carrier[0].J_contact->value);   // light changes nothing in mechanics
 }
 
+namespace {
+
+/// Gives the meshes of one body (as the design gave it, and finer at the contact), then fails.
+struct TiringMesher {
+  MeshError::Reason reason;
+  int *fills;
+  LinearTets fill(const MeshInput& input) const {
+    if (++*fills > 2) throw MeshError(reason, "tired");
+    return TetgenMesher{}.fill(input);
+  }
+};
+
+}  // namespace
+
+TEST_CASE("A variant that cannot be meshed leaves the design whole, one that the machine failed at is left to another try") {
+  Ensemble contacts = middle_contacts();
+  contacts.diameters_m = {20e-3};
+  contacts.loads_N = {1.0};
+  const auto run = [&](MeshError::Reason reason) {
+    int fills = 0;
+    const CoarsePipeline usual = coarse_pipeline();
+    const Pipeline<TiringMesher, decltype(usual.simulator), CoarseLight> pipeline{TiringMesher{reason, &fills}, usual.simulator, usual.tracer, usual.focus};
+    return compare_variants({5, 10, 10, 6, 3}, dragon_skin(), contacts, {{Twin::bonded_base}, false}, pipeline, coarse_finger(), Serial{});
+  };
+  const auto broken = run(MeshError::Reason::self_intersecting);
+  REQUIRE(broken.size() == 2);
+  CHECK(broken[0].why == "");
+  CHECK(broken[0].observations.scenarios[0].status == Status::converged);
+  CHECK(broken[1].why == "mesh: tired");
+  CHECK(broken[1].observations.scenarios.empty());
+  CHECK_THROWS_AS(run(MeshError::Reason::out_of_memory), MeshError);
+  CHECK_THROWS_AS(run(MeshError::Reason::timed_out), MeshError);
+}
+
 TEST_CASE("Searches that see the whole lattice all make the same choice, that of the model") {
   Problem p;
   p.space.variables = {{"a", 0.0, 10.0, 0.5, ""}};

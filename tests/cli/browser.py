@@ -19,7 +19,7 @@ class Browser:
 
     def __init__(self, program, seconds=120):
         self.seconds = seconds
-        self.profile = tempfile.TemporaryDirectory()
+        self.profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)   # a helper of the browser may still be writing there at the end
         to_read, self.to = os.pipe()
         self.back, back_write = os.pipe()
 

@@ -271,6 +271,7 @@ class Answers(unittest.TestCase):
             self.assertEqual((done.returncode, done.stderr), (0, ""))
             self.assertTrue(done.stdout.strip())
         self.assertIn("--diameter", run("press", "--help").stdout)
+        self.assertRegex(run("--version").stdout, r"^lumo \d+\.\d+\.\d+, results \d+\n$")
 
     def test_standard_output_must_hold(self):
         with open("/dev/full", "w") as full:

@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pathlib
+import pty
 import signal
 import struct
 import subprocess
@@ -112,8 +113,8 @@ class Quick(unittest.TestCase):
         self.assertLess(lowest, -0.5e-3 * depths[1])
         self.assertEqual(len(arrays["pressure_Pa"]), points)
         self.assertTrue(min(arrays["pressure_Pa"]) == 0 and max(arrays["pressure_Pa"]) > report["states"][1]["load_N"] / (1e-6 * report["states"][1]["contact_area_mm2"]))
-        field = [v for v in arrays["contact_field_m"] if not math.isnan(v)]   # is not defined inside the pad
-        self.assertTrue(min(field) < 0 < max(field))   # outside, inside the contact
+        field = arrays["contact_field_m"]
+        self.assertTrue(all(map(math.isfinite, field)) and min(field) < 0 < max(field))   # outside, inside the contact
 
     def test_a_contact_comes_back_as_typed(self):
         for angle in (-30, 15):
@@ -242,6 +243,20 @@ class Quick(unittest.TestCase):
             done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=120)
             self.assertIn(done.returncode, (0, 4), (command, megabytes, done.stderr))
 
+    def test_what_the_machine_fails_at_is_told_with_its_stage_and_left_to_another_run(self):
+        with tempfile.TemporaryDirectory() as folder:
+            store = os.path.join(folder, "campaign.db")
+            limited = f"ulimit -v 350000; exec '{LUMO}' campaign run --evaluations 2 --threads 2 --store {store}"
+            for runs in (1, 2, 3):   # more than 15 of them in all would have closed the store to every later run
+                done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=300)
+                self.assertEqual(done.returncode, 4, done.stderr)
+                self.assertIn("5 of 5 evaluations failed", done.stderr)
+                rows = strict(self.good("campaign", "export", "--store", store, "--json").stdout)
+                self.assertEqual(len(rows), 5 * runs)
+            for row in rows:
+                self.assertEqual(row["state"], "failed")
+                self.assertRegex(row["why"], "^(start|mesh|press|light).*: out of memory$")
+
     def test_trace_leaves_what_press_leaves(self):
         with tempfile.TemporaryDirectory() as folder:
             for command in ["press", "trace"]:
@@ -271,6 +286,24 @@ class Quick(unittest.TestCase):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             with self.subTest(number):
                 self.interrupted(number)
+
+    def test_a_terminal_sees_a_bar_with_the_time_left(self):
+        ours, theirs = pty.openpty()
+        process = subprocess.Popen([LUMO, "trace", "--loads", "1,2"], stdout=subprocess.PIPE, stderr=theirs)
+        os.close(theirs)
+        seen = b""
+        try:
+            while part := os.read(ours, 4096):
+                seen += part
+        except OSError:   # the other end is closed
+            pass
+        os.close(ours)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0)
+        shown = seen.decode()
+        self.assertRegex(shown, r"\r\x1b\[Ktrace █+░+ [12]/3, [\d.]+ m?s left")
+        self.assertRegex(shown, r"\r\x1b\[Klumo: trace: done in [\d.]+ m?s\r\n")
+        self.assertNotIn("lumo: trace ...", shown)   # that is for logs
 
     def test_termination_is_heard_at_any_moment(self):   # METIS has a handler of its own for it
         for moment in range(25):
@@ -339,6 +372,23 @@ class Long(unittest.TestCase):
         contacts = {(s["diameter_mm"], s["angle_deg"], s["y_mm"]) for s in report["scenarios"]}
         self.assertEqual(len(report["scenarios"]), 140)
         self.assertEqual(contacts, {(d, a, y) for d in (10, 15, 20, 30) for a in (-30, -15, 0, 15, 30) for y in (-22, -11, -5.5, 0, 5.5, 11, 22)})
+
+    def test_campaign_keeps_what_evaluate_gives(self):
+        with tempfile.TemporaryDirectory() as folder:
+            store, page = os.path.join(folder, "campaign.db"), os.path.join(folder, "report.html")
+            done = run("campaign", "run", "--store", store, "--evaluations", "1", "--ray-error", "5", "--json", timeout=1800)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            status = strict(done.stdout)
+            row = strict(run("campaign", "export", "--store", store, "--json").stdout)[0]
+            self.assertEqual(run("campaign", "verify", "--store", store).returncode, 0)
+            self.assertEqual(run("campaign", "report", "--store", store, "--out", page, timeout=1800).returncode, 0)
+            self.assertGreater(os.path.getsize(page), 100000)
+        theta = ",".join(str(v) for v in row["theta_mm"])
+        alone = strict(run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=1800).stdout)
+        self.assertEqual(status["evaluated"], 1)
+        for key in ["J_contact", "J_obs"]:
+            self.assertEqual(row[key], alone[key])
+        self.assertEqual(row["record"]["scenarios"], alone["scenarios"])
 
     def test_study_goes_on_where_it_was_stopped(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -82,6 +82,22 @@ class Stores(unittest.TestCase):
             self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)
             self.assertRegex(done.stderr, rf"damaged at entry {number}\b")
 
+    def test_verify_names_the_entry_from_which_a_cut_file_lacks_them(self):
+        self.make("12")
+        good = self.store.read_bytes()
+        last = 0
+        for kept in [*range(1, 10), *range(10, len(good) // 4096, 9), len(good) // 4096 - 1]:
+            self.store.write_bytes(good[:4096 * kept + 100])
+            for command in ("verify", "status"):
+                done = run("campaign", command, "--store", self.store)
+                self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (BAD_FILE, "", 1), done.stderr)
+            named = re.search(r"is damaged (?:at|after) entry (\d+)", done.stderr)
+            self.assertTrue(named or kept < 5, done.stderr)   # the first pages are SQLite's own
+            number = int(named[1]) if named else 0
+            self.assertGreaterEqual(number, last)
+            last = number
+        self.assertEqual(last, 26)   # the last page holds a part of the last entry
+
     def test_damaged_notes_are_null(self):
         self.make("2")
         with sqlite3.connect(self.store) as db:

@@ -16,7 +16,7 @@ LabPlan short_plan() {
 
 }  // namespace
 
-TEST_CASE("same seed, same log; another seed, another one; without noise no scatter", "[lab]") {
+TEST_CASE("same seed, same log, another seed, another one, without noise no scatter", "[lab]") {
   const PadLight light(plain_pad());
   const VirtualRig a(light, short_plan(), 3), b(light, short_plan(), 3), c(light, short_plan(), 4);
   REQUIRE(a.frames().size() == b.frames().size());

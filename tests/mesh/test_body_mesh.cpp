@@ -54,6 +54,31 @@ TEST_CASE("a finger's mesh lies on the exact profile, is exactly symmetric and h
   for (const FingerDesign& d : {baseline_design(), FingerDesign{5, 10, 10, 6, 3}, FingerDesign{12, 1, 4, 5, 1}}) check_finger_mesh(d, mesher, true);
 }
 
+TEST_CASE("edges along y are longer by the stretch that is asked for, and the mesh is as true") {
+  const TetgenMesher mesher;
+  const auto meshed = [&](double stretch) {
+    FingerOptions options;
+    options.mesh.stretch_y = stretch;
+    const Body body = finger(baseline_design(), dragon_skin(), options);
+    const TetMesh mesh = mesh_body(body, mesher);
+    const MeshQuality q = measure(mesh);
+    CHECK(q.min_jacobian_ratio > 0.0);
+    CHECK(q.volume_m3 == Approx(body.exact_volume_m3).epsilon(2e-3));
+    double along = 0.0, across = 0.0;
+    for (const auto& t : mesh.tets)
+      for (std::size_t k = 1; k < 4; ++k) {
+        const Vec3 edge = mesh.nodes[std::size_t(t[k])] - mesh.nodes[std::size_t(t[0])];
+        along += std::abs(edge.y()), across += std::abs(edge.x());
+      }
+    return std::pair(along / across, mesh.tets.size());
+  };
+  const auto [even, many] = meshed(1.0);
+  const auto [long_in_y, few] = meshed(2.0);
+  CHECK(even == Approx(1.0).margin(0.15));
+  CHECK(long_in_y == Approx(2.0 * even).epsilon(0.15));
+  CHECK(double(few) == Approx(0.5 * double(many)).epsilon(0.25));
+}
+
 TEST_CASE("random feasible designs mesh") {
   std::mt19937 random(11);
   const TetgenMesher mesher;

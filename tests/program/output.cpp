@@ -86,7 +86,7 @@ TEST_CASE("when one file cannot be written none is left") {
   CHECK(scratch.entries("out") == 1);
 }
 
-TEST_CASE("a command hands out its result and its files; the result even where the files cannot be written") {
+TEST_CASE("a command hands out its result and its files, the result even where the files cannot be written") {
   const TemporaryFolder scratch;
   std::ostringstream shown;
   std::streambuf* const screen = std::cout.rdbuf(shown.rdbuf());

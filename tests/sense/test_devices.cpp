@@ -156,7 +156,7 @@ TEST_CASE("photodiodes over a pipe: whole lines only, bad ones are counted", "[d
   CHECK(diodes.state() == StreamState::failed);
 }
 
-TEST_CASE("photodiodes over a pseudo-terminal; what is no serial line is refused", "[device]") {
+TEST_CASE("photodiodes over a pseudo-terminal, what is no serial line is refused", "[device]") {
   detail::Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY));
   if (master.get() < 0 || ::grantpt(master.get()) != 0 || ::unlockpt(master.get()) != 0) {
     FAIL("no pseudo-terminals here: this test says nothing of serial lines");

@@ -505,7 +505,7 @@ TEST_CASE("over many scenes intervals of place and force hold what they promise"
   CHECK(inside_force >= 50);
 }
 
-TEST_CASE("one joint of several that is stuck is seen; an effort in steps is not taken for a stuck one", "[estimator]") {
+TEST_CASE("one joint of several that is stuck is seen, an effort in steps is not taken for a stuck one", "[estimator]") {
   synthetic::Normal normal(2);
   JointMonitor::Config c;
   c.joints = 2;

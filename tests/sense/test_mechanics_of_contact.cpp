@@ -170,7 +170,7 @@ TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian
   CHECK(scatter(0, 1) == Approx(exact.covariance(0, 1)).epsilon(0.12));
 }
 
-TEST_CASE("an unloaded run gives friction, bias and weight back; a poor one says what it does not tell", "[torque]") {
+TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says what it does not tell", "[torque]") {
   TorqueModel truth;
   truth.torque_constant_Nm_per_A = 0.9, truth.coulomb_Nm = 0.03, truth.stribeck_Nm = 0.015, truth.viscous_Nm_s_per_rad = 0.004, truth.bias_Nm = -0.012;
   truth.gravity_sin_Nm = 0.05, truth.gravity_cos_Nm = -0.02, truth.stribeck_velocity_rad_per_s = 0.25, truth.noise_Nm = 0.004;

@@ -57,7 +57,7 @@ TEST_CASE("D, W and Q by hand", "[metrics]") {
   CHECK_THROWS_AS(recontact_metrics(slope), InvalidArgument);
 }
 
-TEST_CASE("whiskers are the metrics without one re-contact; the bootstrap is repeatable", "[metrics]") {
+TEST_CASE("whiskers are the metrics without one re-contact, the bootstrap is repeatable", "[metrics]") {
   synthetic::Normal normal(4);
   std::vector<Eigen::MatrixXd> slope(6, Eigen::MatrixXd(11, 5));
   for (std::size_t i = 0; i < 6; ++i)

@@ -42,7 +42,7 @@ TEST_CASE("images survive a PNG to the bit, in colour and grey", "[opencv]") {
   CHECK_THROWS_AS(read_image(folder / "text.png"), InputError);
 }
 
-TEST_CASE("a folder of images is a camera; a damaged file is a frame without pixels", "[opencv]") {
+TEST_CASE("a folder of images is a camera, a damaged file is a frame without pixels", "[opencv]") {
   const TemporaryFolder folder;
   for (int k = 0; k < 3; ++k) write_image(folder / ("f" + std::to_string(k) + ".png"), picture(k).view());
   std::ofstream(folder / "bad.png") << "\x89PNG broken";

@@ -46,8 +46,14 @@ class CampaignState {
   /// Number of the entry that announced a trial, and of the one that answered it.
   std::int64_t asked(int id) const { return asked_[std::size_t(id)]; }
   std::optional<std::int64_t> answered(int id) const { return answered_[std::size_t(id)]; }
-  /// Failures that speak against going on: of designs, of the machine with no try left, and those of trials in `own`.
-  int failed(const std::set<int>& own) const;
+  /// Evaluations that ended, and how many of them failed.
+  struct Tally {
+    int failed = 0, ended = 0;
+  };
+  /// Of designs: what the machine failed at is no evaluation.
+  Tally designs() const;
+  /// Of the machine, in the trials that it was given.
+  Tally machine(const std::set<int>& own) const;
   /// Of the latest trial that failed; empty when none did.
   std::string last_failure() const;
 
@@ -60,8 +66,8 @@ class CampaignState {
 
 /// How a campaign goes on when things go wrong.
 struct CampaignConfig {
-  int failures_at_least = 5;       ///< it stops once so many evaluations have failed; those that another run may repeat do not count there
-  double failures_above = 0.5;     ///< and more than this share of all
+  int failures_at_least = 5;       ///< it stops once so many evaluations have failed: of all for their designs, or of this process's own for the machine
+  double failures_above = 0.5;     ///< and more than this share of them
   double poll_s = 0.5;             ///< how often it looks whether another process has ended, or died
 };
 
@@ -107,10 +113,25 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 }
 
 template <class O>
-int CampaignState<O>::failed(const std::set<int>& own) const {
-  int n = 0;
-  for (const Trial& t : optimizer_.trials()) n += t.state == Trial::State::failed && (!t.retry || own.contains(t.id) || optimizer_.failed_for_good(t.id));
-  return n;
+auto CampaignState<O>::designs() const -> Tally {
+  Tally all;
+  for (const Trial& t : optimizer_.trials()) {
+    const bool failed = t.state == Trial::State::failed && !t.retry;
+    all.failed += failed;
+    all.ended += failed || t.state == Trial::State::told;
+  }
+  return all;
+}
+
+template <class O>
+auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
+  Tally all;
+  for (const int id : own) {
+    const Trial& t = optimizer_.trials()[std::size_t(id)];
+    all.failed += t.state == Trial::State::failed && t.retry;
+    ++all.ended;
+  }
+  return all;
 }
 
 template <class O>
@@ -162,10 +183,10 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
   std::set<int> own;   // trials that this process answered
   while (true) {
     state.read(log.entries());
-    const int failed = state.failed(own), ended = failed + state.optimizer().told();
-    if (failed >= config.failures_at_least && failed > config.failures_above * ended)
-      throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
-                                       " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
+    for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
+      if (failed >= config.failures_at_least && failed > config.failures_above * ended)
+        throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
+                                         " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
     const std::optional<int> id = detail::take(log, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();

@@ -48,12 +48,14 @@ inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   return v;
 }
 
-/// The same of a mesh that could not be made; the machine's limits are not the design's.
+/// Was it the machine's limits, not the body's, that left it without a mesh?
+inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
+
+/// The same of a mesh that could not be made.
 inline Verdict verdict_of(const MeshError& e) {
-  using enum MeshError::Reason;
   Verdict v;
   v.why = detail::text("mesh: ", e.what());
-  v.retry = e.reason() == timed_out || e.reason() == out_of_memory;
+  v.retry = of_the_machine(e);
   return v;
 }
 

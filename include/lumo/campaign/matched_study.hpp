@@ -51,7 +51,8 @@ inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_
   return p;
 }
 
-/// The design itself, then its variants, in the order of `study.twins`. What fails in one leaves the others whole. Throws InfeasibleDesign.
+/// The design itself, then its variants, in the order of `study.twins`. What fails in one leaves the others whole. Throws InfeasibleDesign, and
+/// MeshError where a mesh failed for the machine's limits: another try may have them all.
 template <class P, Executor E>
 std::vector<VariantResult> compare_variants(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const MatchedStudy& study, const P& pipeline,
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
@@ -85,6 +86,7 @@ VariantResult evaluate_variant(const FingerDesign& design, Twin twin, const Sili
   try {
     result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
   } catch (const MeshError& e) {
+    if (of_the_machine(e)) throw;
     result.why = text("mesh: ", e.what());
     return result;
   }

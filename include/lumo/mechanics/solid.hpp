@@ -115,6 +115,14 @@ class Solid {
     return least;
   }
 
+  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element that is inside out.
+  double smallest_volume() const {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
+      for (int q = 0; q < Element::points; ++q) least = std::min(least, weight(e, q));
+    return least;
+  }
+
   const Material& material() const { return material_; }
 
  private:

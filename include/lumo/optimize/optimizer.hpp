@@ -14,7 +14,7 @@
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then Sobol points, then the
-/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for good
+/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for a reason of its design
 /// it is that of highest acquisition times the probability of success. Answers may come in any order.
 /// Law: a proposal is a function of the problem, the configuration and the trials before it, to the bit; so whoever keeps the trials can
 /// restore() them and go on. No design is asked twice, except after a failure that may be retried.
@@ -63,8 +63,6 @@ class Optimizer {
 
   const Problem& problem() const { return log_.problem(); }
   const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
-  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
-  bool failed_for_good(int id) const { return log_.failed_for_good(id); }
   int told() const { return log_.count(Trial::State::told); }
   int pending() const { return log_.count(Trial::State::pending); }
 
@@ -87,7 +85,7 @@ class Optimizer {
   /// Objectives of the told trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
 
-  /// Where evaluations succeed; nothing while none has failed for good.
+  /// Where evaluations succeed; nothing while none has failed for a reason of its design.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.

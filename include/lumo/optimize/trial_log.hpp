@@ -35,8 +35,6 @@ class TrialLog {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
-  /// Did the trial fail for good: for a reason of the design, or as the last try of one? At most one trial of a design.
-  bool failed_for_good(int id) const;
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
@@ -45,7 +43,7 @@ class TrialLog {
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
-  /// Inputs (d × n) of the trials in a state, by id; failed ones only where they failed for good.
+  /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
@@ -72,13 +70,6 @@ inline bool TrialLog::superseded(const Trial& trial) const {
 
 inline bool TrialLog::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
-}
-
-inline bool TrialLog::failed_for_good(int id) const {
-  const Trial& trial = trials_.at(std::size_t(id));
-  if (trial.state != Trial::State::failed) return false;
-  if (!trial.retry) return true;
-  return !superseded(trial) && !tries_left(trial);
 }
 
 inline std::optional<Design> TrialLog::scheduled() const {
@@ -130,7 +121,7 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state && (state != Trial::State::failed || failed_for_good(t.id))) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
+    if (t.state == state && !(state == Trial::State::failed && t.retry)) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
   return x.leftCols(column);
 }
 

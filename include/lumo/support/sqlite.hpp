@@ -127,6 +127,8 @@ inline void SqliteLog::open(int flags) {
   if (code != SQLITE_OK) fail(code);
   sqlite3_extended_result_codes(db, 1);
   sqlite3_busy_timeout(db, 60'000);
+  // Readers get as far as a file that was cut short goes, so that the first lost entry can be named.
+  if (!(flags & SQLITE_OPEN_CREATE)) run("PRAGMA writable_schema=ON");
   run("PRAGMA synchronous=FULL");
   run("PRAGMA cell_size_check=ON");
 }
