@@ -1,5 +1,5 @@
 // Areas of contact by two fields on the same equilibria: the fitted distance to the edge (lumo::contact_field), and φ = p/k − g with pressure and gap of the
-// nodes. usage: lumo_contact_fields    (three minutes; a Markdown table)
+// nodes. usage: lumo_contact_fields [SIZE]    (a Markdown table; SIZE, default 1: edge length at the contact over the default's)
 
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
@@ -10,11 +10,13 @@
 
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <vector>
 
 using namespace lumo;
 
-int main() {
+int main(int argc, char** argv) {
+  const Focus focus{.finest = Focus{}.finest * (argc > 1 ? std::atof(argv[1]) : 1.0)};
   const Silicone card = dragon_skin();
   const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const TetgenMesher mesher;
@@ -24,7 +26,7 @@ int main() {
     const TetMesh coarse = mesh_body(body, mesher);
     for (const auto& [diameter, y] : {std::pair(30e-3, 0.0), {10e-3, 22e-3}}) {
       const Scenario<Sphere> scenario{.indenter = {.diameter_m = diameter}, .y_m = y};
-      const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher);
+      const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher, focus);
       const Vec3 start = first_touch(body, mesh, scenario).origin;
       const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; }, SDFContact{});
       const auto [a, b, c, d, e] = design.values();
