@@ -160,7 +160,7 @@ Json run_notes(const Options& o) {
 }
 
 /// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
-/// the design is one of the machine.
+/// the design is taken for one of the machine.
 template <class Work>
 Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
   const lumo::detail::Stopwatch watch;
@@ -177,6 +177,8 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
     verdict = verdict_of(e);
   } catch (const std::bad_alloc&) {
     verdict = {{}, true, stage + ": out of memory", "", ""};
+  } catch (const InvalidArgument& e) {
+    verdict = {{}, false, stage + ": " + e.what(), "", ""};
   } catch (const std::exception& e) {
     verdict = {{}, true, stage + ": " + e.what(), "", ""};
   }
