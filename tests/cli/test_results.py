@@ -387,7 +387,7 @@ class Long(unittest.TestCase):
         alone = strict(run("evaluate", "--theta", theta, "--ray-error", "5", "--json", timeout=1800).stdout)
         self.assertEqual(status["evaluated"], 1)
         for key in ["J_contact", "J_obs"]:
-            self.assertEqual(row[key], alone[key])
+            self.assertEqual(row["record"][key], alone[key])
         self.assertEqual(row["record"]["scenarios"], alone["scenarios"])
 
     def test_study_goes_on_where_it_was_stopped(self):
