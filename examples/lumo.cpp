@@ -120,11 +120,7 @@ int main(int argc, char** argv) {
     return complain(e.what(), usage);
   } catch (const lumo::InfeasibleDesign& e) {
     return complain(e.what(), infeasible);
-  } catch (const lumo::MeshError& e) {
-    return complain(e.what(), numerical);
-  } catch (const lumo::PressFailure& e) {
-    return complain(e.what(), numerical);
-  } catch (const lumo::CampaignError& e) {
+  } catch (const lumo::NumericalError& e) {
     return complain(e.what(), numerical);
   } catch (const lumo::InputError& e) {
     return complain(e.what(), bad_file);

@@ -121,8 +121,14 @@ class InfeasibleDesign : public Error {
   std::string unit_;
 };
 
+/// The input was sound, and yet there is no result.
+class NumericalError : public Error {
+ public:
+  using Error::Error;
+};
+
 /// A surface that cannot be meshed, or a mesh that fails a quality gate.
-class MeshError : public Error {
+class MeshError : public NumericalError {
  public:
   enum class Reason {
     not_finite,         ///< a coordinate is NaN, infinite or absurdly large
@@ -138,11 +144,17 @@ class MeshError : public Error {
     inverted,           ///< an element whose Jacobian is not positive everywhere
     inaccurate          ///< the mesh's volume or surface is not the body's
   };
-  MeshError(Reason reason, const std::string& text) : Error(text), reason_(reason) {}
+  MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
 
  private:
   Reason reason_;
+};
+
+/// A press found no equilibrium where one is needed to go on.
+class PressFailure : public NumericalError {
+ public:
+  using NumericalError::NumericalError;
 };
 
 /// A file or stream that cannot be read or written, or says what makes no sense.
@@ -6286,7 +6298,7 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
-    if (!(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
+    if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
     const typename System::Place start = now_;
     const FrictionHistory touched_before = touched_, rested_before = rested_;
     const double from = load_;
@@ -17555,9 +17567,9 @@ struct Verdict {
 };
 
 /// More evaluations failed than a campaign can stand.
-class CampaignError : public Error {
+class CampaignError : public NumericalError {
  public:
-  using Error::Error;
+  using NumericalError::NumericalError;
 };
 
 /// A campaign's log, read by an optimiser: all that was asked, told and failed so far.
@@ -17644,24 +17656,18 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 
 template <class O>
 auto CampaignState<O>::designs() const -> Tally {
-  Tally all;
-  for (const Trial& t : optimizer_.trials()) {
-    const bool failed = t.state == Trial::State::failed && !t.retry;
-    all.failed += failed;
-    all.ended += failed || t.state == Trial::State::told;
-  }
-  return all;
+  const auto count = [&](const auto& is) { return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is)); };
+  const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
+  return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::told; })};
 }
 
 template <class O>
 auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
-  Tally all;
-  for (const int id : own) {
+  const auto failed = [&](int id) {
     const Trial& t = optimizer_.trials()[std::size_t(id)];
-    all.failed += t.state == Trial::State::failed && t.retry;
-    ++all.ended;
-  }
-  return all;
+    return t.state == Trial::State::failed && t.retry;
+  };
+  return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
 }
 
 template <class O>
@@ -17777,17 +17783,21 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
 }
 
-/// What a campaign keeps of an evaluation; a solve that ran out of time may be tried again.
+/// Was it the machine's limits, not the body's, that ended a solve?
+inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
+  return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
+}
+/// The same of a body that was left without a mesh.
+inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
+
+/// What a campaign keeps of an evaluation; what the machine ended may be tried again.
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
   v.why = failure_of(e, accept_held);
   if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
-  for (const ScenarioRecord& s : e.observations.scenarios) v.retry = v.retry || s.status == Status::time_limit;
+  v.retry = of_the_machine(e.observations.scenarios);
   return v;
 }
-
-/// Was it the machine's limits, not the body's, that left it without a mesh?
-inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
 
 /// The same of a mesh that could not be made.
 inline Verdict verdict_of(const MeshError& e) {
@@ -18115,12 +18125,6 @@ struct PadResponses {
   Eigen::VectorXd tilt_place_m;      ///< places at which a tilted approach was computed, ascending from 0
   std::vector<Eigen::MatrixXd> tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
   Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
-};
-
-/// A press on the way to the responses found no equilibrium.
-class PressFailure : public Error {
- public:
-  using Error::Error;
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.

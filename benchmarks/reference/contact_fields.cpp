@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
       const Scenario<Sphere> scenario{.indenter = {.diameter_m = diameter}, .y_m = y};
       const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher, focus);
       const Vec3 start = first_touch(body, mesh, scenario).origin;
-      const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; }, SDFContact{});
+      const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; }, simulator.contact);
       const auto [a, b, c, d, e] = design.values();
       std::printf("| %g,%g,%g,%g,%g | %g | %g |", a, b, c, d, e, 1e3 * diameter, 1e3 * y);
       for (const MechanicalState& s : simulator.prepare(body, mesh).press(scenario)) {
@@ -37,7 +37,7 @@ int main(int argc, char** argv) {
         std::vector<double> field(mesh.nodes.size(), -1.0);
         for (std::size_t k = 0; k < field.size(); ++k) {
           x.col(Eigen::Index(k)) += s.displacement[k];
-          if (std::isfinite(s.contact_field[k])) field[k] = s.pressure_Pa[k] / SDFContact{}.stiffness_N_per_m3 - scenario.indenter.distance(x.col(Eigen::Index(k)) - centre);
+          if (std::isfinite(s.contact_field[k])) field[k] = s.pressure_Pa[k] / simulator.contact.stiffness_N_per_m3 - scenario.indenter.distance(x.col(Eigen::Index(k)) - centre);
         }
         std::printf(" %+.1f %% |", 100.0 * (contact_area(surface, field, x) / s.contact_area_m2 - 1.0));
       }

@@ -171,16 +171,17 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
     if (shown) shown(now, done, total);
   };
   Verdict verdict;
+  const auto fail = [&](bool retry, const char* why) { verdict = {{}, retry, stage + ": " + why, "", ""}; };
   try {
     verdict = work(record, notes, report);
   } catch (const MeshError& e) {
     verdict = verdict_of(e);
   } catch (const std::bad_alloc&) {
-    verdict = {{}, true, stage + ": out of memory", "", ""};
+    fail(true, "out of memory");
   } catch (const InvalidArgument& e) {
-    verdict = {{}, false, stage + ": " + e.what(), "", ""};
+    fail(false, e.what());
   } catch (const std::exception& e) {
-    verdict = {{}, true, stage + ": " + e.what(), "", ""};
+    fail(true, e.what());
   }
   if (!verdict.why.empty()) record["why"] = verdict.why;
   if (!notes.contains("seconds")) notes["seconds"] = {{"total", watch.seconds()}};
@@ -330,33 +331,35 @@ PadResponses make_pad_responses(const Options& o, Progress& progress) {
 
 Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, [&](Json& record, Json& notes, const ProgressReport& report_stage) {
+    const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e =
           evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads}, report_stage);
       const EvaluationResult result = report(e);
       append(record, json(result));
       notes["seconds"] = json(result.seconds);
       return verdict_of(e, o.mechanics.paper);
-    });
+    };
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, work);
   };
 }
 
 Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
   return [o, study, ensemble, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, [&](Json& record, Json& notes, const ProgressReport& report_stage) {
+    const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
       Verdict verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
         record["variants"].push_back(json(v));
         notes["seconds"][std::string(to_string(v.twin))] = json(report(v.observations.seconds));
-        for (const ScenarioRecord& s : v.observations.scenarios) verdict.retry = verdict.retry || s.status == Status::time_limit;
+        verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
       if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
       else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
-    });
+    };
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, work);
   };
 }
 

@@ -5,7 +5,7 @@
 
 using namespace lumo;
 
-TEST_CASE("the paper's ensembles have 28 and 140 scenarios, mirror images leave 16 and 48 solves on 4 and 12 meshes") {
+TEST_CASE("the paper's ensembles have 28 and 140 scenarios: without mirror images 16 and 48 solves on 4 and 12 meshes") {
   const auto count = [](const Ensemble& e, Symmetry s) {
     const auto scenarios = e.scenarios();
     const ContactPlan p = plan_contacts(scenarios, s);

@@ -95,7 +95,7 @@ TEST_CASE("A store is the same whether it was opened once or often, and notes do
   often.verify();
 }
 
-TEST_CASE("A store refuses another problem and says what differs, what is no store is refused") {
+TEST_CASE("A store refuses another problem and says what differs, and what is no store is refused, too") {
   const TemporaryFolder folder;
   { SqliteLog log(folder / "store", "material DS\nensemble flat\nseed 1"); }
   try {

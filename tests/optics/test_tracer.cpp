@@ -56,7 +56,7 @@ TEST_CASE("The ledger closes and nothing is lost, for dents, contact, voids and 
     }
 }
 
-TEST_CASE("The unloaded response is symmetric, quarter, half and full pattern agree", "[tracer]") {
+TEST_CASE("The unloaded response is symmetric: patterns from a quarter, a half and the whole pad agree", "[tracer]") {
   const PadShape s = coarse();
   const Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());

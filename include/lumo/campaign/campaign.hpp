@@ -4,6 +4,7 @@
 #include "lumo/campaign/trial_entry.hpp"
 #include "lumo/optimize/optimizer.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
@@ -25,9 +26,9 @@ struct Verdict {
 };
 
 /// More evaluations failed than a campaign can stand.
-class CampaignError : public Error {
+class CampaignError : public NumericalError {
  public:
-  using Error::Error;
+  using NumericalError::NumericalError;
 };
 
 /// A campaign's log, read by an optimiser: all that was asked, told and failed so far.
@@ -114,24 +115,18 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
 
 template <class O>
 auto CampaignState<O>::designs() const -> Tally {
-  Tally all;
-  for (const Trial& t : optimizer_.trials()) {
-    const bool failed = t.state == Trial::State::failed && !t.retry;
-    all.failed += failed;
-    all.ended += failed || t.state == Trial::State::told;
-  }
-  return all;
+  const auto count = [&](const auto& is) { return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is)); };
+  const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
+  return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::told; })};
 }
 
 template <class O>
 auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
-  Tally all;
-  for (const int id : own) {
+  const auto failed = [&](int id) {
     const Trial& t = optimizer_.trials()[std::size_t(id)];
-    all.failed += t.state == Trial::State::failed && t.retry;
-    ++all.ended;
-  }
-  return all;
+    return t.state == Trial::State::failed && t.retry;
+  };
+  return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
 }
 
 template <class O>

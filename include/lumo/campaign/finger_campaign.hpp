@@ -3,8 +3,10 @@
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/campaign/evaluate.hpp"
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 namespace lumo {
 
@@ -39,17 +41,21 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
 }
 
-/// What a campaign keeps of an evaluation; a solve that ran out of time may be tried again.
+/// Was it the machine's limits, not the body's, that ended a solve?
+inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
+  return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
+}
+/// The same of a body that was left without a mesh.
+inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
+
+/// What a campaign keeps of an evaluation; what the machine ended may be tried again.
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
   v.why = failure_of(e, accept_held);
   if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
-  for (const ScenarioRecord& s : e.observations.scenarios) v.retry = v.retry || s.status == Status::time_limit;
+  v.retry = of_the_machine(e.observations.scenarios);
   return v;
 }
-
-/// Was it the machine's limits, not the body's, that left it without a mesh?
-inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
 
 /// The same of a mesh that could not be made.
 inline Verdict verdict_of(const MeshError& e) {

@@ -40,8 +40,14 @@ class InfeasibleDesign : public Error {
   std::string unit_;
 };
 
+/// The input was sound, and yet there is no result.
+class NumericalError : public Error {
+ public:
+  using Error::Error;
+};
+
 /// A surface that cannot be meshed, or a mesh that fails a quality gate.
-class MeshError : public Error {
+class MeshError : public NumericalError {
  public:
   enum class Reason {
     not_finite,         ///< a coordinate is NaN, infinite or absurdly large
@@ -57,11 +63,17 @@ class MeshError : public Error {
     inverted,           ///< an element whose Jacobian is not positive everywhere
     inaccurate          ///< the mesh's volume or surface is not the body's
   };
-  MeshError(Reason reason, const std::string& text) : Error(text), reason_(reason) {}
+  MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
   Reason reason() const { return reason_; }
 
  private:
   Reason reason_;
+};
+
+/// A press found no equilibrium where one is needed to go on.
+class PressFailure : public NumericalError {
+ public:
+  using NumericalError::NumericalError;
 };
 
 /// A file or stream that cannot be read or written, or says what makes no sense.

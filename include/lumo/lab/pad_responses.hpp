@@ -30,12 +30,6 @@ struct PadResponses {
   Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
 };
 
-/// A press on the way to the responses found no equilibrium.
-class PressFailure : public Error {
- public:
-  using Error::Error;
-};
-
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
 template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline void validate(const PadResponses& r, const std::string& name) {

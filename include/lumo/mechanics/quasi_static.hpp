@@ -83,7 +83,7 @@ class QuasiStaticRun {
   /// Equilibrium at `load` (the sector's share), from where the last call ended.
   Status solve(double load) {
     iterations = 0;
-    if (!(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
+    if (load_ == 0.0 && !(model_.solid.smallest_volume() > 0.0)) return Status::inverted;
     const typename System::Place start = now_;
     const FrictionHistory touched_before = touched_, rested_before = rested_;
     const double from = load_;
