@@ -894,7 +894,8 @@ inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
 }
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// monotone function, bracketed and bisected, so that it converges for every aspect ratio and every point.
+// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
+// so that it converges for every aspect ratio and every point.
 inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
@@ -905,17 +906,18 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   double fu = 0.0, fv = 0.0;
   if (v > 0.0) {
     if (u > 0.0) {
-      const double r = (a / b) * (a / b), zu = u / a, zv = v / b;
-      double low = zv - 1.0, high = std::hypot(r * zu, zv) - 1.0;
-      for (int i = 0; i < 200 && low < high; ++i) {
-        const double t = 0.5 * (low + high);
-        if (t == low || t == high) break;
-        const double g = std::pow(r * zu / (t + r), 2) + std::pow(zv / (t + 1.0), 2) - 1.0;
-        (g > 0.0 ? low : high) = t;
+      const double r = (a / b) * (a / b), zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + (r - 1.0)), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double newton = 0.5 * excess / (x * x / (t + (r - 1.0)) + y * y / t);
+        const bool outside = t + newton < low || t + newton > high, close = std::abs(newton) <= 1e-9 * t;
+        t = outside && !close ? 0.5 * (low + high) : t + newton;
+        if (close || !(low < high)) break;  // a step's error is the square of its length
       }
-      const double t = 0.5 * (low + high);
-      fu = r * u / (t + r);
-      fv = v / (t + 1.0);
+      fu = r * u / (t + (r - 1.0));
+      fv = v / t;
     } else {
       fv = b;
     }
@@ -17014,21 +17016,21 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
 
 namespace lumo {
 
-/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, …
-constexpr int rays_of(int round) { return 1 << (round / 2); }
+/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
+constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
 
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
 constexpr int rays_up_to(int round) {
   int all = 0;
   for (int r = 0; r <= round; ++r) all += rays_of(r);
   return all;
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
-/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with new rays, at first
+/// half as many as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
   double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 9;            ///< at most this many: rays_up_to(9) = 62; 0: everything is traced once
+  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
   double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
 };
 
