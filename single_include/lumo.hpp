@@ -906,17 +906,17 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   double fu = 0.0, fv = 0.0;
   if (v > 0.0) {
     if (u > 0.0) {
-      const double r = (a / b) * (a / b), zu = r * u / a, zv = v / b;
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
       double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
       for (int i = 0; i < 200; ++i) {
-        const double x = zu / (t + (r - 1.0)), y = zv / t, excess = x * x + y * y - 1.0;
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
         (excess > 0.0 ? low : high) = t;
-        const double newton = 0.5 * excess / (x * x / (t + (r - 1.0)) + y * y / t);
-        const bool outside = t + newton < low || t + newton > high, close = std::abs(newton) <= 1e-9 * t;
-        t = outside && !close ? 0.5 * (low + high) : t + newton;
-        if (close || !(low < high)) break;  // a step's error is the square of its length
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
       }
-      fu = r * u / (t + (r - 1.0));
+      fu = r * u / (t + e);
       fv = v / t;
     } else {
       fv = b;
