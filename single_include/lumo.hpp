@@ -6109,20 +6109,16 @@ struct PressSystem {
             predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
   }
 
-  /// Out-of-balance force on the free equations and on the indenter.
-  struct Residual {
-    Eigen::VectorXd free;
-    double advance = 0.0;       ///< push − load
-    double norm() const { return std::sqrt(free.squaredNorm() + advance * advance); }
-  };
-  Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
+    Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
-      if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
+      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
+    r[eq.count] = touch.push_N - load;
     return r;
   }
 
@@ -6160,6 +6156,46 @@ struct PressSystem {
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
   }
+};
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/secant_pairs.hpp
+
+namespace lumo {
+
+/// What the steps with a kept factor have shown of a symmetric, positive definite tangent since it was made: the BFGS correction of the factor's inverse
+/// (Matthies, Strang 1979, doi:10.1002/nme.1620141104), applied by Nocedal's two loops (1980, doi:10.1090/S0025-5718-1980-0572855-7).
+class SecantPairs {
+ public:
+  void clear() { pairs_.clear(); }
+
+  /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
+  /// rounding: the corrected inverse stays positive definite.
+  void add(Eigen::VectorXd step, Eigen::VectorXd change) {
+    const double curvature = step.dot(change);
+    if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
+  }
+
+  /// Solution of the corrected system, where `factor` is that of the kept one: a function of a vector.
+  template <class Factor, class VectorXd = Eigen::VectorXd>
+  VectorXd solve(std::type_identity_t<VectorXd> residual, Factor&& factor) const {
+    std::vector<double> along(pairs_.size());
+    for (std::size_t k = pairs_.size(); k-- > 0;) {
+      along[k] = pairs_[k].scale * pairs_[k].step.dot(residual);
+      residual -= along[k] * pairs_[k].change;
+    }
+    VectorXd solution = factor(residual);
+    for (std::size_t k = 0; k < pairs_.size(); ++k) solution += (along[k] - pairs_[k].scale * pairs_[k].change.dot(solution)) * pairs_[k].step;
+    return solution;
+  }
+
+ private:
+  struct Pair {
+    Eigen::VectorXd step, change;
+    double scale;   ///< 1 / (step · change)
+  };
+  std::vector<Pair> pairs_;
 };
 
 }  // namespace lumo
@@ -6237,7 +6273,7 @@ struct QuasiStaticConfig {
   int max_iterations = 200;           ///< factorisations per load
   int stride_iterations = 40;         ///< factorisations before a stride is cut
   double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction = 0.4;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  double late_contraction = 0.8;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
   double load_stride = 1.6;           ///< loads in between are at most this factor apart
   double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;          ///< per scenario, wall clock
@@ -6250,7 +6286,7 @@ struct QuasiStaticConfig {
 /// (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order errors in volume then make no
 /// spurious pressure, the tangent stays positive definite, and contact points change sides by what the step meant. This is Newton's method
 /// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
-/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again as long as it contracts.
+/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
 ///
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
 /// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
@@ -6376,8 +6412,9 @@ class QuasiStaticRun {
     touch_nearest(seen.touch, area);
     bool fresh = false;
     double last = std::numeric_limits<double>::infinity();
+    Eigen::VectorXd before;   // residual at the start of the last step
     for (const int stop = iterations + config_.stride_iterations;;) {
-      const auto r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -6393,10 +6430,14 @@ class QuasiStaticRun {
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
+        steps_.clear();
         fresh = true;
+      } else {
+        steps_.add(std::move(last_step_), r - before);
       }
       last = unbalanced;
       if (const Status s = step(r, seen); s != Status::converged) return s;
+      before = std::move(r);
     }
   }
 
@@ -6428,17 +6469,25 @@ class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
-  // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
+  // Solution with the last factor for all equations, the advance's included.
+  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
+    Eigen::VectorXd d(r.size());
+    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
+    d.head(eq_.count) = z - d[eq_.count] * response_;
+    return d;
+  }
+
+  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const typename System::Residual& r, typename System::Seen& seen) {
-    const Eigen::VectorXd z = linear_.front().solve(r.free);
-    const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
-    const Eigen::VectorXd du = -z - response_ * ds;
-    if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
+  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+    if (!d.allFinite()) return Status::non_finite;
+    const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
-    System::move(dx, eq_, du, 1.0);
+    System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
     for (int k = 0; k < 20; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
@@ -6452,6 +6501,7 @@ class QuasiStaticRun {
       seen = std::move(next);
       now_.x = trial;
       now_.advance += t * ds;
+      last_step_ = t * d;
       return Status::converged;
     }
     return refusal;
@@ -6482,6 +6532,8 @@ class QuasiStaticRun {
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
+  SecantPairs steps_;          // with that factor
+  Eigen::VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 
