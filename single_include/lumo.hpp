@@ -11799,7 +11799,7 @@ struct QLogNehvi {
           per_box.assign(std::size_t(boxes.lower.cols()), 0.0);
           for (Eigen::Index k = 0; k < boxes.lower.cols(); ++k)
             for (Eigen::Index j = 0; j < y.rows(); ++j) {
-              const double side = std::log(std::min(boxes.upper(j, k), 1e10) - boxes.lower(j, k));
+              const double side = std::log(boxes.upper(j, k) - boxes.lower(j, k));   // ∞ where the box is open
               per_box[std::size_t(k)] += detail::fat_minimum(detail::log_fat_relu(y(j, s) - boxes.lower(j, k), tau_relu_), side, tau_max_);
             }
           per_draw[std::size_t(s)] = log_sum_exp(per_box.begin(), per_box.end());

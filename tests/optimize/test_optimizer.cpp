@@ -136,6 +136,24 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
   }
 }
 
+TEST_CASE("what a design promises is told however far the reference point lies from the outcomes", "[optimizer]") {
+  const double far = 1e11;   // of spreads of the order of 0.3
+  Problem p = problem(60);
+  p.objectives[0].reference = -far;
+  p.objectives[1].reference = far;
+  Optimizer<> o(p);
+  for (int i = 0; i < 10; ++i) {
+    const auto t = o.ask();
+    o.tell(t->id, measure(t->x));
+  }
+  const Eigen::MatrixXd x = detail::columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
+  for (const bool noisy : {true, false}) {
+    const Eigen::VectorXd promise = QLogNehvi{.noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
+    CHECK(promise.allFinite());
+    CHECK(promise.maxCoeff() > promise.minCoeff());
+  }
+}
+
 TEST_CASE("failures are never scored, only those of the machine are asked again, and not for ever", "[optimizer]") {
   Optimizer<> o(problem());
   const auto bad = o.ask();
