@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/sense/frame.hpp"
 #include "lumo/sense/mcap_reader.hpp"
 #include "lumo/sense/recorded_log.hpp"
 #include "lumo/sense/ros_messages.hpp"

@@ -3,6 +3,7 @@
 #include "lumo/core/crc32.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/sense/mcap.hpp"
+#include "lumo/sense/mcap_source.hpp"
 
 #include <algorithm>
 #include <cstddef>
@@ -51,15 +52,13 @@ template <ChunkCodec... Codecs>
 class McapReader {
  public:
   /// Throws InputError.
-  McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {}) : in_(std::move(in)), name_(std::move(name)), where_(name_ + ": "), limits_(limits) {
-    in_->seekg(0, std::ios::end);
-    size_ = std::uint64_t(std::max<std::streamoff>(0, std::streamoff(in_->tellg())));
-    if (!in_->good()) throw InputError(name_ + ": cannot be read");
-    if (size_ < mcap_magic.size() || !has_magic(0)) throw InputError(name_ + ": byte 0: is no MCAP file, which begins with its magic");
-    const bool whole = size_ >= 2 * mcap_magic.size() && has_magic(size_ - mcap_magic.size());
+  McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {}) : source_(std::move(in), std::move(name)), limits_(limits) {
+    const std::uint64_t size = source_.size();
+    if (size < mcap_magic.size() || !source_.has_magic(0)) fail(0, "is no MCAP file, which begins with its magic");
+    const bool whole = size >= 2 * mcap_magic.size() && source_.has_magic(size - mcap_magic.size());
     try {
-      scan(whole ? size_ - mcap_magic.size() : size_);
-      if (!whole) throw InputError(detail::text(where_, "byte ", size_, ": the file was cut, it lacks its end"));
+      scan(whole ? size - mcap_magic.size() : size);
+      if (!whole) fail(size, "the file was cut, it lacks its end");
     } catch (const InputError& e) {
       if (whole) throw;
       fault_ = e.what();
@@ -73,7 +72,7 @@ class McapReader {
     return McapReader(std::move(in), path, limits);
   }
 
-  const std::string& name() const { return name_; }
+  const std::string& name() const { return source_.name(); }
   const std::string& profile() const { return profile_; }
   const std::string& library() const { return library_; }  ///< that wrote the file
   const std::map<std::uint16_t, McapSchema>& schemas() const { return schemas_; }
@@ -95,7 +94,7 @@ class McapReader {
     } else {
       m.owner = std::make_shared<const std::vector<std::uint8_t>>(record_at(entry.record));
     }
-    const std::string where = entry.chunked ? chunk_place(entry.record) : where_;
+    const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
     detail::McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where, entry.chunked ? at : entry.record);
     const auto opcode = McapOpcode(in.template number<std::uint8_t>());
     const auto length = in.template number<std::uint64_t>();
@@ -106,53 +105,15 @@ class McapReader {
     return m;
   }
   /// Throws InputError where the file has changed since.
-  std::vector<std::uint8_t> read(const McapAttachment& a) { return bytes_at(a.offset, a.size); }
+  std::vector<std::uint8_t> read(const McapAttachment& a) { return source_.bytes(a.offset, a.size); }
 
  private:
   using Bytes = std::vector<std::uint8_t>;
-  static constexpr std::uint64_t head_bytes = 9;  ///< of a record, before its contents
+  static constexpr std::uint64_t head_bytes = detail::McapSource::head_bytes;
 
-  std::string chunk_place(std::uint64_t at) const { return detail::text(where_, "chunk at byte ", at, ", "); }
-  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { throw InputError(detail::text(where_, "byte ", at, ": ", why)); }
-
-  /// Bytes that lie within the file.
-  Bytes bytes_at(std::uint64_t at, std::uint64_t size) {
-    Bytes b(static_cast<std::size_t>(size));
-    in_->clear();
-    in_->seekg(std::streamoff(at));
-    in_->read(reinterpret_cast<char*>(b.data()), std::streamsize(size));
-    if (!*in_) fail(at, "cannot be read");
-    return b;
-  }
-  bool has_magic(std::uint64_t at) {
-    const Bytes b = bytes_at(at, mcap_magic.size());
-    return std::equal(b.begin(), b.end(), mcap_magic.begin());
-  }
-  /// Checksum of a stretch of the file, continued.
-  void add(Crc32& crc, std::uint64_t at, std::uint64_t size) {
-    for (constexpr std::uint64_t piece = 1u << 20; size > 0; at += std::min(piece, size), size -= std::min(piece, size)) crc.add(bytes_at(at, std::min(piece, size)));
-  }
-
-  struct Head {
-    McapOpcode opcode;
-    std::uint64_t length;
-  };
-  /// A record's head. It lies before `end` with all of its contents.
-  Head head_at(std::uint64_t at, std::uint64_t end) {
-    if (end - at < head_bytes) fail(at, detail::text("the file ends ", end - at, " bytes into a record"));
-    const Bytes b = bytes_at(at, head_bytes);
-    detail::McapFields in(b, where_, at);
-    const Head h{McapOpcode(in.template number<std::uint8_t>()), in.template number<std::uint64_t>()};
-    if (h.opcode == McapOpcode(0)) fail(at, "a record has the opcode 0, which there is not");
-    if (h.length > end - at - head_bytes) fail(at, detail::text("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes, " bytes on"));
-    return h;
-  }
-  /// A whole record with its head.
-  Bytes record_at(std::uint64_t at) {
-    const Head h = head_at(at, size_);
-    if (h.length > limits_.record_bytes) fail(at, detail::text("a record has ", h.length, " bytes, read are at most ", limits_.record_bytes));
-    return bytes_at(at, head_bytes + h.length);
-  }
+  std::string chunk_place(std::uint64_t at) const { return detail::text(source_.where(), "chunk at byte ", at, ", "); }
+  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { source_.fail(at, why); }
+  Bytes record_at(std::uint64_t at) { return source_.record(at, limits_.record_bytes); }
 
   void scan(std::uint64_t end) {
     Crc32 data_crc;
@@ -162,7 +123,7 @@ class McapReader {
     std::uint64_t at = mcap_magic.size();
     while (at < end) {
       if (closed) fail(at, "there is more behind the footer");
-      const Head h = head_at(at, end);
+      const detail::McapSource::Head h = source_.head(at, end);
       if (first != (h.opcode == McapOpcode::header)) fail(at, first ? "the first record is no header" : "there is a second header");
       first = false;
       const bool of_data = h.opcode == McapOpcode::message || h.opcode == McapOpcode::chunk || h.opcode == McapOpcode::message_index || h.opcode == McapOpcode::attachment ||
@@ -170,12 +131,12 @@ class McapReader {
       if (of_data && data_end) fail(at, detail::text("a record of the data, opcode ", int(h.opcode), ", stands behind their end"));
       if (h.opcode == McapOpcode::attachment) {
         add_attachment(at, h.length);
-        add(data_crc, at, head_bytes + h.length);
+        source_.add(data_crc, at, head_bytes + h.length);
       } else if (h.opcode > McapOpcode::data_end) {
-        if (!data_end) add(data_crc, at, head_bytes + h.length);
+        if (!data_end) source_.add(data_crc, at, head_bytes + h.length);
       } else {
         const Bytes record = record_at(at);
-        detail::McapFields in(std::span<const std::uint8_t>(record).subspan(head_bytes), where_, at + head_bytes);
+        detail::McapFields in(std::span<const std::uint8_t>(record).subspan(head_bytes), source_.where(), at + head_bytes);
         if (h.opcode == McapOpcode::data_end) {
           const auto told = in.template number<std::uint32_t>();
           if (told != 0 && told != data_crc.value()) fail(at, "the data are damaged: their checksum is another");
@@ -280,7 +241,7 @@ class McapReader {
     return kept_.back().second;
   }
   Bytes unpacked(std::span<const std::uint8_t> record, std::uint64_t at) const {
-    detail::McapFields in(record.subspan(head_bytes), where_, at + head_bytes);
+    detail::McapFields in(record.subspan(head_bytes), source_.where(), at + head_bytes);
     in.bytes(16);  // times of the first and last message
     const auto size = in.template number<std::uint64_t>();
     const auto crc = in.template number<std::uint32_t>();
@@ -305,8 +266,8 @@ class McapReader {
   /// The record's checksum is checked piece by piece: it may be larger than the memory.
   void add_attachment(std::uint64_t at, std::uint64_t length) {
     const std::uint64_t begin = at + head_bytes;
-    const Bytes front = bytes_at(begin, std::min<std::uint64_t>(length, 1u << 20));
-    detail::McapFields in(front, where_, begin);
+    const Bytes front = source_.bytes(begin, std::min<std::uint64_t>(length, 1u << 20));
+    detail::McapFields in(front, source_.where(), begin);
     McapAttachment a;
     a.log_ns = in.template number<std::uint64_t>();
     in.template number<std::uint64_t>();  // when it was made
@@ -314,10 +275,10 @@ class McapReader {
     a.size = in.template number<std::uint64_t>(), a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
     if (rest < 4 || a.size > rest - 4) in.fail(detail::text("an attachment of ", a.size, " bytes goes beyond the end of its record"));
-    const Bytes tail = bytes_at(a.offset + a.size, 4);
-    const auto told = detail::McapFields(tail, where_, a.offset + a.size).template number<std::uint32_t>();
+    const Bytes tail = source_.bytes(a.offset + a.size, 4);
+    const auto told = detail::McapFields(tail, source_.where(), a.offset + a.size).template number<std::uint32_t>();
     Crc32 crc;
-    if (told != 0) add(crc, begin, a.offset + a.size - begin);
+    if (told != 0) source_.add(crc, begin, a.offset + a.size - begin);
     if (told != 0 && told != crc.value()) fail(at, "an attachment is damaged: its checksum is another");
     attachments_.push_back(std::move(a));
   }
@@ -329,14 +290,13 @@ class McapReader {
     if (start != 0 && (start < data_end || start > at)) fail(at, detail::text("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at, "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
-    if (told != 0) add(crc, from, at + head_bytes + 16 - from);
+    if (told != 0) source_.add(crc, from, at + head_bytes + 16 - from);
     if (told != 0 && told != crc.value()) fail(at, "the summary is damaged: its checksum is another");
   }
 
-  std::unique_ptr<std::istream> in_;
-  std::string name_, where_, profile_, library_, fault_;
+  detail::McapSource source_;
+  std::string profile_, library_, fault_;
   McapLimits limits_;
-  std::uint64_t size_ = 0;
   std::map<std::uint16_t, McapSchema> schemas_;
   std::map<std::uint16_t, McapChannel> channels_;
   std::vector<McapAttachment> attachments_;
