@@ -901,7 +901,8 @@ inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
 }
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// monotone function, bracketed and bisected, so that it converges for every aspect ratio and every point.
+// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
+// so that it converges for every aspect ratio and every point.
 inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
@@ -912,17 +913,18 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   double fu = 0.0, fv = 0.0;
   if (v > 0.0) {
     if (u > 0.0) {
-      const double r = (a / b) * (a / b), zu = u / a, zv = v / b;
-      double low = zv - 1.0, high = std::hypot(r * zu, zv) - 1.0;
-      for (int i = 0; i < 200 && low < high; ++i) {
-        const double t = 0.5 * (low + high);
-        if (t == low || t == high) break;
-        const double g = std::pow(r * zu / (t + r), 2) + std::pow(zv / (t + 1.0), 2) - 1.0;
-        (g > 0.0 ? low : high) = t;
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
       }
-      const double t = 0.5 * (low + high);
-      fu = r * u / (t + r);
-      fv = v / (t + 1.0);
+      fu = r * u / (t + e);
+      fv = v / t;
     } else {
       fv = b;
     }
@@ -6114,20 +6116,16 @@ struct PressSystem {
             predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
   }
 
-  /// Out-of-balance force on the free equations and on the indenter.
-  struct Residual {
-    Eigen::VectorXd free;
-    double advance = 0.0;       ///< push − load
-    double norm() const { return std::sqrt(free.squaredNorm() + advance * advance); }
-  };
-  Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
+    Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
-      if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
+      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
+    r[eq.count] = touch.push_N - load;
     return r;
   }
 
@@ -6165,6 +6163,46 @@ struct PressSystem {
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
   }
+};
+
+}  // namespace lumo
+
+// ---- lumo/mechanics/secant_pairs.hpp
+
+namespace lumo {
+
+/// What the steps with a kept factor have shown of a symmetric, positive definite tangent since it was made: the BFGS correction of the factor's inverse
+/// (Matthies, Strang 1979, doi:10.1002/nme.1620141104), applied by Nocedal's two loops (1980, doi:10.1090/S0025-5718-1980-0572855-7).
+class SecantPairs {
+ public:
+  void clear() { pairs_.clear(); }
+
+  /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
+  /// rounding: the corrected inverse stays positive definite.
+  void add(Eigen::VectorXd step, Eigen::VectorXd change) {
+    const double curvature = step.dot(change);
+    if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
+  }
+
+  /// Solution of the corrected system, where `factor` is that of the kept one: a function of a vector.
+  template <class Factor, class VectorXd = Eigen::VectorXd>
+  VectorXd solve(std::type_identity_t<VectorXd> residual, Factor&& factor) const {
+    std::vector<double> along(pairs_.size());
+    for (std::size_t k = pairs_.size(); k-- > 0;) {
+      along[k] = pairs_[k].scale * pairs_[k].step.dot(residual);
+      residual -= along[k] * pairs_[k].change;
+    }
+    VectorXd solution = factor(residual);
+    for (std::size_t k = 0; k < pairs_.size(); ++k) solution += (along[k] - pairs_[k].scale * pairs_[k].change.dot(solution)) * pairs_[k].step;
+    return solution;
+  }
+
+ private:
+  struct Pair {
+    Eigen::VectorXd step, change;
+    double scale;   ///< 1 / (step · change)
+  };
+  std::vector<Pair> pairs_;
 };
 
 }  // namespace lumo
@@ -6242,7 +6280,7 @@ struct QuasiStaticConfig {
   int max_iterations = 200;           ///< factorisations per load
   int stride_iterations = 40;         ///< factorisations before a stride is cut
   double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction = 0.4;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  double late_contraction = 0.8;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
   double load_stride = 1.6;           ///< loads in between are at most this factor apart
   double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;          ///< per scenario, wall clock
@@ -6255,7 +6293,7 @@ struct QuasiStaticConfig {
 /// (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order errors in volume then make no
 /// spurious pressure, the tangent stays positive definite, and contact points change sides by what the step meant. This is Newton's method
 /// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
-/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again as long as it contracts.
+/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
 ///
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
 /// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
@@ -6381,8 +6419,9 @@ class QuasiStaticRun {
     touch_nearest(seen.touch, area);
     bool fresh = false;
     double last = std::numeric_limits<double>::infinity();
+    Eigen::VectorXd before;   // residual at the start of the last step
     for (const int stop = iterations + config_.stride_iterations;;) {
-      const auto r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -6398,10 +6437,14 @@ class QuasiStaticRun {
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
+        steps_.clear();
         fresh = true;
+      } else {
+        steps_.add(std::move(last_step_), r - before);
       }
       last = unbalanced;
       if (const Status s = step(r, seen); s != Status::converged) return s;
+      before = std::move(r);
     }
   }
 
@@ -6433,17 +6476,25 @@ class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
-  // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
+  // Solution with the last factor for all equations, the advance's included.
+  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
+    Eigen::VectorXd d(r.size());
+    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
+    d.head(eq_.count) = z - d[eq_.count] * response_;
+    return d;
+  }
+
+  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const typename System::Residual& r, typename System::Seen& seen) {
-    const Eigen::VectorXd z = linear_.front().solve(r.free);
-    const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
-    const Eigen::VectorXd du = -z - response_ * ds;
-    if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
+  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+    if (!d.allFinite()) return Status::non_finite;
+    const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
-    System::move(dx, eq_, du, 1.0);
+    System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
     for (int k = 0; k < 20; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
@@ -6457,6 +6508,7 @@ class QuasiStaticRun {
       seen = std::move(next);
       now_.x = trial;
       now_.advance += t * ds;
+      last_step_ = t * d;
       return Status::converged;
     }
     return refusal;
@@ -6487,6 +6539,8 @@ class QuasiStaticRun {
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
+  SecantPairs steps_;          // with that factor
+  Eigen::VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 
@@ -17015,21 +17069,21 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
 
 namespace lumo {
 
-/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, …
-constexpr int rays_of(int round) { return 1 << (round / 2); }
+/// Rays of a round of refinement, in those of round 0: 1, 1, 2, 2, 4, 4, 4, …
+constexpr int rays_of(int round) { return round < 4 ? 1 << (round / 2) : 4; }
 
-/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, …
+/// Rays of all rounds up to this one: 1, 2, 4, 6, 10, 14, 18, …
 constexpr int rays_up_to(int round) {
   int all = 0;
   for (int r = 0; r <= round; ++r) all += rays_of(r);
   return all;
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with half as many
-/// new rays as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with new rays, at first
+/// half as many as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
 struct RayRefinement {
   double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
-  int rounds = 9;            ///< at most this many: rays_up_to(9) = 62; 0: everything is traced once
+  int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once
   double focus_m = 14e-3;    ///< the new rays' density falls by e over this distance from the contact's place
 };
 

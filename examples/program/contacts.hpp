@@ -16,7 +16,7 @@ inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_e
 
 /// Raised whenever an evaluation of the same design gives other numbers than before, or a search asks for other designs after the same trials: old
 /// stores are then of another problem.
-inline constexpr int results_version = 6;
+inline constexpr int results_version = 8;
 
 /// Material and contacts with every number that decides a result, for the text by which a store knows its problem.
 inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {

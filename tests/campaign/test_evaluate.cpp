@@ -60,7 +60,7 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   const FingerDesign design{8, 4, 6, 4, 2};
   const Evaluation once = evaluate(design, solaris(), e, coarse_pipeline(), coarse_finger(), Serial{});
   CoarsePipeline p = coarse_pipeline();
-  p.rays = {.tolerance = 0.15, .rounds = 12};
+  p.rays = {.tolerance = 0.15, .rounds = 48};
   const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}), two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
   REQUIRE(one.J_obs);
   CHECK(same_bits(one, two));

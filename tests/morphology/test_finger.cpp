@@ -32,6 +32,20 @@ TEST_CASE("the closest point of an ellipse is perpendicular, idempotent and near
   }
 }
 
+TEST_CASE("the closest point of an ellipse lies on it for points beside the axes and far away, too") {
+  for (double b : {1e-3, 6e-3, 14.75e-3, 20e-3}) {
+    const EllipticCylinder e{{0, 0, 0}, 14.75e-3, b};
+    for (double small = 1e-2; small > 1e-25; small *= 0.1)
+      for (double large : {1e-4, 3e-3, 14e-3, 0.3, 1e3})
+        for (const Vec3& p : {Vec3(small, 0, large), Vec3(large, 0, small)}) {
+          const Vec3 q = e.closest_point(p);
+          CAPTURE(b, p.x(), p.z());
+          CHECK(std::hypot(q.x() / 14.75e-3, q.z() / b) == Approx(1.0).epsilon(1e-12));
+          CHECK((q - p).norm() <= std::min((Vec3(14.75e-3, 0, 0) - p).norm(), (Vec3(0, 0, b) - p).norm()) * (1.0 + 1e-12));
+        }
+  }
+}
+
 TEST_CASE("a finger is a closed, outward surface with the exact volume up to its chords") {
   for (Twin twin : {Twin::none, Twin::no_void, Twin::bonded_base, Twin::unsupported_base})
     for (const FingerDesign& d : reference_designs()) {

@@ -89,20 +89,16 @@ struct PressSystem {
             predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
   }
 
-  /// Out-of-balance force on the free equations and on the indenter.
-  struct Residual {
-    Eigen::VectorXd free;
-    double advance = 0.0;       ///< push − load
-    double norm() const { return std::sqrt(free.squaredNorm() + advance * advance); }
-  };
-  Residual residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    Residual r{Eigen::VectorXd(eq.count), touch.push_N - load};
+    Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
-      if (eq.of[i] >= 0) r.free[eq.of[i]] = f.data()[i];
+      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
+    r[eq.count] = touch.push_N - load;
     return r;
   }
 

@@ -2,6 +2,7 @@
 
 #include "lumo/mechanics/contact_set.hpp"
 #include "lumo/mechanics/press_system.hpp"
+#include "lumo/mechanics/secant_pairs.hpp"
 #include "lumo/mechanics/state.hpp"
 
 #include <algorithm>
@@ -20,7 +21,7 @@ struct QuasiStaticConfig {
   int max_iterations = 200;           ///< factorisations per load
   int stride_iterations = 40;         ///< factorisations before a stride is cut
   double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction = 0.4;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  double late_contraction = 0.8;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
   double load_stride = 1.6;           ///< loads in between are at most this factor apart
   double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;          ///< per scenario, wall clock
@@ -33,7 +34,7 @@ struct QuasiStaticConfig {
 /// (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order errors in volume then make no
 /// spurious pressure, the tangent stays positive definite, and contact points change sides by what the step meant. This is Newton's method
 /// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
-/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again as long as it contracts.
+/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
 ///
 /// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
 /// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
@@ -159,8 +160,9 @@ class QuasiStaticRun {
     touch_nearest(seen.touch, area);
     bool fresh = false;
     double last = std::numeric_limits<double>::infinity();
+    Eigen::VectorXd before;   // residual at the start of the last step
     for (const int stop = iterations + config_.stride_iterations;;) {
-      const auto r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -176,10 +178,14 @@ class QuasiStaticRun {
         if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
+        steps_.clear();
         fresh = true;
+      } else {
+        steps_.add(std::move(last_step_), r - before);
       }
       last = unbalanced;
       if (const Status s = step(r, seen); s != Status::converged) return s;
+      before = std::move(r);
     }
   }
 
@@ -211,17 +217,25 @@ class QuasiStaticRun {
     return std::isfinite(schur_) && schur_ > 0.0;
   }
 
-  // A full Newton step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
+  // Solution with the last factor for all equations, the advance's included.
+  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
+    Eigen::VectorXd d(r.size());
+    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+    d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
+    d.head(eq_.count) = z - d[eq_.count] * response_;
+    return d;
+  }
+
+  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const typename System::Residual& r, typename System::Seen& seen) {
-    const Eigen::VectorXd z = linear_.front().solve(r.free);
-    const double ds = (-r.advance + tangent_.coupling.dot(z)) / schur_;
-    const Eigen::VectorXd du = -z - response_ * ds;
-    if (!std::isfinite(ds) || !du.allFinite()) return Status::non_finite;
+  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+    if (!d.allFinite()) return Status::non_finite;
+    const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
     double t = std::min(1.0, config_.max_advance * contact_radius(system_.tool) / std::max(std::abs(ds), 1e-300));
     Positions dx = Positions::Zero(3, now_.x.cols());
-    System::move(dx, eq_, du, 1.0);
+    System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
     for (int k = 0; k < 20; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
@@ -235,6 +249,7 @@ class QuasiStaticRun {
       seen = std::move(next);
       now_.x = trial;
       now_.advance += t * ds;
+      last_step_ = t * d;
       return Status::converged;
     }
     return refusal;
@@ -265,6 +280,8 @@ class QuasiStaticRun {
   typename System::Tangent tangent_;
   Eigen::VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
+  SecantPairs steps_;          // with that factor
+  Eigen::VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 

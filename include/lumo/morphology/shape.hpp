@@ -2,6 +2,7 @@
 
 #include "lumo/core/types.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <concepts>
 #include <limits>
@@ -65,7 +66,8 @@ inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
 }
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// monotone function, bracketed and bisected, so that it converges for every aspect ratio and every point.
+// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
+// so that it converges for every aspect ratio and every point.
 inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
@@ -76,17 +78,18 @@ inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
   double fu = 0.0, fv = 0.0;
   if (v > 0.0) {
     if (u > 0.0) {
-      const double r = (a / b) * (a / b), zu = u / a, zv = v / b;
-      double low = zv - 1.0, high = std::hypot(r * zu, zv) - 1.0;
-      for (int i = 0; i < 200 && low < high; ++i) {
-        const double t = 0.5 * (low + high);
-        if (t == low || t == high) break;
-        const double g = std::pow(r * zu / (t + r), 2) + std::pow(zv / (t + 1.0), 2) - 1.0;
-        (g > 0.0 ? low : high) = t;
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
       }
-      const double t = 0.5 * (low + high);
-      fu = r * u / (t + r);
-      fv = v / (t + 1.0);
+      fu = r * u / (t + e);
+      fv = v / t;
     } else {
       fv = b;
     }
