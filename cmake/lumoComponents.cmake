@@ -1,6 +1,6 @@
 # Defines lumo::<component> for each foreign library that is found. Used by the build and by the installed package alike.
 # LUMO_PACKAGE_<component> names the Debian package, LUMO_VERSION_<component> the version where a header tells it.
-set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json zip)
+set(LUMO_COMPONENTS tetgen embree cholmod tbb opencv sqlite json zip lz4 zstd)
 set(LUMO_PACKAGE_tetgen libtet1.5-dev)
 set(LUMO_PACKAGE_embree libembree-dev)
 set(LUMO_PACKAGE_cholmod libsuitesparse-dev)
@@ -9,6 +9,8 @@ set(LUMO_PACKAGE_opencv libopencv-dev)
 set(LUMO_PACKAGE_sqlite "libsqlite3-dev libxxhash-dev")
 set(LUMO_PACKAGE_json nlohmann-json3-dev)
 set(LUMO_PACKAGE_zip libzip-dev)
+set(LUMO_PACKAGE_lz4 liblz4-dev)
+set(LUMO_PACKAGE_zstd libzstd-dev)
 
 macro(lumo_component name includes)  # further arguments: libraries
   if(NOT TARGET lumo::${name})
@@ -86,4 +88,18 @@ find_library(LUMO_ZIP_LIBRARY zip)
 mark_as_advanced(LUMO_ZIP_INCLUDE LUMO_ZIP_LIBRARY)
 if(LUMO_ZIP_INCLUDE AND LUMO_ZIP_LIBRARY)
   lumo_component(zip "${LUMO_ZIP_INCLUDE}" "${LUMO_ZIP_LIBRARY}")
+endif()
+
+find_path(LUMO_LZ4_INCLUDE lz4frame.h)
+find_library(LUMO_LZ4_LIBRARY lz4)
+mark_as_advanced(LUMO_LZ4_INCLUDE LUMO_LZ4_LIBRARY)
+if(LUMO_LZ4_INCLUDE AND LUMO_LZ4_LIBRARY)
+  lumo_component(lz4 "${LUMO_LZ4_INCLUDE}" "${LUMO_LZ4_LIBRARY}")
+endif()
+
+find_path(LUMO_ZSTD_INCLUDE zstd.h)
+find_library(LUMO_ZSTD_LIBRARY zstd)
+mark_as_advanced(LUMO_ZSTD_INCLUDE LUMO_ZSTD_LIBRARY)
+if(LUMO_ZSTD_INCLUDE AND LUMO_ZSTD_LIBRARY)
+  lumo_component(zstd "${LUMO_ZSTD_INCLUDE}" "${LUMO_ZSTD_LIBRARY}")
 endif()

@@ -172,6 +172,13 @@ inline std::string exact(double value) {
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
+/// Foreign text as a message may show it: at most 40 characters, '?' for what is not ASCII.
+inline std::string printable(std::string_view s) {
+  std::string p;
+  for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
+  return p + (s.size() > 40 ? "..." : "");
+}
+
 /// Joins its arguments into one line of text.
 template <class... Args>
 std::string text(const Args&... args) {
@@ -12510,7 +12517,7 @@ class CsvReader {
     for (const std::string_view f : fields_) {
       if (f.empty()) throw InputError(detail::text(name_, ":1: column ", columns_.size() + 1, " has no name"));
       for (const std::string& c : columns_)
-        if (c == f) throw InputError(detail::text(name_, ":1: column '", printable(f), "' is there twice"));
+        if (c == f) throw InputError(detail::text(name_, ":1: column '", detail::printable(f), "' is there twice"));
       columns_.emplace_back(f);
     }
   }
@@ -12531,7 +12538,7 @@ class CsvReader {
   template <class Known>
   void require_known(Known known) const {
     for (const std::string& c : columns_)
-      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", printable(c), "' is not known"));
+      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", detail::printable(c), "' is not known"));
   }
 
   /// Goes to the next row; false at the end of the file.
@@ -12566,16 +12573,10 @@ class CsvReader {
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
   [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(detail::text(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(text(column)), "' ", why));
+    throw InputError(detail::text(name_, ":", line_, ": column ", detail::printable(columns_[std::size_t(column)]), ": '", detail::printable(text(column)), "' ", why));
   }
 
  private:
-  static std::string printable(std::string_view s) {
-    std::string p;
-    for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
-    return p + (s.size() > 40 ? "..." : "");
-  }
-
   bool read_line() {
     line_text_.clear();
     ++line_;

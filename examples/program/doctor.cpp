@@ -33,6 +33,12 @@
 #ifdef LUMO_PROGRAM_ZIP
 #include <zip.h>
 #endif
+#ifdef LUMO_PROGRAM_LZ4
+#include <lz4.h>
+#endif
+#ifdef LUMO_PROGRAM_ZSTD
+#include <zstd.h>
+#endif
 
 namespace lumo::program {
 
@@ -130,6 +136,16 @@ std::vector<Component> components() {
   libzip.on = true, libzip.version = zip_libzip_version();
 #endif
   list.push_back(libzip);
+  Component lz4{"LZ4", "", "BSD-2-Clause", "liblz4-dev", "chunks of MCAP files", ""};
+#ifdef LUMO_PROGRAM_LZ4
+  lz4.on = true, lz4.version = LZ4_versionString();
+#endif
+  list.push_back(lz4);
+  Component zstd{"Zstandard", "", "BSD-3-Clause / GPL-2", "libzstd-dev", "chunks of MCAP files", ""};
+#ifdef LUMO_PROGRAM_ZSTD
+  zstd.on = true, zstd.version = ZSTD_versionString();
+#endif
+  list.push_back(zstd);
   list.push_back({"CLI11", CLI11_VERSION, "BSD-3-Clause", "libcli11-dev", "this command line", "", true});
   list.push_back({"nlohmann-json", triple(NLOHMANN_JSON_VERSION_MAJOR, NLOHMANN_JSON_VERSION_MINOR, NLOHMANN_JSON_VERSION_PATCH), "MIT", "nlohmann-json3-dev", "JSON output, sessions of logs", "", true});
   return list;

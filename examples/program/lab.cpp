@@ -9,10 +9,9 @@
 #include "program/commands.hpp"
 #include "program/interrupt.hpp"
 #include "program/json.hpp"
+#include "program/new_folder.hpp"
 #include "program/sensing_log.hpp"
 #include "program/text.hpp"
-
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -61,39 +60,8 @@ LabPlan plan_of(Command c) {
   }
 }
 
-/// A folder that takes its name only when all is in it.
-class NewFolder {
- public:
-  explicit NewFolder(const std::string& path) : path_(fs::path(path).lexically_normal()) {
-    if (!path_.has_filename()) path_ = path_.parent_path();
-    std::error_code error;
-    if (fs::exists(path_, error) && !(fs::is_directory(path_, error) && fs::is_empty(path_, error))) throw InputError("cannot write to '" + path + "': it is there and not empty");
-    part_ = path_.string() + ".part-" + std::to_string(getpid());
-    fs::create_directories(part_ / "frames", error);
-    if (error) throw InputError("cannot write to '" + path + "': " + error.message());
-  }
-  ~NewFolder() {
-    std::error_code error;
-    if (!part_.empty()) fs::remove_all(part_, error);
-  }
-  NewFolder(const NewFolder&) = delete;
-  NewFolder& operator=(const NewFolder&) = delete;
-
-  const fs::path& path() const { return part_; }
-  void keep() {
-    std::error_code error;
-    fs::remove(path_, error);
-    fs::rename(part_, path_, error);
-    if (error) throw InputError("cannot write to '" + path_.string() + "': " + error.message());
-    part_.clear();
-  }
-
- private:
-  fs::path path_, part_;
-};
-
 /// Means over the segments of one kind.
-MeanImage mean_picture(const LogFolder& log, const char* kind, PhotonTransfer* transfer = nullptr) {
+MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* transfer = nullptr) {
   MeanImage mean;
   LogCamera camera(log);
   const Segment* used = nullptr;
@@ -115,11 +83,11 @@ struct PressCurve {
   int holds = 0;
 };
 
-PressCurve press_curve(const LogFolder& log) {
+PressCurve press_curve(const RecordedLog& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
   const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
-  if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, wrench.csv and marker.csv are needed");
+  if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
   curve.y_m = 1e-3 * first->y_mm;
   const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
   for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
@@ -135,9 +103,9 @@ Json interval(const Interval& i) { return {{"value", number(i.value)}, {"low", n
 
 std::string calibrate(const Options& typed, Progress& progress) {
   Options o = typed;
-  const LogFolder log = read_log_folder(o.log);
+  const OpenLog log = open_log(o.log, progress);
   if (log.session.theta_mm.size() != 5 || (log.session.material != "DS" && log.session.material != "Sol"))
-    throw InputError(o.log + "/session.json: theta_mm and material (DS or Sol) must tell the nominal pad");
+    throw InputError(log.session_place() + ": theta_mm and material (DS or Sol) must tell the nominal pad");
   std::copy(log.session.theta_mm.begin(), log.session.theta_mm.end(), o.theta_mm.begin());
   o.material = log.session.material;
   try {
@@ -161,7 +129,7 @@ std::string calibrate(const Options& typed, Progress& progress) {
   } catch (const InvalidArgument& e) {
     throw InputError(o.log + ": " + e.what());
   } catch (const InfeasibleDesign& e) {
-    throw InputError(o.log + "/session.json: " + e.what());
+    throw InputError(log.session_place() + ": " + e.what());
   }
 }
 

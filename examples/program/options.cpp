@@ -21,7 +21,7 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera, compression;
   std::string clearance, plate, wall, strip_width, strip_height, gate, vent;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
@@ -149,7 +149,7 @@ CastingOptions read_casting(const Typed& t) {
   return o;
 }
 
-bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate; }
+bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate || c == Command::convert; }
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
@@ -176,7 +176,9 @@ void read(Options& o, const Typed& t) {
     if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
     o.log = t.out;
   }
-  if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log's folder is missing (see lumo ", command, " --help)"));
+  if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log is missing (see lumo ", command, " --help)"));
+  if (o.command == Command::convert && o.target.empty()) throw UsageError("the folder or file to write is missing (see lumo convert --help)");
+  if (!t.compression.empty()) o.compression = one_of("--compression", t.compression, {"zstd", "lz4", "none"});
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
   o.all_contacts = !t.ensemble.empty();
   if (!t.ensemble.empty()) o.ensemble = one_of("--ensemble", t.ensemble, {"flat", "curved"}) == "flat" ? Ensemble::flat : Ensemble::curved;
@@ -245,11 +247,12 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 26> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
+  static constexpr std::array<std::string_view, 27> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
                                                              "campaign select", "campaign report", "study carrier",   "study void",      "study solver",
                                                              "doctor",          "lab recontact",   "lab cycle",       "lab imaging",     "lab force",
-                                                             "decode",          "metrics",         "locate",          "force",           "calibrate"};
+                                                             "decode",          "metrics",         "locate",          "force",           "calibrate",
+                                                             "convert"};
   return names[std::size_t(command)];
 }
 
@@ -375,11 +378,21 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     common(c);
   };
   const auto of_a_log = [&](CLI::App* c, Command command) {
-    c->add_option("LOG", o.log, "Folder of the log (docs/log_format.md)");
+    c->add_option("LOG", o.log, "Folder of the log, or an MCAP file (docs/log_format.md)");
     if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear or gp (Gaussian process)", "NAME");
     if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
     if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
     if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
+    if (command == Command::convert) {
+      c->add_option("OUT", o.target, "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
+      text_option(c, "--compression", t.compression, "Of an MCAP file: zstd (default), lz4 or none", "NAME");
+      c->add_flag("--raw", o.raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)")->disable_flag_override();
+      text_option(c, "--image-topic", o.image_topic, "Topic of the pictures, where an MCAP file has several", "TOPIC");
+      text_option(c, "--joint-topic", o.joint_topic, "Topic of the joint states, where it has several", "TOPIC");
+      text_option(c, "--wrench-topic", o.wrench_topic, "Topic of the wrenches, where it has several", "TOPIC");
+      common(c);
+      return;
+    }
     if (command == Command::calibrate) {
       text_option(c, "--cache", t.cache, "Folder that keeps computed responses, default: beside LOG", "DIR");
       c->add_flag("--coarse", o.coarse, "Nominal pad on a coarse mesh")->disable_flag_override();
@@ -401,6 +414,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::decode, "Place from regional responses, one repetition left out"},
                          Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
                          Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
+                         Entry{Command::convert, "A log's folder as an MCAP file, as ROS 2 has them, or the other way round"},
                          Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
     if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), common(c);

@@ -16,7 +16,7 @@
 namespace lumo::program {
 
 enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_solver, doctor,
-                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate };
+                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate, convert };
 enum class Ensemble { flat, curved };
 
 inline constexpr int most_designs = 500;   ///< of a study
@@ -48,8 +48,12 @@ struct Options {
   int designs = 40;
   bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
-  std::string log;                       ///< folder of a log: to read, or for the virtual lab to make
-  std::string baseline;                  ///< folder of the log to compare with
+  std::string log;                       ///< a log's folder or MCAP file: to read, or (a folder) for the virtual lab to make
+  std::string baseline;                  ///< the log to compare with
+  std::string target;                    ///< of a conversion: a folder, or a file that ends in .mcap
+  std::string compression = "zstd";      ///< of an MCAP file's chunks
+  bool raw = false;                      ///< pixels instead of image files, in an MCAP file
+  std::string image_topic, joint_topic, wrench_topic;   ///< of an MCAP file that has several
   std::string decoder = "nearest";
   std::string localizer = "bayes";
   double from_N = 5.0;                   ///< force from which a location counts

@@ -10,6 +10,7 @@
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
+#include "program/convert.hpp"
 #include "program/json.hpp"
 #include "program/lab.hpp"
 #include "program/sensing_log.hpp"
@@ -18,14 +19,25 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <system_error>
 #include <utility>
 
 namespace lumo::program {
 
-SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins) {
+OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return {read_log_folder(path), nullptr, {}};
+  const auto file = std::make_shared<LogFile>(LogFile::open(path));
+  McapLog read = read_log_file(*file, topics);
+  if (!file->fault().empty()) progress.note(file->fault() + "; read up to there");
+  return {std::move(read.log), file, std::move(read.pictures)};
+}
+
+SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress) {
   SensedLog s;
   s.bins = bins;
-  s.log = read_log_folder(path);
+  s.log = open_log(path, progress);
   s.joints = s.log.joints;
   for (JointSample& j : s.joints) j.stamp_ns = s.log.session.joint_clock(j.stamp_ns);
   for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
@@ -53,9 +65,9 @@ auto about(const std::string& path, Work work) {
   }
 }
 
-/// truth.csv where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
-LogTruth truth_of(const LogFolder& log) {
-  const std::string file = log.path + "/truth.csv";
+/// The truth where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
+LogTruth truth_of(const OpenLog& log) {
+  const std::string file = log.truth_file();
   std::error_code error;
   if (!std::filesystem::exists(file, error)) return about(log.path, [&] { return LogTruth::from_log(log.session, log.wrenches); });
   std::ifstream in(file, std::ios::binary);
@@ -64,8 +76,8 @@ LogTruth truth_of(const LogFolder& log) {
 
 // decode
 
-std::string decode(const Options& o, Output& files) {
-  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::regions());
+std::string decode(const Options& o, Output& files, Progress& progress) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::regions(), progress);
   const auto [task, report] = about(o.log, [&] {
     DecodingTask t = decoding_task(hold_responses(s.profiles, s.log.session.segments), {2.0, 5.0});
     DecodingReport r = o.decoder == "linear" ? cross_validate(LinearDecoder{}, t.data, t.fold)
@@ -101,7 +113,7 @@ std::string decode(const Options& o, Output& files) {
 // metrics
 
 /// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
-std::optional<double> displacement(const LogFolder& log) {
+std::optional<double> displacement(const RecordedLog& log) {
   std::vector<double> force, marker;
   const TimeSeries series = normal_force(log.wrenches);
   for (const MarkerSample& m : log.markers)
@@ -110,8 +122,8 @@ std::optional<double> displacement(const LogFolder& log) {
   return displacement_from_onset(force, marker, 14.9);
 }
 
-std::string metrics(const Options& o, Output& files) {
-  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+std::string metrics(const Options& o, Output& files, Progress& progress) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   std::optional<RecontactQuality> quality;
   std::optional<double> W_cycle, gain;
   const auto holds = about(o.log, [&] { return hold_responses(s.profiles, s.log.session.segments); });
@@ -120,7 +132,7 @@ std::string metrics(const Options& o, Output& files) {
   if (repeated) quality = about(o.log, [&] { return recontact_quality(slopes); });
   if (const auto runs = cycle_runs(holds); !runs.empty()) W_cycle = about(o.log, [&] { return cycle_variation(runs); });
   if (!o.baseline.empty()) {
-    const auto here = displacement(s.log), base = displacement(read_log_folder(o.baseline));
+    const auto here = displacement(s.log), base = displacement(open_log(o.baseline, progress));
     if (here && base) gain = progressive_constraint_gain_percent(*here, *base);
   }
   LineChart chart{"Intensity–force slopes", "median over re-contacts at each place", "y [mm]", "slope [DN/N]", {}};
@@ -177,8 +189,8 @@ void add_curves(LineChart& chart, std::vector<Point> truth, std::vector<Point> e
   chart.curves.back().points = std::move(estimate);
 }
 
-std::string located(const Options& o, Output& files) {
-  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+std::string located(const Options& o, Output& files, Progress& progress) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, o.log);
   const auto estimates = with_localizer(o, s, unloaded, [&](const auto& l) { return lumo::locate(s.profiles, unloaded, l); });
   const LogTruth truth = truth_of(s.log);
@@ -212,8 +224,8 @@ std::string located(const Options& o, Output& files) {
                             " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
-std::string force(const Options& o, Output& files) {
-  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+std::string force(const Options& o, Output& files, Progress& progress) {
+  const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
   identify_joints(reference, s.joints, s.log.session, s.stretch.to_ns);
   if (reference.torque.size() > 1) throw InputError(o.log + ": lumo force reads logs of one joint, this one has " + std::to_string(reference.torque.size()));
@@ -299,14 +311,15 @@ std::string sense(const Options& o, Output& files, Progress& progress, char**) {
     case Command::lab_imaging:
     case Command::lab_force: return lab(o, progress);
     case Command::calibrate: return calibrate(o, progress);
+    case Command::convert: return convert(o, progress);
     default: break;
   }
   progress.stage("reading the log");
   switch (o.command) {
-    case Command::decode: return decode(o, files);
-    case Command::metrics: return metrics(o, files);
-    case Command::locate: return located(o, files);
-    default: return force(o, files);
+    case Command::decode: return decode(o, files, progress);
+    case Command::metrics: return metrics(o, files, progress);
+    case Command::locate: return located(o, files, progress);
+    default: return force(o, files, progress);
   }
 }
 

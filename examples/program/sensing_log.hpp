@@ -1,19 +1,41 @@
 #pragma once
 
 #include "lumo/sense/log_estimates.hpp"
+#include "lumo/sense/mcap_camera.hpp"
 #include "lumo/support/json.hpp"
+#include "lumo/support/lz4.hpp"
 #include "lumo/support/opencv.hpp"
+#include "lumo/support/zstd.hpp"
+#include "program/progress.hpp"
 
+#include <filesystem>
+#include <memory>
 #include <string>
 #include <variant>
 #include <vector>
 
 namespace lumo::program {
 
-/// A log's pictures, from a folder or a video.
+using LogFile = McapReader<Lz4, Zstd>;
+
+/// A log, and what is needed to get at its pictures.
+struct OpenLog : RecordedLog {
+  std::shared_ptr<LogFile> file;       ///< none: `path` is a folder
+  std::vector<McapPicture> pictures;   ///< of the frames in `file`
+
+  /// Who reads an error looks there.
+  std::string session_place() const { return file ? path + ": session.json" : path + "/session.json"; }
+  /// Of the virtual lab: truth.csv in the folder, or NAME.truth.csv beside NAME.mcap.
+  std::string truth_file() const { return file ? std::filesystem::path(path).replace_extension(".truth.csv").string() : path + "/truth.csv"; }
+};
+
+/// Reads a log's folder, or an MCAP file; where that was cut, a note tells it and the log ends there. Throws InputError.
+OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics = {});
+
+/// A log's pictures, from a folder, a video or an MCAP file.
 class LogCamera {
  public:
-  explicit LogCamera(const LogFolder& log) : source_(open(log)) {}
+  explicit LogCamera(const OpenLog& log) : source_(open(log)) {}
   std::optional<Frame> next() {
     return std::visit([](auto& c) { return c.next(); }, source_);
   }
@@ -22,19 +44,22 @@ class LogCamera {
   }
 
  private:
-  static std::variant<FolderCamera, VideoCamera> open(const LogFolder& log) {
+  using FileCamera = McapCamera<ImageDecoder, Lz4, Zstd>;
+
+  static std::variant<FolderCamera, VideoCamera, FileCamera> open(const OpenLog& log) {
     if (!log.session.video.empty()) return VideoCamera(log.path + '/' + log.session.video, log.frames);
-    if (log.frames.empty()) throw InputError(log.path + ": has no frames.csv, or it is empty");
+    if (log.frames.empty()) throw InputError(log.path + (log.file ? ": has no pictures" : ": has no frames.csv, or it is empty"));
+    if (log.file) return FileCamera(log.file, log.pictures, log.frames);
     return FolderCamera(log.path + "/frames", log.frames);
   }
-  std::variant<FolderCamera, VideoCamera> source_;
+  std::variant<FolderCamera, VideoCamera, FileCamera> source_;
 };
 
 static_assert(Camera<LogCamera>);
 
 /// A log as the sensing commands need it: read once.
 struct SensedLog {
-  LogFolder log;
+  OpenLog log;
   std::vector<JointSample> joints;       ///< on the frames' clock
   std::vector<std::int64_t> frame_ns;
   UnloadedStretch stretch;
@@ -44,6 +69,6 @@ struct SensedLog {
 };
 
 /// Throws InputError.
-SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins);
+SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress);
 
 }  // namespace lumo::program

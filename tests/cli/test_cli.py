@@ -303,7 +303,7 @@ class Answers(unittest.TestCase):
         self.assertEqual(done.returncode, 0)
         report = json.loads(done.stdout)
         names = [c["name"] for c in report["components"]]
-        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "SQLite", "xxHash", "plotly.js", "OpenCV", "libzip", "CLI11", "nlohmann-json"]:
+        for name in ["Eigen", "TetGen", "Embree", "CHOLMOD", "BLAS", "oneTBB", "SQLite", "xxHash", "plotly.js", "OpenCV", "libzip", "LZ4", "Zstandard", "CLI11", "nlohmann-json"]:
             self.assertIn(name, names)
         off = [c for c in report["components"] if not c["on"]]
         for component, line in zip(off, report["off"], strict=True):

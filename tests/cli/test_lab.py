@@ -137,6 +137,39 @@ class Lab(unittest.TestCase):
         self.assertAlmostEqual(r["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
         self.refused(BAD_FILE, ["force", '"dark"'], "calibrate", self.folder / "force", "--coarse", "--quiet", "--cache", self.folder / "cache")
 
+    def test_an_mcap_file_is_the_same_log(self):
+        for kind, commands in [("recontact", ["decode", "metrics", "locate"]), ("cycle", ["metrics"]), ("force", ["locate", "force"]), ("imaging", ["calibrate"])]:
+            file = self.folder / f"{kind}.mcap"
+            told = self.result("convert", self.folder / kind, file)
+            self.assertEqual((told["frames"], told["truth"], told["fault"]), (getattr(self, kind)["frames"], True, None))
+            self.assertEqual((self.folder / f"{kind}.truth.csv").read_bytes(), (self.folder / kind / "truth.csv").read_bytes())
+            for command in commands:
+                more = ["--coarse", "--cache", self.folder / "cache"] if command == "calibrate" else []
+                results = [self.result(command, log, *more) for log in (self.folder / kind, file)]
+                for r in results:
+                    r.pop("frame_ms", None)   # the clock's
+                self.assertEqual(*results, f"{command} {kind}")
+        back = self.folder / "back"
+        self.result("convert", self.folder / "cycle.mcap", back)
+        for there in (self.folder / "cycle").rglob("*"):
+            if there.is_file():
+                self.assertEqual((back / there.relative_to(self.folder / "cycle")).read_bytes(), there.read_bytes(), there)
+        tables = []
+        for log, out in [(self.folder / "force", self.folder / "p1"), (self.folder / "force.mcap", self.folder / "p2")]:
+            self.result("locate", log, "--out", out)
+            tables.append({p.name: p.read_bytes() for p in out.iterdir()})
+        self.assertEqual(*tables)
+
+    def test_a_cut_mcap_file_is_read_up_to_the_cut(self):
+        file, cut = self.folder / "to_cut.mcap", self.folder / "was_cut.mcap"
+        self.result("convert", self.folder / "force", file)
+        cut.write_bytes(file.read_bytes()[:file.stat().st_size // 2])
+        shutil.copy(self.folder / "to_cut.truth.csv", self.folder / "was_cut.truth.csv")
+        whole, half = self.result("locate", file), self.result("locate", cut)
+        self.assertGreater(half["samples"], 0)
+        self.assertLess(half["samples"], whole["samples"])
+        self.assertIn("was_cut.mcap: byte ", run("locate", cut).stderr)
+
     def test_without_truth_what_needs_it_is_null(self):
         bare = self.folder / "bare"
         shutil.copytree(self.folder / "force", bare)
@@ -170,7 +203,7 @@ class Lab(unittest.TestCase):
         self.refused(INFEASIBLE, [], "lab", "force", "--out", self.folder / "x", "--theta", "1,1,1,1,1")
         self.refused(BAD_FILE, ["not empty"], "lab", "force", "--coarse", "--out", self.folder / "force", "--cache", self.folder / "cache")
         for command in ["decode", "metrics", "locate", "force"]:
-            self.refused(USAGE, ["log's folder is missing"], command)
+            self.refused(USAGE, ["log is missing"], command)
             self.refused(BAD_FILE, ["session.json"], command, self.folder / "nothing", "--quiet")
         self.refused(USAGE, ["--decoder"], "decode", self.folder / "force", "--decoder", "best")
         dark = self.folder / "dark"

@@ -5,6 +5,7 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace lumo {
 
@@ -89,6 +90,13 @@ inline std::string exact(double value) {
   if (std::isnan(value)) return "nan";
   char digits[32];
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+}
+
+/// Foreign text as a message may show it: at most 40 characters, '?' for what is not ASCII.
+inline std::string printable(std::string_view s) {
+  std::string p;
+  for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
+  return p + (s.size() > 40 ? "..." : "");
 }
 
 /// Joins its arguments into one line of text.

@@ -28,7 +28,7 @@ class CsvReader {
     for (const std::string_view f : fields_) {
       if (f.empty()) throw InputError(detail::text(name_, ":1: column ", columns_.size() + 1, " has no name"));
       for (const std::string& c : columns_)
-        if (c == f) throw InputError(detail::text(name_, ":1: column '", printable(f), "' is there twice"));
+        if (c == f) throw InputError(detail::text(name_, ":1: column '", detail::printable(f), "' is there twice"));
       columns_.emplace_back(f);
     }
   }
@@ -49,7 +49,7 @@ class CsvReader {
   template <class Known>
   void require_known(Known known) const {
     for (const std::string& c : columns_)
-      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", printable(c), "' is not known"));
+      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", detail::printable(c), "' is not known"));
   }
 
   /// Goes to the next row; false at the end of the file.
@@ -84,16 +84,10 @@ class CsvReader {
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
   [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(detail::text(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(text(column)), "' ", why));
+    throw InputError(detail::text(name_, ":", line_, ": column ", detail::printable(columns_[std::size_t(column)]), ": '", detail::printable(text(column)), "' ", why));
   }
 
  private:
-  static std::string printable(std::string_view s) {
-    std::string p;
-    for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
-    return p + (s.size() > 40 ? "..." : "");
-  }
-
   bool read_line() {
     line_text_.clear();
     ++line_;

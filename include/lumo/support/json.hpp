@@ -1,10 +1,11 @@
 #pragma once
 
-// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole folder. Schema: docs/log_format.md.
+// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP file. Schema: docs/log_format.md.
 
 #include "lumo/core/write_whole.hpp"
 #include "lumo/sense/log.hpp"
-#include "lumo/sense/photodiode_log.hpp"
+#include "lumo/sense/mcap_log.hpp"
+#include "lumo/sense/recorded_log.hpp"
 #include "lumo/sense/session.hpp"
 
 #include <nlohmann/json.hpp>
@@ -236,21 +237,10 @@ inline std::string to_json(const Session& s) {
   }
 }
 
-/// A log folder's session and tables; the pictures stay where they are. A table that is absent is empty.
-struct LogFolder {
-  std::string path;
-  Session session;
-  std::vector<FrameRecord> frames;
-  std::vector<JointSample> joints;
-  std::vector<WrenchSample> wrenches;
-  std::vector<MarkerSample> markers;
-  std::vector<PhotodiodeSample> photodiodes;
-};
-
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
 template <class = void>
-inline LogFolder read_log_folder(const std::string& path) {
-  LogFolder log;
+inline RecordedLog read_log_folder(const std::string& path) {
+  RecordedLog log;
   log.path = path;
   log.session = read_session(path + "/session.json");
   const auto table = [&](const char* name, auto read) {
@@ -265,18 +255,24 @@ inline LogFolder read_log_folder(const std::string& path) {
   table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = read_wrench_log(in, name); });
   table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = read_marker_log(in, name); });
   table("photodiode.csv", [&](std::istream& in, const std::string& name) { log.photodiodes = read_photodiode_log(in, name); });
-  // Torques need no constants.
-  const bool currents = !log.joints.empty() && log.joints.front().unit == Effort::current_A;
-  const auto joints = log.joints.empty() ? 0 : std::size_t(log.joints.front().effort.size());
-  if (currents && log.session.torque_constant_Nm_per_A.size() != joints)
-    throw InputError(detail::text(path, ": joint.csv has ", joints, " joints, session.json ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+  validate(log);
   return log;
+}
+
+/// Reads an MCAP file's tables, places of pictures, and session, which is the default one where the file has none. Throws InputError.
+template <ChunkCodec... Codecs>
+McapLog read_log_file(McapReader<Codecs...>& file, const McapTopics& topics = {}) {
+  McapLog m = read_mcap_log(file, topics);
+  if (!m.session_json.empty()) m.log.session = session_from_json(m.session_json, file.name() + ": session.json");
+  m.log.session.video.clear();  // the pictures are in the file
+  validate(m.log);
+  return m;
 }
 
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
 /// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
 template <class = void>
-inline void write_log_folder(const LogFolder& log) {
+inline void write_log_folder(const RecordedLog& log) {
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
                                                        {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
                                                        {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},

@@ -6,6 +6,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/sense/camera.hpp"
 #include "lumo/sense/log.hpp"
+#include "lumo/sense/picture_decoder.hpp"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -16,9 +17,12 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <limits>
 #include <optional>
+#include <span>
 #include <string>
 #include <system_error>
 #include <utility>
@@ -34,12 +38,21 @@ inline ImageView view_of(const cv::Mat& m) {
   return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]), m.channels() == 1 ? PixelFormat::grey : PixelFormat::bgr};
 }
 
+/// A matrix of the same pixels. Throws InvalidArgument for a view without any.
+inline cv::Mat matrix_of(const ImageView& v) {
+  if (v.empty()) throw InvalidArgument("image to write is empty");
+  return {v.height, v.width, v.format == PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
+}
+
+/// How to decode: pixels as the camera gave them, not turned.
+inline int flags_of(PixelFormat format) { return (format == PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION; }
+
 /// Decoded image, or an empty matrix.
 inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return {};  // OpenCV would print
   try {
-    return cv::imread(path, (format == PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION);
+    return cv::imread(path, flags_of(format));
   } catch (const cv::Exception&) {
     return {};
   }
@@ -65,8 +78,7 @@ inline Image read_image(const std::string& path, PixelFormat format = PixelForma
 
 /// Writes an image in the format of the path's ending (.png without loss). Throws InputError.
 inline void write_image(const std::string& path, const ImageView& image) {
-  if (image.empty()) throw InvalidArgument("image to write is empty");
-  const cv::Mat m(image.height, image.width, image.format == PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(image.data), std::size_t(image.stride));
+  const cv::Mat m = detail::matrix_of(image);
   bool good = false;
   try {
     good = cv::imwrite(path, m);
@@ -74,6 +86,42 @@ inline void write_image(const std::string& path, const ImageView& image) {
   }
   if (!good) throw InputError(detail::text(path, ": cannot be written"));
 }
+
+/// Bytes of an image file in the format of an ending (".png" without loss). Throws InputError.
+inline std::vector<std::uint8_t> encode_image(const std::string& ending, const ImageView& image) {
+  std::vector<std::uint8_t> bytes;
+  bool good = false;
+  try {
+    good = cv::imencode(ending, detail::matrix_of(image), bytes);
+  } catch (const cv::Exception&) {
+  }
+  if (!good) throw InputError(detail::text("image cannot be encoded as '", ending, "'"));
+  return bytes;
+}
+
+/// Makes 8-bit pixels of an image file's bytes, colour or grey.
+class ImageDecoder {
+ public:
+  explicit ImageDecoder(PixelFormat format = PixelFormat::bgr) : format_(format) {}
+
+  /// A view that holds until the next call; empty for what cannot be decoded.
+  ImageView operator()(std::span<const std::uint8_t> file) {
+    image_.release();
+    if (file.empty() || file.size() > std::size_t(std::numeric_limits<int>::max())) return {};
+    try {
+      const cv::Mat bytes(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data()));
+      image_ = cv::imdecode(bytes, detail::flags_of(format_));
+    } catch (const cv::Exception&) {
+    }
+    return detail::view_of(image_);
+  }
+
+ private:
+  PixelFormat format_;
+  cv::Mat image_;
+};
+
+static_assert(PictureDecoder<ImageDecoder>);
 
 /// Images of a folder, in the order of a table or of their names. A file that is missing or cannot be decoded is a frame without pixels.
 class FolderCamera {

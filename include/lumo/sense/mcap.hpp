@@ -1,0 +1,183 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+
+#include <array>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+// MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). All numbers are little endian:
+//   magic, Header, data: Schema, Channel, Message, Chunk, MessageIndex, Attachment, Metadata …, DataEnd, summary: Schema, Channel, Statistics, indexes …, Footer, magic
+// A record is its opcode (1 byte), its length (8 bytes) and its contents, to which later versions may append; records of unknown opcodes are passed over. A chunk
+// holds schemas, channels and messages, compressed.
+
+enum class McapOpcode : std::uint8_t {
+  header = 1,
+  footer,
+  schema,
+  channel,
+  message,
+  chunk,
+  message_index,
+  chunk_index,
+  attachment,
+  attachment_index,
+  statistics,
+  metadata,
+  metadata_index,
+  summary_offset,
+  data_end
+};
+
+inline constexpr std::array<std::uint8_t, 8> mcap_magic = {0x89, 'M', 'C', 'A', 'P', '0', '\r', '\n'};
+
+/// The type of a channel's messages.
+struct McapSchema {
+  std::uint16_t id = 0;  ///< not 0
+  std::string name, encoding, data;
+  bool operator==(const McapSchema&) const = default;
+};
+
+/// A stream of messages of one type.
+struct McapChannel {
+  std::uint16_t id = 0, schema = 0;  ///< schema 0: none
+  std::string topic, encoding;
+  std::map<std::string, std::string> metadata;
+  bool operator==(const McapChannel&) const = default;
+};
+
+/// A file within the file.
+struct McapAttachment {
+  std::string name, media_type;
+  std::uint64_t log_ns = 0, offset = 0, size = 0;  ///< where its data lie in the file
+};
+
+struct McapMetadata {
+  std::string name;
+  std::map<std::string, std::string> values;
+};
+
+/// What chunks are compressed with. `name` is what a chunk says, empty for none.
+/// Laws: what was compressed comes back; `decompress` gives `size` bytes or throws InputError, and allocates for no more than it has found.
+template <class C>
+concept ChunkCodec = requires(const C& codec, std::span<const std::uint8_t> bytes, std::size_t size) {
+  { C::name } -> std::convertible_to<std::string_view>;
+  { codec.compress(bytes) } -> std::same_as<std::vector<std::uint8_t>>;
+  { codec.decompress(bytes, size) } -> std::same_as<std::vector<std::uint8_t>>;
+};
+
+/// Chunks as they are.
+struct Uncompressed {
+  static constexpr std::string_view name = "";
+
+  std::vector<std::uint8_t> compress(std::span<const std::uint8_t> bytes) const { return {bytes.begin(), bytes.end()}; }
+  std::vector<std::uint8_t> decompress(std::span<const std::uint8_t> bytes, std::size_t size) const {
+    if (bytes.size() != size) throw InputError(detail::text("has ", bytes.size(), " bytes, says ", size));
+    return {bytes.begin(), bytes.end()};
+  }
+};
+
+static_assert(ChunkCodec<Uncompressed>);
+
+namespace detail {
+
+/// Reads a record's fields one by one and checks each length. What it throws is an InputError that begins with `where`, told the byte.
+class McapFields {
+ public:
+  /// `offset`: of the first byte, in what `where` names.
+  McapFields(std::span<const std::uint8_t> bytes, const std::string& where, std::uint64_t offset) : bytes_(bytes), where_(where), offset_(offset) {}
+
+  template <std::unsigned_integral T>
+  T number() {
+    const auto b = bytes(sizeof(T));
+    T v = 0;
+    for (std::size_t i = 0; i < sizeof(T); ++i) v = T(v | T(b[i]) << 8 * i);
+    return v;
+  }
+  std::string string() {
+    const auto b = bytes(number<std::uint32_t>());
+    return {b.begin(), b.end()};
+  }
+  std::map<std::string, std::string> map() {
+    std::map<std::string, std::string> m;
+    const auto b = bytes(number<std::uint32_t>());
+    McapFields in(b, where_, offset() - b.size());
+    while (in.rest() > 0) {
+      std::string key = in.string();
+      m[std::move(key)] = in.string();
+    }
+    return m;
+  }
+  std::span<const std::uint8_t> bytes(std::uint64_t size) {
+    if (size > rest()) fail(text("a field of ", size, " bytes goes beyond the end of its record"));
+    at_ += std::size_t(size);
+    return bytes_.subspan(at_ - std::size_t(size), std::size_t(size));
+  }
+  std::size_t rest() const { return bytes_.size() - at_; }
+  std::uint64_t offset() const { return offset_ + at_; }
+  [[noreturn]] void fail(const std::string& why) const { throw InputError(text(where_, "byte ", offset(), ": ", why)); }
+
+ private:
+  std::span<const std::uint8_t> bytes_;
+  const std::string& where_;
+  std::uint64_t offset_;
+  std::size_t at_ = 0;
+};
+
+/// Builds records.
+class McapBytes {
+ public:
+  template <std::unsigned_integral T>
+  void number(T v) {
+    for (std::size_t i = 0; i < sizeof(T); ++i) bytes_.push_back(std::uint8_t(v >> 8 * i));
+  }
+  void string(std::string_view s) {
+    number(std::uint32_t(s.size()));
+    bytes_.insert(bytes_.end(), s.begin(), s.end());
+  }
+  void map(const std::map<std::string, std::string>& m) {
+    const std::size_t at = begin_length<std::uint32_t>();
+    for (const auto& [key, value] : m) string(key), string(value);
+    end_length<std::uint32_t>(at);
+  }
+  void bytes(std::span<const std::uint8_t> b) { bytes_.insert(bytes_.end(), b.begin(), b.end()); }
+  /// A record, whose fields `fill()` appends. Returns where it begins.
+  template <class Fill>
+  std::size_t record(McapOpcode opcode, Fill fill) {
+    const std::size_t begin = bytes_.size();
+    bytes_.push_back(std::uint8_t(opcode));
+    const std::size_t at = begin_length<std::uint64_t>();
+    fill();
+    end_length<std::uint64_t>(at);
+    return begin;
+  }
+  template <std::unsigned_integral T>
+  std::size_t begin_length() {
+    number(T(0));
+    return bytes_.size();
+  }
+  template <std::unsigned_integral T>
+  void end_length(std::size_t at) {
+    const auto n = T(bytes_.size() - at);
+    for (std::size_t i = 0; i < sizeof(T); ++i) bytes_[at - sizeof(T) + i] = std::uint8_t(n >> 8 * i);
+  }
+  std::span<const std::uint8_t> since(std::size_t at) const { return std::span(bytes_).subspan(at); }
+  std::size_t size() const { return bytes_.size(); }
+  void clear() { bytes_.clear(); }
+
+ private:
+  std::vector<std::uint8_t> bytes_;
+};
+
+}  // namespace detail
+
+}  // namespace lumo

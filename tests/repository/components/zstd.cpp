@@ -1,0 +1,9 @@
+#include "lumo/support/zstd.hpp"
+
+#include "version.hpp"
+
+int main() {
+  const std::vector<std::uint8_t> bytes(100000, 7);
+  const auto packed = lumo::Zstd{}.compress(bytes);
+  return packed.size() < 1000 && lumo::Zstd{}.decompress(packed, bytes.size()) == bytes && is_wanted_version() ? 0 : 1;
+}
