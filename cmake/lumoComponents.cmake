@@ -22,6 +22,17 @@ macro(lumo_component name includes)  # further arguments: libraries
   endif()
 endmacro()
 
+macro(lumo_find_component name header library)
+  string(TOUPPER ${name} upper)
+  find_path(LUMO_${upper}_INCLUDE ${header})
+  find_library(LUMO_${upper}_LIBRARY ${library})
+  mark_as_advanced(LUMO_${upper}_INCLUDE LUMO_${upper}_LIBRARY)
+  if(LUMO_${upper}_INCLUDE AND LUMO_${upper}_LIBRARY)
+    lumo_component(${name} "${LUMO_${upper}_INCLUDE}" "${LUMO_${upper}_LIBRARY}")
+  endif()
+  unset(upper)
+endmacro()
+
 find_package(Threads QUIET)
 
 find_path(LUMO_TETGEN_INCLUDE tetgen.h)
@@ -82,24 +93,7 @@ if(LUMO_JSON_INCLUDE)
   lumo_component(json "${LUMO_JSON_INCLUDE}")
 endif()
 
-# Not by its own package file, which asks for command-line tools that Debian packs apart.
-find_path(LUMO_ZIP_INCLUDE zip.h)
-find_library(LUMO_ZIP_LIBRARY zip)
-mark_as_advanced(LUMO_ZIP_INCLUDE LUMO_ZIP_LIBRARY)
-if(LUMO_ZIP_INCLUDE AND LUMO_ZIP_LIBRARY)
-  lumo_component(zip "${LUMO_ZIP_INCLUDE}" "${LUMO_ZIP_LIBRARY}")
-endif()
-
-find_path(LUMO_LZ4_INCLUDE lz4frame.h)
-find_library(LUMO_LZ4_LIBRARY lz4)
-mark_as_advanced(LUMO_LZ4_INCLUDE LUMO_LZ4_LIBRARY)
-if(LUMO_LZ4_INCLUDE AND LUMO_LZ4_LIBRARY)
-  lumo_component(lz4 "${LUMO_LZ4_INCLUDE}" "${LUMO_LZ4_LIBRARY}")
-endif()
-
-find_path(LUMO_ZSTD_INCLUDE zstd.h)
-find_library(LUMO_ZSTD_LIBRARY zstd)
-mark_as_advanced(LUMO_ZSTD_INCLUDE LUMO_ZSTD_LIBRARY)
-if(LUMO_ZSTD_INCLUDE AND LUMO_ZSTD_LIBRARY)
-  lumo_component(zstd "${LUMO_ZSTD_INCLUDE}" "${LUMO_ZSTD_LIBRARY}")
-endif()
+# libzip not by its own package file, which asks for command-line tools that Debian packs apart.
+lumo_find_component(zip zip.h zip)
+lumo_find_component(lz4 lz4frame.h lz4)
+lumo_find_component(zstd zstd.h zstd)

@@ -163,7 +163,7 @@ def table(options):
                 peer, own = ([rows[name, s, m][n - 1] / best[name] for s in seeds] for m in ("botorch", method))
                 middle, low, high = interval(np.subtract(own, peer), rng)
                 closed = np.median(np.subtract(own, peer) / np.subtract(1, peer))
-                print(f"| {name} | {n} | {method} | {len(seeds)} | {np.median(peer):.5f} | {np.median(own):.5f} | {middle:+.5f} [{low:+.5f}, {high:+.5f}] | {round(100 * closed) + 0} % |")
+                print(f"| {name} | {n} | {method} | {len(seeds)} | {np.median(peer):.5f} | {np.median(own):.5f} | {middle:+.5f} [{low:+.5f}, {high:+.5f}] | {100 * closed:z.0f} % |")
 
 
 def cpu_seconds(pid):

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -158,9 +157,7 @@ class QuasiStaticRun {
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
-    bool fresh = false;
-    double last = std::numeric_limits<double>::infinity();
-    Eigen::VectorXd before;   // residual at the start of the last step
+    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
@@ -169,7 +166,9 @@ class QuasiStaticRun {
       // The plain residual is what counts; it is looked at when the linearised one is small.
       if (unbalanced <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
       if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
-      if (!fresh || unbalanced > (nearly_there ? config_.late_contraction : config_.chord_contraction) * last) {
+      if (before.size() > 0 && unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
+        steps_.add(std::move(last_step_), r - before);
+      } else {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
@@ -179,11 +178,7 @@ class QuasiStaticRun {
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
-        fresh = true;
-      } else {
-        steps_.add(std::move(last_step_), r - before);
       }
-      last = unbalanced;
       if (const Status s = step(r, seen); s != Status::converged) return s;
       before = std::move(r);
     }
