@@ -62,8 +62,10 @@ std::array<double, 3> gain_of(const Options& o, const StoredCampaign& c, Progres
   Options pressed = o;
   pressed.material = c.problem.material;
   pressed.mechanics = c.problem.mechanics();
-  const std::vector<double> chosen = make_depths(pressed, c.trials[*c.selected].theta_mm, contacts, progress);
-  const std::vector<double> baseline = make_depths(pressed, baseline_design().values(), contacts, progress);
+  const std::array<double, 5>& theta = c.trials[*c.selected].theta_mm;
+  const std::array<double, 5> reference = baseline_design().values();
+  const std::vector<double> chosen = make_depths(pressed, theta, contacts, progress);
+  const std::vector<double> baseline = theta == reference ? chosen : make_depths(pressed, reference, contacts, progress);
   std::array<double, 3> gain{};
   for (std::size_t k = 0; k < gain.size(); ++k) gain[k] = progressive_constraint_gain(chosen[k], baseline[k]);
   return gain;

@@ -13,7 +13,7 @@ namespace lumo::program {
 
 namespace {
 
-std::recursive_mutex files;   // held while files are written
+std::recursive_mutex writing;   // held while files are written
 
 [[noreturn]] void stop() {
   // The bar, where there is one, is on the line that the cursor is on.
@@ -60,13 +60,13 @@ void stop_on_interrupt() {
   std::thread([signals] {
     int signal = 0;
     while (sigwait(&signals, &signal) != 0) {}
-    const std::lock_guard whole(files);
+    const std::lock_guard whole(writing);
     stop();
   }).detach();
 }
 
-FilesBeingWritten::FilesBeingWritten() { files.lock(); }
+FilesBeingWritten::FilesBeingWritten() { writing.lock(); }
 
-FilesBeingWritten::~FilesBeingWritten() { files.unlock(); }
+FilesBeingWritten::~FilesBeingWritten() { writing.unlock(); }
 
 }  // namespace lumo::program

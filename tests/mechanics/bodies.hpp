@@ -92,6 +92,14 @@ inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const
   return m;
 }
 
+/// A block for tests that look at every element.
+inline const Vec3 small_size(8e-3, 6e-3, 5e-3);
+
+template <class Element>
+TetMesh small_mesh() {
+  return block_mesh(small_size, even(2), even(2), even(2), Element::order, false);
+}
+
 /// A block 2a × 2b × h about the z axis as the mirrored quarter a × b × h, and its body.
 inline std::pair<Body, TetMesh> symmetric_block(const Vec3& half, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order = 2) {
   Body b = block_body(half);

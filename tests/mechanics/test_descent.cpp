@@ -22,13 +22,6 @@ template struct lumo::Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDe
 
 namespace {
 
-const Vec3 kSize(8e-3, 6e-3, 5e-3);
-
-template <class Element>
-TetMesh small_mesh() {
-  return test::block_mesh(kSize, test::even(2), test::even(2), test::even(2), Element::order, false);
-}
-
 /// Two smooth configurations of the small block.
 std::pair<Positions, Positions> moved(const TetMesh& mesh) {
   Positions start = positions_of(mesh), x = start;
@@ -43,7 +36,7 @@ template <class Material>
 void check_vertex_blocks(const Material& material) {
   const auto check = [&](auto element) {
     using Element = decltype(element);
-    const TetMesh mesh = small_mesh<Element>();
+    const TetMesh mesh = test::small_mesh<Element>();
     const VertexElasticity<Material, Element> vertices(mesh, material, element);
     const Solid<Material, Element> solid(mesh, material, element);
     const auto [x, start] = moved(mesh);
@@ -104,7 +97,7 @@ TEST_CASE("vertex blocks are the derivatives of the energy by one node, for ever
 }
 
 TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid motion") {
-  const TetMesh mesh = small_mesh<LinearTet>();
+  const TetMesh mesh = test::small_mesh<LinearTet>();
   const VertexElasticity<StableNeoHookean, LinearTet> vertices(mesh, {1e5, 2e6}, {});
   const auto [x, begin] = moved(mesh);
   const Positions start = begin;   // clang 14 does not capture bindings
@@ -141,7 +134,7 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
 }
 
 TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", NeoHookean, StableNeoHookean) {
-  const TetMesh mesh = small_mesh<LinearTet>();
+  const TetMesh mesh = test::small_mesh<LinearTet>();
   const VertexElasticity<TestType, LinearTet> vertices(mesh, {1e5, 2e6}, {});
   const VertexColors colors = color_vertices(mesh);
   const VertexLanes<TestType> lanes(mesh, vertices, colors);
@@ -172,7 +165,7 @@ TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", N
 }
 
 TEST_CASE("a feasible part of a step keeps every element from turning inside out, and is as large as it may be") {
-  const TetMesh mesh = small_mesh<QuadraticTet>();
+  const TetMesh mesh = test::small_mesh<QuadraticTet>();
   const VertexElasticity<NeoHookean, QuadraticTet> vertices(mesh, {1e5, 2e6}, {});
   const auto [x, start] = moved(mesh);
   std::mt19937 random(2);
@@ -193,7 +186,7 @@ TEST_CASE("a feasible part of a step keeps every element from turning inside out
 }
 
 TEST_CASE("colors part the vertices of every tetrahedron") {
-  for (const TetMesh& mesh : {small_mesh<LinearTet>(), small_mesh<QuadraticTet>()}) {
+  for (const TetMesh& mesh : {test::small_mesh<LinearTet>(), test::small_mesh<QuadraticTet>()}) {
     VertexColors colors = color_vertices(mesh);
     CHECK_NOTHROW(validate(colors, mesh));
     CHECK(colors.size() >= std::size_t(mesh.nodes_per_tet()));
@@ -212,29 +205,29 @@ TEST_CASE("colors part the vertices of every tetrahedron") {
 
 TEST_CASE("lumped masses are positive and add up to the body's") {
   const auto check = [](auto element) {
-    const auto mass = lumped_masses<decltype(element)>(small_mesh<decltype(element)>(), 1000.0);
+    const auto mass = lumped_masses<decltype(element)>(test::small_mesh<decltype(element)>(), 1000.0);
     double sum = 0.0;
     for (double m : mass) {
       CHECK(m > 0.0);
       sum += m;
     }
-    CHECK(sum == Approx(1000.0 * kSize.prod()));
+    CHECK(sum == Approx(1000.0 * test::small_size.prod()));
   };
   check(LinearTet{});
   check(QuadraticTet{});
 }
 
 TEST_CASE("a body that nothing holds rests until it is touched, and then its momentum is the indenter's impulse") {
-  Body body = test::block_body(kSize);
+  Body body = test::block_body(test::small_size);
   body.patches[0].bonded = false;
-  const TetMesh mesh = small_mesh<LinearTet>();
+  const TetMesh mesh = test::small_mesh<LinearTet>();
   DescentConfig config;
   config.time_step_s = 1e-4;   // sweeps carry a stiff body's own motion slowly where inertia is small beside stiffness
   config.sweeps = 300;
   config.viscosity_Pa_s = 1.0;
   const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {}, {1e9}, {}, config);
   const Sphere sphere{10e-3};
-  const Touch touch{Vec3(4e-3, 3e-3, kSize.z() + 5e-3), Vec3(4e-3, 3e-3, kSize.z())};
+  const Touch touch{Vec3(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3(4e-3, 3e-3, test::small_size.z())};
   detail::Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3::UnitZ(), config, Serial{});
   const auto momentum = [&](const Positions& before) {
     Vec3 sum = Vec3::Zero();
@@ -369,8 +362,8 @@ TEST_CASE("an element is refused on a mesh of another order") {
     CHECK_THROWS_WITH((Solid<NeoHookean, Element>(mesh, {}, element)), Catch::Contains("must be the same"));
     CHECK_THROWS_AS(lumped_masses<Element>(mesh, 1000.0), InvalidArgument);
   };
-  wrong(LinearTet{}, small_mesh<QuadraticTet>());
-  wrong(QuadraticTet{}, small_mesh<LinearTet>());
+  wrong(LinearTet{}, test::small_mesh<QuadraticTet>());
+  wrong(QuadraticTet{}, test::small_mesh<LinearTet>());
   const Bench quadratic = block(2, 2);
   CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(quadratic.body, quadratic.mesh, kPress)), InvalidArgument);
 }

@@ -48,7 +48,7 @@ TEST_CASE("a flat punch on a deep soft block meets Sneddon's stiffness") {
   const Vec3 top(0, 0, 40e-3);
   body.sizing.edge = [=](const Vec3& p) {   // fine along the rim
     const double rim = std::hypot(std::hypot(p.x(), p.y()) - a, p.z() - top.z());
-    return std::min({12e-3, 0.05e-3 + 0.25 * rim});
+    return std::min({12e-3, 0.06e-3 + 0.4 * rim});
   };
   const TetMesh mesh = mesh_body(body, TetgenMesher{});
   const FastSimulator sim{NeoHookean{mu, lambda}, SDFContact{3e12}};

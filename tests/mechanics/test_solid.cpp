@@ -10,13 +10,7 @@ using namespace lumo;
 
 namespace {
 
-const Vec3 kSize(8e-3, 6e-3, 5e-3);
 const NeoHookean kMaterial{.mu = 1e5, .lambda = 9.9e6};
-
-template <class Element>
-TetMesh small_mesh() {
-  return test::block_mesh(kSize, test::even(2), test::even(2), test::even(2), Element::order, false);
-}
 
 }  // namespace
 
@@ -31,13 +25,13 @@ TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linea
 }
 
 TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere and no force on free interior nodes", "", QuadraticTet, LinearTet) {
-  const TetMesh mesh = small_mesh<TestType>();
+  const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   Mat3 F;
   F << 1.1, 0.05, -0.02, 0.03, 0.97, 0.04, -0.01, 0.06, 0.95;
   Positions x = positions_of(mesh);
   for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) = F * x.col(k);
-  CHECK(solid.energy(x) == Approx(kSize.prod() * energy_density(kMaterial, F)).epsilon(1e-12));
+  CHECK(solid.energy(x) == Approx(test::small_size.prod() * energy_density(kMaterial, F)).epsilon(1e-12));
   Positions f = Positions::Zero(3, x.cols());
   solid.add_forces(x, f);
   std::vector<char> boundary(mesh.nodes.size(), 0);
@@ -54,11 +48,11 @@ TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere 
   // Virtual work on the boundary: sum of force ⊗ X is the volume times P.
   Mat3 work = Mat3::Zero();
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) work += f.col(Eigen::Index(k)) * mesh.nodes[k].transpose();
-  CHECK((work - kSize.prod() * first_piola(kMaterial, F)).norm() < 1e-12 * work.norm());
+  CHECK((work - test::small_size.prod() * first_piola(kMaterial, F)).norm() < 1e-12 * work.norm());
 }
 
 TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet) {
-  const TetMesh mesh = small_mesh<TestType>();
+  const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   const Mat3 Q = Eigen::AngleAxisd(0.8, Vec3(1, 2, 3).normalized()).toRotationMatrix();
   Positions rigid = positions_of(mesh), bent = rigid;
@@ -77,9 +71,9 @@ TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with 
 
 TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its energy", "", QuadraticTet, LinearTet) {
   for (bool cure : {true, false}) {
-    const TetMesh mesh = small_mesh<TestType>();
+    const TetMesh mesh = test::small_mesh<TestType>();
     const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{cure});
-    const Body body = test::block_body(kSize);
+    const Body body = test::block_body(test::small_size);
     const Sector sector = sector_of(mesh, {});
     const Equations eq(sector, body, {});
     Positions x = positions_of(mesh);

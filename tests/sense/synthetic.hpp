@@ -12,6 +12,8 @@
 /// Pictures and noise for tests: smooth, known in closed form, and nothing that an estimator is tuned to.
 namespace synthetic {
 
+inline constexpr std::int64_t ms = 1'000'000;   // in nanoseconds
+
 /// Standard normal numbers from a counter: the same on every machine.
 class Normal {
  public:

@@ -19,14 +19,14 @@ using namespace lumo;
 namespace {
 
 constexpr double arm_m = 0.05;
-constexpr std::int64_t ms = 1'000'000;
+using synthetic::ms;
 
 /// A small picture: everything but its size is as in a large one.
-const synthetic::View view{160, 120, {80.0, 60.0}, 0.0, 2300.0, 0.0};
+const synthetic::View small_view{160, 120, {80.0, 60.0}, 0.0, 2300.0, 0.0};
 
 AxisMap small_map() {
   AxisMap m;
-  m.origin_px = view.origin, m.half_length_px = 50.0, m.coefficients = {0.0, 50.0 / 2300.0, 0.0};
+  m.origin_px = small_view.origin, m.half_length_px = 50.0, m.coefficients = {0.0, 50.0 / 2300.0, 0.0};
   return m;
 }
 
@@ -40,7 +40,7 @@ class Pictures {
     Image& image = cache_[{y, height, kind, second}];
     if (image.pixels.empty())
       image = synthetic::paint(
-          view,
+          small_view,
           [&](double at, double) {
             return finger_light(at) + height * std::exp(-0.5 * std::pow((at - y) / 4e-3, 2)) + (second < 0.5 ? height * std::exp(-0.5 * std::pow((at - second) / 4e-3, 2)) : 0.0);
           },
@@ -183,12 +183,12 @@ const Image& odd_picture(int which) {
     std::vector<Image> l;
     synthetic::Normal normal(5);
     l.push_back(Image::black(160, 120));                                                                                                      // 0 black
-    l.push_back(synthetic::paint(view, [](double, double) { return 255.0; }, 3.0, 1));                                                      // 1 saturated
-    l.push_back(synthetic::paint(view, [](double y, double) { return std::abs(y - 11e-3) < 5e-3 ? 0.2 * finger_light(y) : finger_light(y); }, 3.0, 2));  // 2 LED dead
-    l.push_back(synthetic::paint(view, [](double y, double) { return 1.5 * finger_light(y); }, 3.0, 3));                                    // 3 brighter
+    l.push_back(synthetic::paint(small_view, [](double, double) { return 255.0; }, 3.0, 1));                                                      // 1 saturated
+    l.push_back(synthetic::paint(small_view, [](double y, double) { return std::abs(y - 11e-3) < 5e-3 ? 0.2 * finger_light(y) : finger_light(y); }, 3.0, 2));  // 2 LED dead
+    l.push_back(synthetic::paint(small_view, [](double y, double) { return 1.5 * finger_light(y); }, 3.0, 3));                                    // 3 brighter
     l.push_back(Image::black(80, 60));                                                                                                        // 4 another size
-    l.push_back(synthetic::paint(view, [&](double, double) { return 255.0 * normal.uniform(); }, 0.0, 4));                                  // 5 garbage
-    l.push_back(synthetic::paint(view, [](double y, double) { return y > 5e-3 ? 0.0 : finger_light(y); }, 3.0, 5));                        // 6 torn
+    l.push_back(synthetic::paint(small_view, [&](double, double) { return 255.0 * normal.uniform(); }, 0.0, 4));                                  // 5 garbage
+    l.push_back(synthetic::paint(small_view, [](double y, double) { return y > 5e-3 ? 0.0 : finger_light(y); }, 3.0, 5));                        // 6 torn
     return l;
   }();
   return list[std::size_t(which)];

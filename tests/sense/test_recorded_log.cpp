@@ -19,8 +19,8 @@ using namespace lumo;
 
 namespace {
 
-constexpr std::int64_t ms = 1'000'000;
-constexpr double arm_m = 0.055, constant = 0.8;
+using synthetic::ms;
+constexpr double joint_to_origin_m = 0.055, constant = 0.8;
 constexpr std::int64_t joint_clock_ahead = 7'000 * ms;
 
 /// Three presses at three places; the truth goes into wrench.csv and the segments, which the estimator does not read.
@@ -41,7 +41,7 @@ void record(const std::string& folder) {
   synthetic::View view{320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5};
   RecordedLog log;
   log.path = folder;
-  log.session.joint_to_origin_m = arm_m;
+  log.session.joint_to_origin_m = joint_to_origin_m;
   log.session.torque_constant_Nm_per_A = {constant};
   log.session.joint_clock = {0, -1e-9 * double(joint_clock_ahead), 0.0, 0.0};
   std::filesystem::create_directories(folder + "/frames");
@@ -57,7 +57,7 @@ void record(const std::string& folder) {
   const TorqueModel m = joint_truth();
   for (std::int64_t t = 0; t < 3500 * ms; t += 2 * ms) {
     const double s = 0.4e-9 * double(t), q = 0.75 * std::sin(s), v = 0.3 * std::cos(s);
-    const double torque = m.unloaded(q, v) + force(t) * (arm_m + place(t)) + m.noise_Nm * normal();
+    const double torque = m.unloaded(q, v) + force(t) * (joint_to_origin_m + place(t)) + m.noise_Nm * normal();
     log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v), JointVector::Constant(1, torque / constant), Effort::current_A});
   }
   log.session.segments = {{0, 480 * ms, "unloaded"}};
