@@ -13102,11 +13102,12 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
-  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class MatrixX3d = Eigen::MatrixX3d>
+  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class Matrix3d = Eigen::Matrix3d,
+            class MatrixX3d = Eigen::MatrixX3d>
   static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
 };
 
-template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class MatrixX3d>
+template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d>
 inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
@@ -13118,7 +13119,8 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   AxisMap map;
   map.origin_px = pixel.rowwise().mean();
   const Matrix2Xd centred = pixel.colwise() - map.origin_px;
-  const Eigen::SelfAdjointEigenSolver<Matrix2d> spread(centred * centred.transpose());
+  Eigen::SelfAdjointEigenSolver<Matrix2d> spread;
+  spread.computeDirect(centred * centred.transpose());
   map.direction = spread.eigenvectors().col(1);
   if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
   const VectorXd u = centred.transpose() * map.direction;
@@ -13130,6 +13132,7 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   const double b = 0.5 * (y_m[n - 1] - y_m[0]);
   map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
   MatrixX3d J(n, 3);
+  Matrix3d normal;
   VectorXd r(n);
   const auto linearise = [&] {
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -13140,13 +13143,15 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    Vector3d step = (J.transpose() * J).ldlt().solve(J.transpose() * r);
+    normal = J.transpose() * J;
+    Vector3d step = normal.ldlt().solve(Vector3d(J.transpose() * r));
     const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.template head<2>() = (J.template leftCols<2>().transpose() * J.template leftCols<2>()).ldlt().solve(J.template leftCols<2>().transpose() * r);
+      const auto ab = J.template leftCols<2>();
+      step.template head<2>() = Matrix2d(ab.transpose() * ab).inverse() * (ab.transpose() * r);
       map.coefficients.head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
@@ -13156,7 +13161,8 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   linearise();
   map.residual_px = std::sqrt(r.squaredNorm() / double(n));
   map.centroid_sigma_px = std::max(sigma_px, n > 3 ? std::sqrt(r.squaredNorm() / double(n - 3)) : 0.0);
-  map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * (J.transpose() * J).inverse();
+  normal = J.transpose() * J;
+  map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * normal.inverse();
   return map;
 }
 
@@ -16184,7 +16190,8 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   // Directions of the posterior that are wider than what counts as known are open.
   const Vector2d unit(config_.known_location_m, config_.known_force_N);
   const Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix2d> axes(scaled);  // ascending
+  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
+  axes.computeDirect(scaled);  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
 }
@@ -16468,8 +16475,9 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
     }
     // Normal equations: pixels are many, parameters two.
     const Matrix2d normal = a.transpose() * a;
-    line = normal.ldlt().solve(a.transpose() * b);
-    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * normal.inverse();
+    const Matrix2d inverse = normal.inverse();
+    line = inverse * (a.transpose() * b);
+    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
   }
   const double sigma = std::sqrt(fit.covariance(1, 1));
   return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};

@@ -5,7 +5,6 @@
 #include "lumo/sense/identification.hpp"
 #include "lumo/sense/statistics.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/LU>
 
@@ -147,8 +146,9 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
     }
     // Normal equations: pixels are many, parameters two.
     const Matrix2d normal = a.transpose() * a;
-    line = normal.ldlt().solve(a.transpose() * b);
-    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * normal.inverse();
+    const Matrix2d inverse = normal.inverse();
+    line = inverse * (a.transpose() * b);
+    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
   }
   const double sigma = std::sqrt(fit.covariance(1, 1));
   return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};

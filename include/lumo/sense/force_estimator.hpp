@@ -247,7 +247,8 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   // Directions of the posterior that are wider than what counts as known are open.
   const Vector2d unit(config_.known_location_m, config_.known_force_N);
   const Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Matrix2d> axes(scaled);  // ascending
+  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
+  axes.computeDirect(scaled);  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
 }
