@@ -68,7 +68,7 @@ void add_presses(Json& campaigns, const Options& o, Progress& progress) {
 std::string campaign_report(const Options& o, Progress& progress) {
   namespace fs = std::filesystem;
   const fs::path path = o.page;
-  if (!path.has_filename()) throw InputError("cannot write to '" + path.string() + "': it names a directory, not a file");
+  if (std::error_code unknown; !path.has_filename() || fs::is_directory(path, unknown)) throw InputError("cannot write to '" + path.string() + "': it names a directory, not a file");
   Output files(path.has_parent_path() ? path.parent_path().string() : ".");
   const std::string charts = chart_library();
 

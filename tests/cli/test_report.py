@@ -357,8 +357,8 @@ class Refusals(unittest.TestCase):
         self.refused(BAD_FILE, ["none.db"], "--store", "none.db")
         self.refused(BAD_FILE, ["none.db"], "--store", store("DS_flat"), "--store", "none.db")
         self.refused(BAD_FILE, ["directory"], "--store", store("DS_flat"), "--out", "pages/")
-        (FOLDER / "taken.html").mkdir(exist_ok=True)
-        self.refused(BAD_FILE, ["taken.html", "directory"], "--quiet", "--store", store("DS_flat"), "--out", "taken.html")
+        (FOLDER / "taken.html").mkdir(exist_ok=True)   # told before anything is pressed: there is no progress
+        self.refused(BAD_FILE, ["taken.html", "directory"], "--store", store("DS_flat"), "--out", "taken.html")
         self.assertEqual([p.name for p in FOLDER.glob("pages*")], [])
 
 

@@ -246,7 +246,7 @@ class Quick(unittest.TestCase):
     def test_what_the_machine_fails_at_is_told_with_its_stage_and_left_to_another_run(self):
         with tempfile.TemporaryDirectory() as folder:
             store = os.path.join(folder, "campaign.db")
-            limited = f"ulimit -v 350000; exec '{LUMO}' campaign run --evaluations 2 --threads 2 --store {store}"
+            limited = f"ulimit -v 250000; exec '{LUMO}' campaign run --evaluations 2 --threads 2 --store {store}"
             for runs in (1, 2, 3):   # more than 15 of them in all would have closed the store to every later run
                 done = subprocess.run(["bash", "-c", limited], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=300)
                 self.assertEqual(done.returncode, 4, done.stderr)

@@ -70,12 +70,13 @@ class PreparedBody {
  private:
   const Model& model(Symmetry planes) const {
     Slot& slot = (*slots_)[std::size_t((planes.x ? 1 : 0) + (planes.y ? 2 : 0))];
-    std::call_once(slot.once, [&] { slot.model = maker_.solver.model(body_, *mesh_, planes, maker_.material, maker_.contact, maker_.element); });
+    const std::lock_guard one(slot.making);   // glibc aborts where std::call_once lets "out of memory" pass
+    if (!slot.model) slot.model = maker_.solver.model(body_, *mesh_, planes, maker_.material, maker_.contact, maker_.element);
     return *slot.model;
   }
 
   struct Slot {
-    std::once_flag once;
+    std::mutex making;
     std::unique_ptr<Model> model;
   };
   Maker maker_;
