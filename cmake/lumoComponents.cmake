@@ -22,10 +22,10 @@ macro(lumo_component name includes)  # further arguments: libraries
   endif()
 endmacro()
 
-macro(lumo_find_component name header library)
+macro(lumo_find_component name headers)  # further arguments: names of its library; the first of either that is found
   string(TOUPPER ${name} upper)
-  find_path(LUMO_${upper}_INCLUDE ${header})
-  find_library(LUMO_${upper}_LIBRARY ${library})
+  find_path(LUMO_${upper}_INCLUDE NAMES ${headers})
+  find_library(LUMO_${upper}_LIBRARY NAMES ${ARGN})
   mark_as_advanced(LUMO_${upper}_INCLUDE LUMO_${upper}_LIBRARY)
   if(LUMO_${upper}_INCLUDE AND LUMO_${upper}_LIBRARY)
     lumo_component(${name} "${LUMO_${upper}_INCLUDE}" "${LUMO_${upper}_LIBRARY}")
@@ -35,21 +35,13 @@ endmacro()
 
 find_package(Threads QUIET)
 
-find_path(LUMO_TETGEN_INCLUDE tetgen.h)
-find_library(LUMO_TETGEN_LIBRARY NAMES tet tetgen)
-mark_as_advanced(LUMO_TETGEN_INCLUDE LUMO_TETGEN_LIBRARY)
+lumo_find_component(tetgen tetgen.h tet tetgen)
 if(LUMO_TETGEN_INCLUDE AND LUMO_TETGEN_LIBRARY)
-  lumo_component(tetgen "${LUMO_TETGEN_INCLUDE}" "${LUMO_TETGEN_LIBRARY}")
   file(STRINGS ${LUMO_TETGEN_INCLUDE}/tetgen.h LUMO_VERSION_tetgen REGEX "Version [0-9.]+" LIMIT_COUNT 1)
   string(REGEX MATCH "[0-9]+(\\.[0-9]+)+" LUMO_VERSION_tetgen "${LUMO_VERSION_tetgen}")
 endif()
 
-find_path(LUMO_EMBREE_INCLUDE NAMES embree4/rtcore.h embree3/rtcore.h)
-find_library(LUMO_EMBREE_LIBRARY NAMES embree4 embree3)
-mark_as_advanced(LUMO_EMBREE_INCLUDE LUMO_EMBREE_LIBRARY)
-if(LUMO_EMBREE_INCLUDE AND LUMO_EMBREE_LIBRARY)
-  lumo_component(embree "${LUMO_EMBREE_INCLUDE}" "${LUMO_EMBREE_LIBRARY}")
-endif()
+lumo_find_component(embree "embree4/rtcore.h;embree3/rtcore.h" embree4 embree3)
 
 # CHOLMOD calls a BLAS; the first one in link order wins, and the reference BLAS is many times slower than OpenBLAS.
 find_path(LUMO_CHOLMOD_INCLUDE cholmod.h PATH_SUFFIXES suitesparse)

@@ -13141,18 +13141,17 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
       r[i] = (map.y_m(u[i]) - y_m[i]) / slope;
       J.row(i) = map.gradient(u[i]).transpose() / slope;
     }
+    normal = J.transpose() * J;
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    normal = J.transpose() * J;
     Vector3d step = normal.ldlt().solve(Vector3d(J.transpose() * r));
     const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      const auto ab = J.template leftCols<2>();
-      step.template head<2>() = Matrix2d(ab.transpose() * ab).inverse() * (ab.transpose() * r);
+      step.template head<2>() = Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
       map.coefficients.head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
@@ -13162,7 +13161,6 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   linearise();
   map.residual_px = std::sqrt(r.squaredNorm() / double(n));
   map.centroid_sigma_px = std::max(sigma_px, n > 3 ? std::sqrt(r.squaredNorm() / double(n - 3)) : 0.0);
-  normal = J.transpose() * J;
   map.covariance = map.centroid_sigma_px * map.centroid_sigma_px * normal.inverse();
   return map;
 }
