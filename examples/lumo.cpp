@@ -69,6 +69,7 @@ std::string general(const Options& options, Output& files, Progress& progress, c
     case Command::campaign_report: return campaign_report(options, progress);
     case Command::study_carrier:
     case Command::study_void: return study(options, files, progress);
+    case Command::study_readings: return study_readings(options, files, progress);
     default: return sense(options, files, progress, arguments);
   }
 }

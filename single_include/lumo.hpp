@@ -394,6 +394,7 @@ struct PadDimensions {
   double width = 29.5;   ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
   double length = 60.0;  ///< L, centred on y = 0
   double t_min = 5.0;    ///< smallest silicone thickness
+  bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
 };
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -456,9 +457,10 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
                             detail::text("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }},
-                 {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }}};
+                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
+  if (pad.t_min_beside)
+    space.rules.push_back({[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
+                           [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }});
   return space;
 }
 
@@ -653,8 +655,10 @@ struct Silicone {
   double lambda_Pa;             ///< Lamé's first parameter
   double refractive_index;
   double extinction_per_m;      ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, and its mean cosine: not in the paper
+  double anisotropy = 0.0;
 
-  Medium medium() const { return {refractive_index, extinction_per_m}; }
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
 };
 
 inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
@@ -680,7 +684,8 @@ struct Polar {
 
 /// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
 /// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
-/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward.
+/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
+/// air beside the body, not into the body; its light is traced forward.
 /// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
 /// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
 /// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
@@ -702,6 +707,7 @@ struct RectangleEmitter {
   Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
+  bool in_air = false;             ///< radiates into the air beside the body
 
   template <class Vec3 = Vec3>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
@@ -736,6 +742,7 @@ class Emitter {
   Vec3 point(double u, double v) const { return calls_->point(model_.get(), u, v); }
   Polar polar(double u) const { return calls_->polar(model_.get(), u); }
   bool has_intensity() const { return calls_->intensity != nullptr; }
+  bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
   Emitter mirrored(const Vec3& m) const { return calls_->mirrored(model_.get(), m); }
@@ -756,6 +763,7 @@ class Emitter {
     Vec3 (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
     double (*intensity)(const void*, double);  ///< or null
+    bool (*in_air)(const void*);
     Emitter (*mirrored)(const void*, const Vec3&);
     void (*validate)(const void*);
   };
@@ -817,6 +825,10 @@ const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<
                                        [](const void* e, double u, double v) -> Vec3 { return model<E>(e).point(u, v); },
                                        [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
                                        intensity_of<E>(),
+                                       [](const void* e) -> bool {
+                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
+                                         else return false;
+                                       },
                                        [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
                                        [](const void* e) { detail::validate_model(model<E>(e)); }};
 
@@ -1001,12 +1013,15 @@ struct Body {
 
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
+  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
   std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;                          ///< number of readout regions
-  /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
+  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3& position, const Vec3& normal)> region;
-  std::vector<int> region_image_x, region_image_y;  ///< region → its mirror image in x = 0 and y = 0; empty: itself
+  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
+  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
@@ -1033,8 +1048,10 @@ struct FingerOptions {
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
   };
-  /// The five LEDs, lengths in m.
+  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
   struct Leds {
+    enum class Place { top, sides };
+    Place place = Place::top;
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
@@ -1046,6 +1063,8 @@ struct FingerOptions {
     int bins = 11;
     double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
+    bool one_side = false;            ///< only x > 0 is seen
+    bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
   };
 
   Twin twin = Twin::none;
@@ -1054,6 +1073,8 @@ struct FingerOptions {
   Leds leds;
   Readout readout;
   double carrier_albedo = 0.8;
+  bool bonded_ends = false;           ///< the end faces are held
+  SurfaceOptics touched = Dielectric{};   ///< Body::touched
 };
 
 /// Throws InvalidArgument for an option that is out of range.
@@ -1105,15 +1126,28 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
   const auto& led = o.leds;
+  const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
+  const Vec3 along(0, 0.5 * led.length_y, 0);
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
-    body.emitters.push_back(RectangleEmitter{{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
+    if (led.place == FingerOptions::Leds::Place::top) {
+      body.emitters.push_back(RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      continue;
+    }
+    const bool air = s.design.w_v > 0.0;
+    for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
+  body.touched = o.touched;
   body.regions = r.bins;
-  for (int b = 0; b < r.bins; ++b) body.region_image_y.push_back(r.bins - 1 - b);
+  body.regions_in_space = r.in_space;
+  std::vector<int> other_end;
+  for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
+  body.region_image_y = other_end;
+  if (r.one_side) body.region_image_x.reset();
   body.region = [r](const Vec3& p, const Vec3& n) {
-    if (std::abs(n.x()) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
     return std::clamp(int(bin), 0, r.bins - 1);
   };
@@ -1173,7 +1207,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);
@@ -3029,20 +3063,42 @@ static_assert(Indenter<Sphere>);
 
 namespace lumo {
 
+/// Plane in which an approach is tilted from the pad normal: across the finger, as the paper's are read, or along it.
+enum class TiltPlane { xz, yz };
+
 /// One contact: an indenter, the line on which it comes, and the loads at which it is observed.
 /// It moves along direction() on the line through Body::pivot shifted by `y_m`; it does not move sideways.
 template <Indenter Tool = Sphere>
 struct Scenario {
   Tool indenter;
-  double angle_rad = 0.0;                                    ///< approach angle from the pad normal, in the x–z plane
+  double angle_rad = 0.0;                                    ///< approach angle from the pad normal
   double y_m = 0.0;                                          ///< place along the finger [m]
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};  ///< increasing
+  TiltPlane tilt = TiltPlane::xz;                            ///< in which the angle lies
 
   bool operator==(const Scenario&) const = default;
 
   /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
-  Vec3 direction() const { return {-std::sin(angle_rad), 0.0, -std::cos(angle_rad)}; }
+  Vec3 direction() const {
+    const double sideways = -std::sin(angle_rad);
+    return {tilt == TiltPlane::xz ? sideways : 0.0, tilt == TiltPlane::yz ? sideways : 0.0, -std::cos(angle_rad)};
+  }
 };
+
+/// Planes in which a contact is its own mirror image.
+template <Indenter Tool>
+Symmetry symmetry_of(const Scenario<Tool>& s) {
+  const bool straight = s.angle_rad == 0.0;
+  return {(straight || s.tilt == TiltPlane::yz) && is_symmetric(s.indenter, 0), s.y_m == 0.0 && (straight || s.tilt == TiltPlane::xz) && is_symmetric(s.indenter, 1)};
+}
+
+/// Mirror image of a contact with a symmetric tool in these planes.
+template <Indenter Tool>
+Scenario<Tool> mirrored(Scenario<Tool> s, Symmetry planes) {
+  if (planes.y) s.y_m = 0.0 - s.y_m;
+  if (s.tilt == TiltPlane::xz ? planes.x : planes.y) s.angle_rad = 0.0 - s.angle_rad;
+  return s;
+}
 
 /// What validate() admits, in the units in which people give it.
 inline constexpr Limits approach_angles_deg{-80.0, 80.0}, contact_places_mm{-1e4, 1e4}, loads_admitted_N{1e-3, 1e4};
@@ -7102,8 +7158,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
   const Touch touch = first_touch(body_, *mesh_, scenario);
   // A fixed area per vertex knows no halves of vertices.
   const bool fold = SolverOf<Method>::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
-  const Symmetry planes{fold && mesh_->symmetry.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0),
-                        fold && mesh_->symmetry.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
+  const Symmetry contact = symmetry_of(scenario), planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
   const Model& sector_model = model(planes);
   std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
   const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
@@ -7932,7 +7987,7 @@ struct ScenePoint {
 };
 
 /// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
-/// plus the carrier faces. Knows exact normals, regions (by undeformed position), contact, and the optics of each face.
+/// plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
 class OpticalScene {
  public:
   struct Config {
@@ -7962,6 +8017,11 @@ class OpticalScene {
   /// Undeformed position [m].
   template <class Vec3 = Vec3>
   Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
+  /// Deformed position on the quadratic map [m].
+  template <class Vec3 = Vec3>
+  Vec3 position(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
+  /// What light inside the body meets where a tool touches it.
+  const SurfaceOptics& touched() const { return body_->touched; }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
@@ -7977,7 +8037,10 @@ class OpticalScene {
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
-  bool has_region(int face) const { return labels_[0][std::size_t(face)] != -1; }  ///< may a point of it lie in a region?
+  /// May a point of a face, or of one of its mirror images, lie in a region?
+  bool has_region(int face) const {
+    return std::any_of(labels_.begin(), labels_.end(), [&](const std::vector<int>& label) { return !label.empty() && label[std::size_t(face)] != -1; });
+  }
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
   template <class Vec3 = Vec3>
@@ -7992,9 +8055,9 @@ class OpticalScene {
     if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
     return reference_corners(t / triangles_per_face(), t % triangles_per_face());
   }
-  /// Region of a place on a patch, or of its mirror image.
+  /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
   template <class Vec3 = Vec3>
-  int region(int patch, In<Vec3> reference, unsigned image) const;
+  int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
@@ -8034,6 +8097,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std:
   if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(detail::text("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
   for (const Patch& p : body.patches) validate(p.optics);
   for (const RigidFace& f : body.rigid_faces) validate(f.optics);
+  validate(body.touched);
   if (body.regions > 0 && !body.region) throw InvalidArgument("optical scene: the body has regions but no region function");
   for (int i = 0; i < n_; ++i)
     for (int j = 0; i + j < n_; ++j) {
@@ -8109,11 +8173,11 @@ inline void OpticalScene::add_carrier(const Config& config) {
 }
 
 template <class Vec3>
-inline int OpticalScene::region(int patch, In<Vec3> reference, unsigned image) const {
+inline int OpticalScene::region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const {
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
-  const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
+  const int r = body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
@@ -8124,7 +8188,7 @@ inline void OpticalScene::label(Symmetry images) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
     for (const detail::QuadraticFace& f : faces_) {
       std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], image);
+      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
       labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
     }
   }
@@ -8133,7 +8197,7 @@ inline void OpticalScene::label(Symmetry images) {
 template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
-  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
+  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), position(p), image);
 }
 
 template <class Vec3>
@@ -8303,8 +8367,8 @@ struct Escape {
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
-/// Optional: `std::vector<int> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1 (empty: itself),
-/// lets one of two mirrored states stand for both.
+/// Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1
+/// (empty: itself; nothing: it has none), lets one of two mirrored states stand for both.
 /// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
 template <class R>
 concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
@@ -8332,7 +8396,7 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
-  std::vector<int> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
 };
 
 static_assert(ExitReadout<ExitPower>);
@@ -8424,7 +8488,7 @@ inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
 template <class = void>
 inline bool same(const Emitter& a, const Emitter& b) {
-  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel()) return false;
+  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air()) return false;
   const double reach = tolerance(a);
   if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
   for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
@@ -8726,7 +8790,7 @@ class LightAccounts {
   int channel(const Exit& e, unsigned image) const {
     const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
     return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, image)});
+                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
   /// What was booked since the last call.
@@ -8884,7 +8948,7 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
-    bool scattered = false;     ///< in the medium, once at least
+    bool scattered = false;     ///< turned aside at random, in the medium or where a tool touches
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
@@ -8918,6 +8982,7 @@ class PathTracer {
   void follow(Branch b);
   void scatter(const Branch& b, double path_m, double power);
   bool meet(Branch& b, int triangle);
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed);
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
 
   const OpticalScene& surface_;
@@ -8974,6 +9039,7 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
   if constexpr (TurbidMedium<Medium>) {
+    if (!(power > 0.0)) return;
     Branch c = b;
     c.power = power;
     c.key = combine(b.key, 6);
@@ -9007,20 +9073,24 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
       if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
     return false;
   }
-  const Vec3 n = b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle);
-  const std::uint64_t key = combine(b.key, 1);
+  b.carrier_last = !b.inside;
+  return reflect_off(b, optics, b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
+}
+
+// At an opaque surface whose unit normal points back to where the light comes from.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed) {
+  b.key = combine(b.key, 1);
   std::visit(
       [&](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
           const double kept = b.power * reflectance(s);
-          accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power - kept);
+          accounts_.book(absorbed, b.power - kept);
           b.power = kept;
-          b.direction = reflected(s, b.direction, n, uniform(combine(key, 2)), uniform(combine(key, 3)), mirror_);
+          b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), mirror_);
         }
       },
       optics);
-  b.key = key;
-  b.carrier_last = !b.inside;
   return survives(b);
 }
 
@@ -9030,6 +9100,10 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   if (!b.inside && touched) {  // from air: the opaque indenter is in the way
     accounts_.book(accounts_.ledger.to_indenter, b.power);
     return false;
+  }
+  if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
+    b.scattered = true;
+    return reflect_off(b, surface_.touched(), -surface_.flat_normal(triangle), accounts_.ledger.to_indenter);
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
@@ -9331,7 +9405,7 @@ class ExitGather {
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
       const Vec3 m = sign(image);
       for (const Emitter& e : emitters)
-        if (e.has_intensity()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
+        if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
     }
   }
 
@@ -9587,13 +9661,14 @@ Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int f
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
-  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::same_as<std::vector<int>>; }) {
+  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>; }) {
     const Symmetry light = RayPattern::symmetry_of(body.emitters);
     if (axis == 0 ? !light.x : !light.y) return std::nullopt;
-    const std::vector<int> one = readout_.image_channels(body, axis);
+    const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
+    if (!one) return std::nullopt;
     std::vector<int> all;
     for (int color = 0; color < color_count(body.emitters); ++color)
-      for (int c : one) all.push_back(color * int(one.size()) + c);
+      for (int c : *one) all.push_back(color * int(one->size()) + c);
     return all;
   } else {
     return std::nullopt;
@@ -9661,11 +9736,12 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     std::vector<detail::Tally> totals;
     for (const Color& color : light) {
       for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0 && !ConnectedReadout<Readout>)  // an opening is too small to be found between rays
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
           for (std::uint32_t i = 0; i < beam.rays; ++i)
-            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, true, nullptr, gathers_direct && beam.source.has_intensity());
+            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, !beam.source.in_air(), nullptr,
+                     gathers_direct && beam.source.has_intensity() && !beam.source.in_air());
       }
       totals.push_back(path.accounts().take());
     }
@@ -9976,6 +10052,7 @@ struct ObservedState {
   std::size_t scenario;       ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;     ///< (r − r_0)/P_emit, replicates × regions
+  TiltPlane tilt = TiltPlane::xz;
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the distance between
@@ -10005,7 +10082,7 @@ Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b);
 
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
-  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.load_N == b.load_N && a.y_m != b.y_m;
+  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N && a.y_m != b.y_m;
 }
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
@@ -16921,18 +16998,19 @@ ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth
 
 namespace lumo {
 
-/// All combinations of diameters, approach angles and places along the finger, at the same loads.
+/// All combinations of diameters, approach angles (in one plane) and places along the finger, at the same loads.
 struct Ensemble {
   std::vector<double> diameters_m = {10e-3, 15e-3, 20e-3, 30e-3};
   std::vector<double> angles_rad = {0.0};
   std::vector<double> places_m = {-22e-3, -11e-3, -5.5e-3, 0.0, 5.5e-3, 11e-3, 22e-3};
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
+  TiltPlane tilt = TiltPlane::xz;
 
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
       for (double a : angles_rad)
-        for (double y : places_m) all.push_back({Sphere{d}, a, y, loads_N});
+        for (double y : places_m) all.push_back({Sphere{d}, a, y, loads_N, tilt});
     return all;
   }
 };
@@ -16950,7 +17028,7 @@ inline Ensemble curved_ensemble() {
 /// A scenario as the mirror image of one that is solved.
 struct ScenarioImage {
   std::size_t solve;           ///< which solve it comes from
-  bool mirror_x, mirror_y;     ///< by which reflections
+  Symmetry mirror;             ///< in which planes it is reflected
 };
 
 /// Which scenarios have to be solved when mirror images are solved once.
@@ -16963,6 +17041,7 @@ struct ContactPlan {
   /// Contacts at one angle and place share a mesh.
   struct Place {
     double angle_rad, y_m;
+    TiltPlane tilt;
     std::vector<std::size_t> solves;
   };
   std::vector<Solve> solves;
@@ -16970,28 +17049,37 @@ struct ContactPlan {
   std::vector<Place> places;
 };
 
+namespace detail {
+
+/// Planes in which a contact is to be mirrored, of those that are allowed, so that of all its images always the same one is left: y ≥ 0, angle ≥ 0.
+template <Indenter Tool>
+Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
+  const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
+  return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
+}
+
+}  // namespace detail
+
 /// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are symmetric.
 template <Indenter Tool>
 ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
   ContactPlan<Tool> plan;
   for (const Scenario<Tool>& s : scenarios) {
     validate(s);
-    const bool mx = once.x && symmetry.x && s.angle_rad < 0.0 && is_symmetric(s.indenter, 0), my = once.y && symmetry.y && s.y_m < 0.0 && is_symmetric(s.indenter, 1);
-    Scenario<Tool> canonical = s;
-    canonical.angle_rad = mx ? -s.angle_rad : s.angle_rad;
-    canonical.y_m = my ? -s.y_m : s.y_m;
+    const Symmetry mirror = detail::to_first_image(s, {once.x && symmetry.x && is_symmetric(s.indenter, 0), once.y && symmetry.y && is_symmetric(s.indenter, 1)});
+    const Scenario<Tool> first = mirrored(s, mirror);
     std::size_t k = 0;
-    while (k < plan.solves.size() && !(plan.solves[k].scenario == canonical)) ++k;
+    while (k < plan.solves.size() && !(plan.solves[k].scenario == first)) ++k;
     if (k == plan.solves.size()) {
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
-      const double angle = symmetry.x ? std::abs(canonical.angle_rad) : canonical.angle_rad, y = symmetry.y ? std::abs(canonical.y_m) : canonical.y_m;
+      const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (place < plan.places.size() && !(plan.places[place].angle_rad == angle && plan.places[place].y_m == y)) ++place;
-      if (place == plan.places.size()) plan.places.push_back({angle, y, {}});
+      while (place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt)) ++place;
+      if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
-      plan.solves.push_back({canonical, place});
+      plan.solves.push_back({first, place});
     }
-    plan.images.push_back({k, mx, my});
+    plan.images.push_back({k, mirror});
   }
   return plan;
 }
@@ -17016,6 +17104,7 @@ struct ScenarioRecord {
   Status status = Status::non_finite;    ///< of the last state that was tried
   ContactTerms terms;
   std::vector<StateRecord> states;
+  TiltPlane tilt = TiltPlane::xz;
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
@@ -17033,12 +17122,17 @@ struct Observations {
   Timing seconds;
 };
 
+/// Did all scenarios converge, or were held where that is accepted?
+inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
+  return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+}
+
 /// All states that can be compared for J_obs.
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change});
+      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
   return states;
 }
 
@@ -17059,8 +17153,8 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
       for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };
-  if (image.mirror_x) renumber(channels[0]);
-  if (image.mirror_y) renumber(channels[1]);
+  if (image.mirror.x) renumber(channels[0]);
+  if (image.mirror.y) renumber(channels[1]);
   return record;
 }
 
@@ -17114,8 +17208,8 @@ namespace lumo {
 /// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Symmetry unloaded = symmetry_of(body, mesh);
-  return {unloaded.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0), unloaded.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
+  const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
+  return {unloaded.x && contact.x, unloaded.y && contact.y};
 }
 
 /// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
@@ -17138,11 +17232,13 @@ template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
-    for (std::size_t k = 0; k < solved.size(); ++k)
+    for (std::size_t k = 0; k < solved.size(); ++k) {
+      records_.push_back(solved[k].record);
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
         if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
+    }
   }
 
   struct State {
@@ -17200,23 +17296,26 @@ class Lighting {
       const auto& [place, r, state] = jobs[i];
       if (state == nullptr) continue;
       const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = solved_[state->solve].record.states[state->state].change;
+      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
       const double share = double(rays_of(r)) / rays_up_to(r);
       sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
 
+  /// Of the solved scenarios, with their changes.
+  const std::vector<ScenarioRecord>& records() const { return records_; }
+
   /// Responses of the undeformed body on each mesh.
   const std::vector<Response>& unloaded() const { return unloaded_.front(); }
 
-  /// States that decide the least distance of the observed ones, mirror images being one state. A pure function of the responses.
-  std::vector<State> undecided(const std::vector<ScenarioRecord>& records, double tolerance) const {
-    const std::vector<ObservedState> observed = observed_states(records);
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure function of the responses.
+  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+    const std::vector<ObservedState> observed = observed_states(all);
     std::vector<State> states;
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
-      const auto& candidates = solved_[solve].record.states;
+      const auto& candidates = records_[solve].states;
       const auto it = std::find_if(candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
@@ -17234,7 +17333,8 @@ class Lighting {
   const Light& light_;
   double focus_m_;
   const std::vector<Pad>& places_;
-  std::vector<SolvedScenario>& solved_;
+  const std::vector<SolvedScenario>& solved_;
+  std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
   std::map<State, int> rounds_;                  ///< that a state has had
   std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed
@@ -17266,10 +17366,37 @@ struct Pipeline {
 /// Called after each step, and before the first of a long stage: stage, steps done, steps in all. May be called from any thread, one call at a time.
 using ProgressReport = std::function<void(std::string_view stage, int done, int total)>;
 
-/// Presses and lights a body in every scenario, and lights those states again with more rays that decide J_obs. Bit-identical for every
-/// executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
+/// A body pressed in every scenario, which may be lit more than once.
+template <class Pad, Indenter Tool>
+struct Pressed {
+  std::vector<Scenario<Tool>> scenarios;
+  ContactPlan<Tool> plan;
+  std::vector<std::unique_ptr<Pad>> places;      ///< the body on the mesh of each place of the plan
+  std::vector<detail::SolvedScenario> solved;    ///< as the plan has them
+  Timing seconds;
+};
+
+template <class P>
+using PadOf = decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
+
+/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve that fails is a status in its record.
 template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
+Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {});
+
+/// Can light in `body` be read from these presses: are the mirror images of its channels known where mirror images were pressed once?
+template <class P, class Pad, Indenter Tool>
+bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
+
+/// Lights a body in every state that was pressed, and again with more rays where they decide J_obs. `body` is the one that was pressed, or differs
+/// from it in its optics only. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
+template <class P, class Pad, Indenter Tool, Executor E>
+Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {});
+
+/// Presses and lights a body in every scenario.
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
+  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
+}
 
 namespace detail {
 
@@ -17279,7 +17406,7 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, 
   const Stopwatch watch;
   out.states = pad.press(scenario);
   ScenarioRecord& record = out.record;
-  record = {2.0 * contact_radius(scenario.indenter), scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}};
+  record = {2.0 * contact_radius(scenario.indenter), scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}, scenario.tilt};
   record.terms = contact_terms(body, pad.mesh(), out.states, contact_radius(scenario.indenter), pipeline.mechanical_error);
   for (const MechanicalState& s : out.states)
     record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}});
@@ -17292,7 +17419,7 @@ template <Indenter Tool>
 std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
   std::vector<std::size_t> order(plan.solves.size());
   std::iota(order.begin(), order.end(), std::size_t(0));
-  const auto halves = [&](std::size_t k) { return (plan.solves[k].scenario.y_m == 0.0) + (plan.solves[k].scenario.angle_rad == 0.0); };
+  const auto halves = [&](std::size_t k) { return symmetry_of(plan.solves[k].scenario).x + symmetry_of(plan.solves[k].scenario).y; };
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return halves(a) < halves(b); });
   return order;
 }
@@ -17300,9 +17427,9 @@ std::vector<std::size_t> longest_first(const ContactPlan<Tool>& plan) {
 /// Records of all scenarios from those that were solved.
 template <Indenter Tool>
 std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels, const ContactPlan<Tool>& plan,
-                                   const std::vector<SolvedScenario>& solved) {
+                                   const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
-  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve].record, scenarios[k], channels, plan.images[k]));
+  for (std::size_t k = 0; k < scenarios.size(); ++k) records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
   return records;
 }
 
@@ -17315,81 +17442,120 @@ inline std::vector<double> mean_per_emitted(const std::vector<Response>& respons
   return mean;
 }
 
+/// Mirror images of the channels of a body's light.
+template <class Light>
+ChannelImages channel_images(const Body& body, const Light& light) {
+  if (light.channels(body) == 0) return {std::vector<int>{}, std::vector<int>{}};   // mechanics only
+  return {light.image_channels(body, 0), light.image_channels(body, 1)};
+}
+
+/// Counts the steps of one stage, from any thread.
+class StageReport {
+ public:
+  StageReport(const ProgressReport& progress, std::string stage) : progress_(progress), stage_(std::move(stage)) {}
+  void begin(std::size_t total) {
+    if (progress_) progress_(stage_, 0, int(total));
+  }
+  void step(std::size_t total) {
+    const std::lock_guard lock(mutex_);
+    if (progress_) progress_(stage_, ++done_, int(total));
+  }
+
+ private:
+  const ProgressReport& progress_;
+  std::string stage_;
+  int done_ = 0;
+  std::mutex mutex_;
+};
+
 }  // namespace detail
 
 template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  using Prepared = decltype(pipeline.simulator.prepare(body, std::declval<TetMesh>()));
+Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
   const detail::Stopwatch clock;
-  Observations out;
-  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  const detail::ChannelImages images = channels > 0 ? detail::ChannelImages{pipeline.tracer.image_channels(body, 0), pipeline.tracer.image_channels(body, 1)}
-                                                    : detail::ChannelImages{std::vector<int>{}, std::vector<int>{}};
-  const ContactPlan plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
-  std::mutex reporting;
-  int done = 0;
-  const auto begin = [&](std::string_view stage, std::size_t total) {
-    done = 0;
-    if (progress) progress(stage, done, int(total));
-  };
-  const auto report = [&](std::string_view stage, std::size_t total) {
-    const std::lock_guard lock(reporting);
-    if (progress) progress(stage, ++done, int(total));
-  };
+  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  Pressed<PadOf<P>, Tool> out;
+  out.scenarios = scenarios;
+  out.plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
+  const ContactPlan<Tool>& plan = out.plan;
 
   // Meshes: scenarios at one place and angle share one.
-  begin("mesh", plan.places.size());
+  const std::size_t places = plan.places.size();
+  detail::StageReport meshing(progress, "mesh");
+  meshing.begin(places);
   const TetMesh coarse = mesh_body(body, pipeline.mesher);
-  std::vector<std::unique_ptr<Prepared>> places(plan.places.size());
-  std::vector<double> meshing(places.size());
-  executor.for_each(places.size(), [&](std::size_t k) {
+  out.places.resize(places);
+  std::vector<double> spent(places);
+  executor.for_each(places, [&](std::size_t k) {
     const detail::Stopwatch watch;
     std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
-    places[k] = std::make_unique<Prepared>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
-    meshing[k] = watch.seconds();
-    report("mesh", places.size());
+    out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
+    spent[k] = watch.seconds();
+    meshing.step(places);
   });
 
   // Equilibria.
   const std::vector<std::size_t> order = detail::longest_first(plan);
-  std::vector<detail::SolvedScenario> solved(plan.solves.size());
-  begin("press", order.size());
+  out.solved.resize(order.size());
+  detail::StageReport pressing(progress, "press");
+  pressing.begin(order.size());
   executor.for_each(order.size(), [&](std::size_t i) {
     const auto& s = plan.solves[order[i]];
-    solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *places[s.place]);
-    report("press", order.size());
+    out.solved[order[i]] = detail::solve_scenario(body, s.scenario, pipeline, *out.places[s.place]);
+    pressing.step(order.size());
   });
-  const bool all_converged = std::all_of(solved.begin(), solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
+
+  out.seconds.mesh = std::accumulate(spent.begin(), spent.end(), 0.0);
+  for (const auto& s : out.solved) out.seconds.mechanics += s.seconds;
+  out.seconds.total = clock.seconds();
+  return out;
+}
+
+template <class P, class Pad, Indenter Tool>
+bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
+  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  return std::none_of(pressed.plan.images.begin(), pressed.plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+}
+
+template <class P, class Pad, Indenter Tool, Executor E>
+Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress) {
+  if (!lights(body, pressed, pipeline)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
+  const detail::Stopwatch clock;
+  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
+  const bool all_converged = std::all_of(pressed.solved.begin(), pressed.solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
+  Observations out;
 
   // Light, first for all states, then with more and more rays for those that decide.
-  detail::Lighting lighting(body, plan, pipeline.tracer, pipeline.rays.focus_m, places, solved);
+  detail::Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
+  const auto trace = [&](const auto& states, int round, std::string stage) {
+    detail::StageReport tracing(progress, std::move(stage));
+    lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
+  };
   if (channels > 0) {
-    done = 0;
-    lighting.trace(lighting.all(), 0, executor, [&](std::size_t n) { report("light", n); });
+    trace(lighting.all(), 0, "light");
     out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
     for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
-      const auto undecided = lighting.undecided(detail::unfold(scenarios, images, plan, solved), pipeline.rays.tolerance);
+      const auto undecided = lighting.undecided(detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
-      done = 0;
-      lighting.trace(undecided, round, executor, [&](std::size_t n) { report(detail::text("light, ", rays_up_to(round), " times the rays"), n); });
+      trace(undecided, round, detail::text("light, ", rays_up_to(round), " times the rays"));
     }
   }
 
-  out.scenarios = detail::unfold(scenarios, images, plan, solved);
+  out.scenarios = detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records());
   for (ScenarioRecord& record : out.scenarios)
     for (StateRecord& s : record.states)
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
-  for (const auto& p : places) {
+  for (const auto& p : pressed.places) {
     out.nodes = std::max(out.nodes, p->mesh().nodes.size());
     out.elements = std::max(out.elements, p->mesh().tets.size());
   }
   out.ledger = lighting.ledger;
-  out.seconds.mesh = std::accumulate(meshing.begin(), meshing.end(), 0.0);
-  for (const auto& s : solved) out.seconds.mechanics += s.seconds;
+  out.seconds = pressed.seconds;
   out.seconds.optics = lighting.seconds;
-  out.seconds.total = clock.seconds();
+  out.seconds.total += clock.seconds();
   return out;
 }
 
@@ -17420,8 +17586,7 @@ Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, 
                 const ProgressReport& progress = {}) {
   Scores scores;
   scores.observations = observe(body, scenarios, pipeline, executor, progress);
-  scores.converged = true;
-  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && is_scored(s.status, pipeline.accept_held);
+  scores.converged = all_scored(scores.observations.scenarios, pipeline.accept_held);
   const auto score = [&](const auto&... objective) {
     // A numerical failure is a status, never a score.
     (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);
@@ -17442,19 +17607,14 @@ struct Evaluation {
 /// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
-/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
-/// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
-template <class P, Executor E>
-Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
-                    const E& executor, const ProgressReport& progress = {}) {
-  const Body body = finger(design, silicone, options);
-
+/// The paper's two objectives from what was observed.
+template <class P>
+Evaluation score(Observations observations, const P& pipeline) {
   Evaluation result;
-  Scores scores = evaluate(body, ensemble.scenarios(), pipeline, executor, std::tuple<>{}, progress);
-  result.observations = std::move(scores.observations);
-  if (!scores.converged) return result;
-
+  result.observations = std::move(observations);
   const std::vector<ScenarioRecord>& scenarios = result.observations.scenarios;
+  if (!all_scored(scenarios, pipeline.accept_held)) return result;
+
   if (const auto worst = contact_progression(scenarios)) {
     result.J_contact = worst->first;
     result.worst_contact = worst->second;
@@ -17463,6 +17623,14 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   result.worst_observation = optical_separation(result.observed, pipeline.optical_error);
   if (result.worst_observation) result.J_obs = result.worst_observation->distance;
   return result;
+}
+
+/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
+/// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
+template <class P, Executor E>
+Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
+                    const E& executor, const ProgressReport& progress = {}) {
+  return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress), pipeline);
 }
 
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios) {
@@ -18355,12 +18523,13 @@ inline Body seen_from_sides(Body body, const SideSight& sight, double min_abs_nx
   require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
   const int n = sight.bins;
   body.regions = 2 * n;
-  body.region_image_x.resize(std::size_t(2 * n));
-  body.region_image_y.resize(std::size_t(2 * n));
+  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
   for (int b = 0; b < n; ++b) {
-    body.region_image_x[std::size_t(b)] = b + n, body.region_image_x[std::size_t(b + n)] = b;
-    body.region_image_y[std::size_t(b)] = n - 1 - b, body.region_image_y[std::size_t(b + n)] = 2 * n - 1 - b;
+    other_side[std::size_t(b)] = b + n, other_side[std::size_t(b + n)] = b;
+    other_end[std::size_t(b)] = n - 1 - b, other_end[std::size_t(b + n)] = 2 * n - 1 - b;
   }
+  body.region_image_x = other_side;
+  body.region_image_y = other_end;
   body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3& p, const Vec3& normal) {
     if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
     const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);

@@ -31,6 +31,11 @@ struct TemporaryFolder {
     std::ofstream(path / name, std::ios::binary) << bytes;
     return *this / name;
   }
+  /// The bytes of a file; none if there is no such file.
+  std::string read(const std::string& name) const {
+    std::ifstream in(path / name, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
   /// How many files and folders lie directly in it, or in a folder below.
   std::size_t entries(const std::string& below = "") const {
     return std::size_t(std::distance(std::filesystem::directory_iterator(path / below), std::filesystem::directory_iterator()));

@@ -17,5 +17,6 @@ std::string campaign_export(const Options& o) { off(o); }
 std::string campaign_select(const Options& o, Progress&) { off(o); }
 std::string campaign_report(const Options& o, Progress&) { off(o); }
 std::string study(const Options& o, Output&, Progress&) { off(o); }
+std::string study_readings(const Options& o, Output&, Progress&) { off(o); }
 
 }  // namespace lumo::program

@@ -39,8 +39,21 @@ struct BarChart {
   std::vector<BarSeries> series;
 };
 
+/// Bars that lie, one below the other: what each of many causes changes, with an interval.
+struct TornadoChart {
+  struct Row {
+    std::string label;
+    double value, low, high;
+    std::string note;             ///< beside the plot
+  };
+  std::string title, subtitle, x_label;
+  std::string note;               ///< heads the column of notes
+  std::vector<Row> rows;
+};
+
 std::string draw(const LineChart& chart);
 std::string draw(const BarChart& chart);
+std::string draw(const TornadoChart& chart);
 
 namespace detail {
 
@@ -232,6 +245,49 @@ inline std::string draw(const BarChart& chart) {
   svg.line({f.left, f.top}, {f.left, f.bottom}, {.stroke = std::string(detail::ink), .width = 1.2});
   svg.text({0.5 * (f.left + f.right), f.bottom + 42}, chart.x_label, {.size = 13, .anchor = "middle"});
   detail::legend(svg, f, entries);
+  return svg.str();
+}
+
+inline std::string draw(const TornadoChart& chart) {
+  double low = 0, high = 0, labels = 0, notes = detail::text_width(chart.note, 12);
+  for (const auto& r : chart.rows) {
+    low = std::min({low, r.value, r.low}), high = std::max({high, r.value, r.high});
+    labels = std::max(labels, detail::text_width(r.label, 12)), notes = std::max(notes, detail::text_width(r.note, 12));
+  }
+  constexpr double slot = 24;
+  detail::Frame f;
+  f.left = 24 + labels, f.top = 84, f.right = f.left + 480, f.bottom = f.top + slot * double(std::max<std::size_t>(1, chart.rows.size()));
+  Svg svg(f.right + 48 + notes, f.bottom + 58);
+  f.x_ticks = detail::ticks(low, high, 7);
+  f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
+  const int e = detail::common_exponent(f.x_ticks);
+  std::vector<double> shown = f.x_ticks;
+  for (double& v : shown) v /= std::pow(10.0, e);
+  const int digits = detail::decimals(shown);
+
+  svg.text({16, 24}, chart.title, {.size = 15, .bold = true});
+  svg.text({16, 43}, chart.subtitle, {.size = 12, .fill = std::string(detail::grey)});
+  svg.text({f.right + 16, f.top - 12}, chart.note, {.fill = std::string(detail::grey)});
+  for (std::size_t k = 0; k < shown.size(); ++k) {
+    const double x = f.x(f.x_ticks[k]);
+    svg.line({x, f.top}, {x, f.bottom}, {.stroke = std::string(detail::faint)});
+    svg.text({x, f.bottom + 18}, detail::tick(shown[k], digits), {.anchor = "middle"});
+  }
+  for (std::size_t k = 0; k < chart.rows.size(); ++k) {
+    const auto& r = chart.rows[k];
+    const double y = f.top + slot * (double(k) + 0.5), a = f.x(std::min(0.0, r.value)), b = f.x(std::max(0.0, r.value));
+    svg.text({f.left - 8, y + 4}, r.label, {.anchor = "end"});
+    svg.rect({a, y - 7}, std::max(0.5, b - a), 14, {.fill = std::string(palette[r.value < 0.0 ? 1 : 0])});
+    if (r.high > r.low) {
+      const Paint whisker{.stroke = std::string(detail::ink), .width = 1.1};
+      svg.line({f.x(r.low), y}, {f.x(r.high), y}, whisker);
+      for (const double end : {r.low, r.high}) svg.line({f.x(end), y - 4}, {f.x(end), y + 4}, whisker);
+    }
+    svg.text({f.right + 16, y + 4}, r.note);
+  }
+  svg.line({f.x(0), f.top}, {f.x(0), f.bottom}, {.stroke = std::string(detail::ink), .width = 1.2});
+  svg.line({f.left, f.bottom}, {f.right, f.bottom}, {.stroke = std::string(detail::ink), .width = 1.2});
+  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, detail::with_power(chart.x_label, e), {.size = 13, .anchor = "middle"});
   return svg.str();
 }
 

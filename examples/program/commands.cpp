@@ -2,7 +2,9 @@
 
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/campaign/observe_pad.hpp"
+#include "lumo/campaign/readings.hpp"
 #include "lumo/mesh/quality.hpp"
+#include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
@@ -27,7 +29,7 @@ namespace lumo::program {
 namespace {
 
 template <ExitReadout Readout>
-using Light = Tracer<BeerLambert, Readout, Embree>;
+using Light = Tracer<ScatteringMedium, Readout, Embree>;   // without scattering, BeerLambert to the last bit
 
 /// The tools that all commands share. Make it before threads start: the mesher forks a helper process.
 template <ExitReadout Readout = ExitPower>
@@ -358,6 +360,37 @@ Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lum
       if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
       else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
+    };
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, work);
+  };
+}
+
+Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
+  return [o, contacts, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
+    const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
+      const auto tools_for = [&](const FingerReading& reading) {
+        auto tools = *pipeline;
+        Mechanics mechanics;
+        mechanics.friction = reading.friction;
+        tools.simulator = simulation(mechanics, reading.silicone);
+        return tools;
+      };
+      const std::vector<Departure> rows = departures();
+      const FingerReading usual{silicone(o.material), {}};
+      const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
+      for (std::size_t k = 0; k < results.size(); ++k) {
+        const EvaluationResult r = report(results[k].evaluation);
+        const std::string& why = results[k].why;
+        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].quantity + ": " + rows[k - 1].value},
+                                      {"why", why.empty() ? Json(nullptr) : Json(why)},
+                                      {"J_contact", number(r.J_contact)},
+                                      {"J_contact_err", number(r.J_contact_err)},
+                                      {"J_obs", number(r.J_obs)},
+                                      {"J_obs_err", number(r.J_obs_err)},
+                                      {"worst_contact", r.worst_contact ? json(*r.worst_contact) : Json(nullptr)},
+                                      {"worst_observation", r.worst_observation ? json(*r.worst_observation) : Json(nullptr)}});
+      }
+      return verdict_of(results.front().evaluation);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, work);
   };

@@ -42,4 +42,7 @@ Evaluator campaign_evaluator(const Options& options, Progress& progress);
 /// The same for a study: the value is the design's J_contact, and the record tells that of its variants, too.
 Evaluator study_evaluator(const Options& options, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress);
 
+/// The same: values are the design's objectives, and the record tells those under all readings, lumo's own first.
+Evaluator readings_evaluator(const Options& options, const std::vector<Scenario<Sphere>>& contacts, Progress& progress);
+
 }  // namespace lumo::program

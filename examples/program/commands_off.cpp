@@ -21,5 +21,6 @@ PadResponses make_pad_responses(const Options& options, Progress&) { off(options
 std::string pad_responses_key(const Options&) { return ""; }
 Evaluator campaign_evaluator(const Options& options, Progress&) { off(options.command); }
 Evaluator study_evaluator(const Options& options, const MatchedStudy&, const lumo::Ensemble&, Progress&) { off(options.command); }
+Evaluator readings_evaluator(const Options& options, const std::vector<Scenario<Sphere>>&, Progress&) { off(options.command); }
 
 }  // namespace lumo::program

@@ -161,6 +161,7 @@ void read(Options& o, const Typed& t) {
   if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, {0.1, 100.0}, "%");
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
   if (!t.seeds.empty()) o.seeds = whole_number("--seeds", t.seeds, 1, 1000);
+  if (o.command == Command::study_readings) o.designs = 30;
   if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, most_designs);
   if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
@@ -247,12 +248,12 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 27> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
+  static constexpr std::array<std::string_view, 28> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
-                                                             "campaign select", "campaign report", "study carrier",   "study void",      "study solver",
-                                                             "doctor",          "lab recontact",   "lab cycle",       "lab imaging",     "lab force",
-                                                             "decode",          "metrics",         "locate",          "force",           "calibrate",
-                                                             "convert"};
+                                                             "campaign select", "campaign report", "study carrier",   "study void",      "study readings",
+                                                             "study solver",    "doctor",          "lab recontact",   "lab cycle",       "lab imaging",
+                                                             "lab force",       "decode",          "metrics",         "locate",          "force",
+                                                             "calibrate",       "convert"};
   return names[std::size_t(command)];
 }
 
@@ -356,12 +357,13 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--source", t.source, "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)", "NAME");
     threads(c);
   };
-  const auto study = [&](CLI::App* c) {
+  const auto study = [&](CLI::App* c, Command command) {
+    const bool readings = command == Command::study_readings;
     text_option(c, "--store", t.stores, "File that keeps the study; it continues if the file exists", "FILE");
-    text_option(c, "--designs", t.designs, "Feasible designs to compare, default 40", "N");
+    text_option(c, "--designs", t.designs, readings ? "Seeded designs to compare beside the five references, default 30" : "Feasible designs to compare, default 40", "N");
     text_option(c, "--seed", t.seed, "Of the designs, default 1", "N");
     material(c);
-    text_option(c, "--ensemble", t.ensemble, "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°", "NAME");
+    text_option(c, "--ensemble", t.ensemble, readings ? "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)" : "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°", "NAME");
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
     threads(c);
     common(c);
@@ -446,6 +448,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::lab_cycle, "Cycles within contact at three places"}, Entry{Command::lab_imaging, "Other camera places, other room light, LEDs off"},
                          Entry{Command::lab_force, "Six sequences up to 20 N, with joint torque"},
                          Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"},
+                         Entry{Command::study_readings, "How far results move with each reading of what the paper leaves open (some 10 min a design on two cores)"},
                          Entry{Command::study_solver, "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of one processor)"}}) {
     const std::string_view whole = name(e.command);
     CLI::App* const g = whole.starts_with("campaign") ? campaigns : whole.starts_with("lab") ? labs : studies;
@@ -458,7 +461,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
       text_option(c, "--size", t.size, "Of all edges of the linear mesh [mm], default 1", "N");
       contact(c);
     }
-    else study(c);
+    else study(c, e.command);
     c->parse_complete_callback([&o, command = e.command] { o.command = command; });
   }
   app.allow_extras();

@@ -15,7 +15,7 @@
 
 namespace lumo::program {
 
-enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_solver, doctor,
+enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_readings, study_solver, doctor,
                      lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate, convert };
 enum class Ensemble { flat, curved };
 

@@ -1,13 +1,12 @@
 #include "program/study.hpp"
 
-#include "lumo/campaign/campaign.hpp"
 #include "lumo/campaign/paired_differences.hpp"
-#include "lumo/support/sqlite.hpp"
 #include "program/chart.hpp"
 #include "program/campaign_problem.hpp"
 #include "program/commands.hpp"
 #include "program/contacts.hpp"
 #include "program/json.hpp"
+#include "program/study_rows.hpp"
 #include "program/text.hpp"
 
 #include <algorithm>
@@ -62,14 +61,13 @@ std::string problem_text(const Options& o, const StudyPlan& plan) {
 }
 
 /// One compared design.
-struct Row {
-  std::vector<double> theta_mm;
-  Json record;
+struct Row : StudyRow {
+  Row(StudyRow row) : StudyRow(std::move(row)) {}
 
   /// Of the design for an empty `variant`.
   std::optional<Estimate> value(const std::string& variant, const std::string& quantity) const {
     for (const Json& v : record.at("variants"))
-      if (v.at("variant") == (variant.empty() ? "design" : variant) && v.at(quantity).is_number()) return Estimate{v[quantity].get<double>(), v[quantity + "_err"].get<double>()};
+      if (v.at("variant") == (variant.empty() ? "design" : variant)) return estimate(v, quantity);
     return std::nullopt;
   }
   std::string why(const std::string& variant) const {
@@ -86,28 +84,6 @@ struct Row {
 std::string shown(const std::optional<Estimate>& e, int digits) {
   if (!e) return "-";
   return digits > 0 ? cell(e->value, digits) + " ± " + cell(e->error, digits) : scientific(e->value) + " ± " + scientific(e->error);
-}
-
-/// Runs what the log lacks; the rows are read from the log, so that a study that was interrupted gives the same.
-template <CampaignLog Log>
-std::vector<Row> rows_of(Log log, const Options& o, const StudyPlan& plan, const Evaluator& evaluate, Progress& progress) {
-  Pace pace;
-  run_campaign(log, Optimizer<>(plan.problem), evaluate, [&](const auto& state, int id, const Verdict& v) {
-    const auto& optimizer = state.optimizer();
-    const int told = optimizer.told();
-    std::string line = pad(std::to_string(told), 3) + "/" + std::to_string(o.designs) + "  " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20);
-    if (v.outputs.empty()) line += "  failed, " + v.why;
-    else
-      for (const Row row{{}, Json::parse(v.record)}; const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(row.change(c), c.digits);
-    progress.note(line + "  " + pace.after(o.designs - told));
-  });
-  CampaignState state(Optimizer<>(plan.problem));
-  state.read(log.entries());
-  std::vector<Row> rows;
-  for (const Trial& t : state.optimizer().trials())
-    if (t.state == Trial::State::told) rows.push_back({t.x, Json::parse(log.record(*state.answered(t.id)))});
-  rows.resize(std::min(rows.size(), std::size_t(o.designs)));   // a store may hold more than are asked for
-  return rows;
 }
 
 std::vector<Estimate> changes(const std::vector<Row>& rows, const Comparison& c) {
@@ -209,9 +185,13 @@ std::string result(const Options& o, const std::vector<Row>& rows, const StudyPl
 std::string study(const Options& o, Output& files, Progress& progress) {
   const StudyPlan plan = plan_of(o);
   const Evaluator evaluate = study_evaluator(o, plan.study, ensemble_of(o), progress);   // before a store is opened, for the mesher forks
-  if (o.store.empty()) progress.note("not kept: with --store FILE it goes on after an interruption");
-  const std::string problem = problem_text(o, plan);
-  const std::vector<Row> rows = o.store.empty() ? rows_of(MemoryLog(problem), o, plan, evaluate, progress) : rows_of(SqliteLog(o.store, problem), o, plan, evaluate, progress);
+  std::vector<Row> rows;
+  const auto told = [&](const StudyRow& row) {
+    std::string line;
+    for (const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(Row(row).change(c), c.digits);
+    return line;
+  };
+  for (StudyRow& row : study_rows(o, problem_text(o, plan), plan.problem, evaluate, told, progress)) rows.emplace_back(std::move(row));
   if (files.wanted()) {
     files.add("study_" + plan.title + ".csv", table(rows, plan));
     for (const Comparison& c : plan.comparisons) files.add("study_" + plan.title + "_" + c.variant + "_" + c.quantity + ".svg", picture(o, rows, c));

@@ -88,3 +88,29 @@ TEST_CASE("a scenario that fails leaves no score, and says which") {
 TEST_CASE("an infeasible design is refused before anything is spent") {
   CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse_pipeline(), {}, Serial{}), InfeasibleDesign);
 }
+
+TEST_CASE("what was pressed once can be lit again, and light whose channels have no mirror image asks for presses of its own") {
+  const FingerDesign design{8, 4, 6, 4, 2};
+  Ensemble e = small_ensemble();
+  e.loads_N = {1.0, 5.0};
+  const CoarsePipeline p = coarse_pipeline();
+  const Body body = finger(design, dragon_skin(), coarse_finger());
+  const auto pressed = press(body, e.scenarios(), p, Serial{});
+  const Evaluation whole = evaluate(design, dragon_skin(), e, p, coarse_finger(), Serial{});
+  for (int again = 0; again < 2; ++again) {
+    const Evaluation lit = score(observe(body, pressed, p, TbbExecutor{2}), p);
+    CHECK(lit.J_obs->value == whole.J_obs->value);
+    CHECK(lit.observations.scenarios[1].states[1].response == whole.observations.scenarios[1].states[1].response);
+  }
+  FingerOptions bright = coarse_finger(), one_side = coarse_finger();
+  bright.carrier_albedo = 0.95;
+  one_side.readout.one_side = true;
+  const Evaluation other = score(observe(finger(design, dragon_skin(), bright), pressed, p, Serial{}), p);
+  CHECK(other.J_obs->value == evaluate(design, dragon_skin(), e, p, bright, Serial{}).J_obs->value);
+  CHECK(other.J_obs->value != whole.J_obs->value);
+  const Body half_seen = finger(design, dragon_skin(), one_side);
+  CHECK(lights(body, pressed, p));
+  CHECK_FALSE(lights(half_seen, pressed, p));   // −15° was not pressed
+  CHECK_THROWS_AS(observe(half_seen, pressed, p, Serial{}), InvalidArgument);
+  CHECK(evaluate(design, dragon_skin(), e, p, one_side, Serial{}).J_obs);
+}

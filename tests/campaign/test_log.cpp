@@ -42,11 +42,6 @@ StoreError::Reason reason_of(const std::function<void()>& act) {
   return {};
 }
 
-std::string bytes(const std::string& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
 /// Runs `work` in a child process; its exit code, or −signal.
 int in_child(const std::function<void()>& work) {
   int status = 0;
@@ -110,7 +105,7 @@ TEST_CASE("A store refuses another problem and says what differs, and what is no
   CHECK(reason_of([&] { SqliteLog log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
   folder.write("text", "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
   CHECK(reason_of([&] { SqliteLog log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
-  CHECK(bytes(folder / "text").starts_with("this is a diary"));
+  CHECK(folder.read("text").starts_with("this is a diary"));
 }
 
 TEST_CASE("Flipped bits and cut files are found, or do no harm") {
@@ -119,7 +114,7 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
     SqliteLog log(folder / "store", "p");
     fill(log, 40);
   }
-  const std::string good = bytes(folder / "store"), digest = SqliteLog(folder / "store").digest();
+  const std::string good = folder.read("store"), digest = SqliteLog(folder / "store").digest();
   std::mt19937 random(7);
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
@@ -149,7 +144,7 @@ TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it 
     SqliteLog log(folder / "store", "p");
     fill(log, 3);
   }
-  std::string bad = bytes(folder / "store");
+  std::string bad = folder.read("store");
   const std::size_t at = bad.find(entry(2).notes);
   REQUIRE(at != std::string::npos);
   bad[at + 10] ^= char(0x80);
@@ -167,7 +162,7 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
     SqliteLog log(folder / "store", "p");
     fill(log, 40);
   }
-  const std::string good = bytes(folder / "store");
+  const std::string good = folder.read("store");
   const std::size_t page = 4096;
   int named = 0;
   for (std::size_t from = page; from < good.size(); from += page) {

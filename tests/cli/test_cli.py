@@ -106,7 +106,7 @@ class Refusals(unittest.TestCase):
     def test_study(self):
         self.refused(USAGE, ["no command", "lumo study --help"], "study")
         self.refused(USAGE, ["unknown command", "'all'"], "study", "all")
-        for command in ["carrier", "void"]:
+        for command in ["carrier", "void", "readings"]:
             self.refused(USAGE, ["--frobnicate", f"lumo study {command} --help"], "study", command, "--frobnicate")
             self.refused(USAGE, ["--designs", "1 to 500"], "study", command, "--designs", "none")
             self.refused(USAGE, ["--designs", "501"], "study", command, "--designs", "501")

@@ -8,27 +8,17 @@
 #include <atomic>
 #include <csignal>
 #include <fstream>
-#include <iterator>
 #include <string>
 #include <thread>
 #include <vector>
 
 using lumo::detail::write_whole;
 
-namespace {
-
-std::string read(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-}  // namespace
-
 TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   const TemporaryFolder folder;
   for (const std::string& bytes : {std::string("first\0line\r\n", 12), std::string(100000, 'x'), std::string()}) {
     write_whole(folder / "file", bytes);
-    CHECK(read(folder / "file") == bytes);
+    CHECK(folder.read("file") == bytes);
     CHECK(folder.entries() == 1);
   }
 }
@@ -55,7 +45,7 @@ TEST_CASE("a file that cannot be written is told in one line, and what was there
   setrlimit(RLIMIT_FSIZE, &before);
   std::signal(SIGXFSZ, handler);
   CHECK(why.find("File too large") != std::string::npos);
-  CHECK(read(folder / "file") == "old");
+  CHECK(folder.read("file") == "old");
   CHECK(folder.entries() == 2);
 }
 
@@ -73,6 +63,6 @@ TEST_CASE("writers of the same file do not get in each other's way") {
     });
   for (std::thread& w : writers) w.join();
   CHECK(failed == 0);
-  CHECK(read(folder / "file") == std::string(20000, 'y'));
+  CHECK(folder.read("file") == std::string(20000, 'y'));
   CHECK(folder.entries() == 1);
 }

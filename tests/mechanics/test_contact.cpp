@@ -159,3 +159,14 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
   Scenario<Sphere> beside{Sphere{10e-3}, 0.0, 60e-3};
   CHECK_THROWS_AS(first_touch(body, mesh, beside), InvalidArgument);
 }
+
+TEST_CASE("a tilt along the finger is the tilt across it, seen from the side") {
+  const auto [body, mesh] = test::symmetric_block(Vec3(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
+  const Scenario<Sphere> across{Sphere{10e-3}, 0.4, 0.0}, along{Sphere{10e-3}, 0.4, 0.0, across.loads_N, TiltPlane::yz};
+  const Touch a = first_touch(body, mesh, across), b = first_touch(body, mesh, along);
+  CHECK((Vec3(a.point.y(), a.point.x(), a.point.z()) - b.point).norm() < 1e-9);
+  CHECK((Vec3(a.origin.y(), a.origin.x(), a.origin.z()) - b.origin).norm() < 1e-9);
+  CHECK(b.origin.z() == Approx(15e-3).margin(1e-9));
+  CHECK(symmetry_of(across) == Symmetry{false, true});
+  CHECK(symmetry_of(along) == Symmetry{true, false});
+}

@@ -136,9 +136,9 @@ TEST_CASE("what is pressed onto the carrier comes to rest there, and the indepen
 
 TEST_CASE("half and quarter models, mirror images and the whole body agree") {
   const FingerDesign design{8, 4, 6, 4, 2};
-  const auto depths = [&](bool symmetric, double angle, double y) {
-    const Scenario<Sphere> s{Sphere{15e-3}, angle * pi / 180, y, {1.0, 5.0}};
-    PressedFinger f = coarse_finger(design, {Sphere{15e-3}, std::abs(angle) * pi / 180, std::abs(y), {1.0}});
+  const auto depths = [&](bool symmetric, double angle, double y, TiltPlane tilt = TiltPlane::xz) {
+    const Scenario<Sphere> s{Sphere{15e-3}, angle * pi / 180, y, {1.0, 5.0}, tilt};
+    PressedFinger f = coarse_finger(design, {Sphere{15e-3}, std::abs(angle) * pi / 180, std::abs(y), {1.0}, tilt});
     if (!symmetric) f.mesh.symmetry = {};  // hides the symmetry from the solver, not from the mesh
     std::vector<std::array<double, 3>> d;
     for (const auto& state : FastSimulator{}.press(f.body, f.mesh, s)) {
@@ -159,6 +159,8 @@ TEST_CASE("half and quarter models, mirror images and the whole body agree") {
   agree(depths(true, 0, 11e-3), depths(false, 0, 11e-3));
   agree(depths(true, 0, 11e-3), depths(true, 0, -11e-3));
   agree(depths(true, 20, 11e-3), depths(true, -20, -11e-3));
+  agree(depths(true, 20, 0, TiltPlane::yz), depths(false, 20, 0, TiltPlane::yz));
+  agree(depths(true, 20, 0, TiltPlane::yz), depths(true, -20, 0, TiltPlane::yz));
 }
 
 TEST_CASE("the equilibrium does not depend on the way to it: 15 to 1 N retraces loading, and 0 to 10 N needs no stops") {

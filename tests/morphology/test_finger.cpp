@@ -102,7 +102,7 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(b.region(Vec3(14.75e-3, 27.4e-3, 2e-3), Vec3::UnitX()) == 10);
   CHECK(b.region(Vec3(14.75e-3, 28e-3, 2e-3), Vec3::UnitX()) == -1);
   CHECK(b.region(Vec3(1e-3, 0, 12e-3), Vec3(0.1, 0, 0.99)) == -1);
-  for (int k = 0; k < 11; ++k) CHECK(b.region_image_y[std::size_t(k)] == 10 - k);
+  for (int k = 0; k < 11; ++k) CHECK((*b.region_image_y)[std::size_t(k)] == 10 - k);
   const int dome = int(patch.at("dome") - b.patches.data());
   const Vec3 p(-12e-3, -10e-3, 9e-3);
   CHECK(outward_normal(b, dome, p).x() < 0.0);
@@ -128,4 +128,48 @@ TEST_CASE("material cards are the paper's") {
     CHECK(0.5 * s.lambda_Pa / (s.lambda_Pa + s.mu_Pa) == Approx(0.495).epsilon(1e-4));  // Poisson's ratio
   }
   CHECK_THROWS_WITH(silicone("Dragon"), Catch::Contains("Dragon") && Catch::Contains("DS or Sol"));
+}
+
+TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side seen, a narrow pad") {
+  const FingerDesign design{8, 4, 6, 4, 2};
+  FingerOptions o;
+  o.bonded_ends = true;
+  o.leds.place = FingerOptions::Leds::Place::sides;
+  o.readout.one_side = o.readout.in_space = true;
+  o.touched = Absorber{};
+  Silicone cloudy = dragon_skin();
+  cloudy.scattering_albedo = 0.5, cloudy.anisotropy = 0.9;
+  const Body b = finger(design, cloudy, o);
+  for (const Patch& p : b.patches)
+    if (p.name == "end") CHECK(p.bonded);
+  CHECK(b.medium.scattering_albedo == 0.5);
+  CHECK(b.medium.anisotropy == 0.9);
+  CHECK(b.medium.extinction_per_m == dragon_skin().extinction_per_m);
+  CHECK(b.regions_in_space);
+  CHECK(std::holds_alternative<Absorber>(b.touched));
+  CHECK_FALSE(b.region_image_x);
+  CHECK(b.region(Vec3(14.75e-3, 0, 2e-3), Vec3::UnitX()) == 5);
+  CHECK(b.region(Vec3(-14.75e-3, 0, 2e-3), -Vec3::UnitX()) == -1);
+
+  REQUIRE(b.emitters.size() == 10);
+  double power = 0.0, sideways = 0.0;
+  for (const Emitter& e : b.emitters) {
+    power += e.power_W(), sideways += e.axis().x();
+    CHECK(e.in_air());
+    CHECK(e.center().z() == 2e-3);
+    CHECK(e.center().x() * e.axis().x() == Approx(3e-3 - 10e-6));   // it looks away from the stem, and stands back with its face
+  }
+  CHECK(power == Approx(1.0));
+  CHECK(sideways == 0.0);
+  for (const Emitter& e : finger({8, 4, 6, 4, 0}, cloudy, o).emitters) {
+    CHECK_FALSE(e.in_air());
+    CHECK(std::abs(e.center().x()) == 3e-3);
+  }
+
+  PadDimensions narrow;
+  narrow.width = 20.0;
+  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));   // 4 mm beside the voids
+  narrow.t_min_beside = false;
+  CHECK(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));
+  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{4, 2, 8, 5, 0}));   // still 5 mm above
 }

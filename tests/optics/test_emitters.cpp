@@ -139,3 +139,26 @@ TEST_CASE("Broken emitters are refused by name", "[emitter]") {
   refused(PointEmitter{Vec3::Zero(), 1.0, -1});
   refused(MeasuredLobe{lobe, Vec3::Zero(), Vec3::UnitZ(), -1e-3});
 }
+
+TEST_CASE("An emitter in air: what does not meet the body is lost to it, and what does goes in as Fresnel says", "[emitter]") {
+  const double n = 1.41, half = 5e-3;
+  Model m = box({half, half, half}, {n, 1e5}, 4);   // what goes in stays in
+  const auto run = [&](const Vec3& center, double side) {
+    m.body.emitters = {RectangleEmitter{center, {1e-6, 0, 0}, {0, side * 1e-6, 0}, 1.0, 0, true}};
+    return Tracer<BeerLambert>(few_rays<BeerLambert, ExitPower>(1 << 12)).trace(m.body, m.mesh, {}, {}, Symmetry{});
+  };
+  const Response away = run({0, 0, 8e-3}, 1.0);
+  CHECK(away.ledger.elsewhere == Approx(1.0));
+  CHECK(away.ledger.absorbed_in_medium == 0.0);
+
+  const double gap = 20e-6;
+  double in = 0.0;   // ∫ (1 − R) 2 sin θ cos θ dθ over directions that meet the face
+  for (int k = 0; k < 20000; ++k) {
+    const double sine2 = (k + 0.5) / 20000.0;
+    in += (1.0 - fresnel(std::sqrt(1.0 - sine2), 1.0 / n).reflectance) / 20000.0;
+  }
+  const Response close = run({0, 0, half + gap}, -1.0);
+  CHECK(close.ledger.absorbed_in_medium == Approx(in).margin(1e-3));
+  CHECK(close.ledger.elsewhere == Approx(1.0 - in).margin(1e-3));
+  CHECK(close.ledger.imbalance() < 1e-9);
+}

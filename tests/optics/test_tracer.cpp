@@ -302,3 +302,75 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3>{}, {}, Symmetry{false, true}), InvalidArgument);
   CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
 }
+
+TEST_CASE("What a tool does to light where it wets the pad: black takes it, a perfect mirror keeps it, white spreads it", "[tracer]") {
+  PadShape s = coarse(0.0);
+  s.medium.extinction_per_m = 0.0;
+  Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const std::vector<double> touch = Dent{0, 0, 0, 1e-3, 6e-3}.contact(s, m.mesh);
+  const auto run = [&](const SurfaceOptics& tool) {
+    m.body.touched = tool;
+    const Response r = tracer.trace(m.body, m.mesh, {}, touch);
+    CHECK(r.ledger.imbalance() < 1e-9);
+    return r;
+  };
+  const Response film = run(Dielectric{}), black = run(Absorber{}), mirror = run(Mirror{1.0}), white = run(Lambertian{1.0}), gray = run(Lambertian{0.6});
+  CHECK(black.ledger.to_indenter > 1.2 * film.ledger.to_indenter);   // total reflection is over, too
+  CHECK(mirror.ledger.to_indenter == Approx(0.0).margin(1e-12));
+  CHECK(white.ledger.to_indenter == Approx(0.0).margin(1e-12));
+  CHECK(gray.ledger.to_indenter > 0.4 * 0.9 * black.ledger.to_indenter);   // of what comes once; what comes back is taken again
+  CHECK(gray.ledger.to_indenter < black.ledger.to_indenter);
+  CHECK(white.power_W[5] > black.power_W[5]);
+}
+
+TEST_CASE("Light that a white tool throws back is found forwards and backwards alike", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  Model m = pad(s);
+  m.body.touched = Lambertian{0.8};
+  const std::vector<double> touch = Dent{0, 0, 0, 1e-3, 6e-3}.contact(s, m.mesh);
+  Config forwards = quick();
+  forwards.exit_rays = 0;
+  forwards.rays_per_emitter = 1 << 14, forwards.carrier_rays = 1 << 16;
+  const Response a = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, {}, touch), b = Tracer<BeerLambert>(forwards).trace(m.body, m.mesh, {}, touch);
+  for (std::size_t k = 0; k < 11; ++k) CHECK(std::abs(a.power_W[k] - b.power_W[k]) < 4.5 * std::hypot(a.error_W[k], b.error_W[k]));
+}
+
+TEST_CASE("Regions in space stay where they are when the pad is moved, regions of the material go with it", "[tracer]") {
+  const PadShape s = coarse(0.0);
+  Model m = pad(s);
+  m.body.symmetry = m.mesh.symmetry = {};
+  for (Patch& p : m.body.patches) p.shape = Plane{Vec3::Zero(), Vec3::UnitX()};   // all of it may lie in a region
+  m.body.region = [](const Vec3& p, const Vec3&) { return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3)); };
+  const Tracer<BeerLambert> tracer(quick());
+  const Response rest = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
+  std::vector<Emitter> moved;
+  for (const Emitter& e : m.body.emitters) {
+    RectangleEmitter r = *e.as<RectangleEmitter>();
+    r.center.y() += 5e-3;
+    moved.push_back(r);
+  }
+  m.body.emitters = moved;
+  const std::vector<Vec3> away(m.mesh.nodes.size(), Vec3(0, 5e-3, 0));
+  const Response material = tracer.trace(m.body, m.mesh, away, {}, Symmetry{});
+  m.body.regions_in_space = true;
+  const Response space = tracer.trace(m.body, m.mesh, away, {}, Symmetry{});
+  for (std::size_t k = 0; k < 11; ++k) {
+    CHECK(std::abs(material.power_W[k] - rest.power_W[k]) < 5.0 * std::hypot(material.error_W[k], rest.error_W[k]));
+    if (k > 0) CHECK(std::abs(space.power_W[k] - rest.power_W[k - 1]) < 5.0 * std::hypot(space.error_W[k], rest.error_W[k - 1]));
+  }
+  CHECK(std::abs(space.power_W[3] - rest.power_W[3]) > 10.0 * rest.error_W[3]);   // the two are not the same thing
+}
+
+TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
+  const PadShape s = coarse();
+  Model m = pad(s);
+  const Tracer<BeerLambert> tracer(quick());
+  const Response both = tracer.trace(m.body, m.mesh);
+  m.body.region = [region = m.body.region](const Vec3& p, const Vec3& n) { return n.x() > 0.0 ? region(p, n) : -1; };
+  m.body.region_image_x.reset();
+  const Response one = tracer.trace(m.body, m.mesh);
+  for (std::size_t k = 0; k < 11; ++k) CHECK(2.0 * one.power_W[k] == Approx(both.power_W[k]).epsilon(1e-9));
+  CHECK_FALSE(tracer.image_channels(m.body, 0));
+  CHECK(tracer.image_channels(m.body, 1));
+}

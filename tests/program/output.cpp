@@ -8,20 +8,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iostream>
-#include <iterator>
 #include <sstream>
 
 namespace fs = std::filesystem;
 using lumo::program::hand_out, lumo::program::Output, lumo::program::Progress;
-
-namespace {
-
-std::string read(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
-
-}  // namespace
 
 TEST_CASE("nothing to write leaves no directory") {
   const TemporaryFolder scratch;
@@ -50,7 +40,7 @@ TEST_CASE("a directory in the way of a file leaves the older files as they were"
   files.add("x.txt", "new");
   files.add("y.txt", "new");
   CHECK_THROWS_AS(files.write(), lumo::InputError);
-  CHECK(read(scratch.path / "x.txt") == "old");
+  CHECK(scratch.read("x.txt") == "old");
   CHECK(scratch.entries() == 2);
 }
 
@@ -62,7 +52,7 @@ TEST_CASE("files appear complete, in new directories too, and replace older ones
     files.add("x.txt", text);
     files.add("y.txt", "");
     CHECK(files.write().size() == 2);
-    CHECK(read(folder / "x.txt") == text);
+    CHECK(scratch.read("a/b/x.txt") == text);
     CHECK(scratch.entries("a/b") == 2);
   }
 }
@@ -106,5 +96,5 @@ TEST_CASE("a command hands out its result and its files, the result even where t
   std::cout.rdbuf(screen);
   CHECK(shown.str() == "good\nall the same\n");
   CHECK(why.find("y.txt") != std::string::npos);
-  CHECK(read(scratch.path / "x.txt") == "x");
+  CHECK(scratch.read("x.txt") == "x");
 }

@@ -32,8 +32,7 @@ Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, 
                 const ProgressReport& progress = {}) {
   Scores scores;
   scores.observations = observe(body, scenarios, pipeline, executor, progress);
-  scores.converged = true;
-  for (const ScenarioRecord& s : scores.observations.scenarios) scores.converged = scores.converged && is_scored(s.status, pipeline.accept_held);
+  scores.converged = all_scored(scores.observations.scenarios, pipeline.accept_held);
   const auto score = [&](const auto&... objective) {
     // A numerical failure is a status, never a score.
     (scores.objectives.push_back(scores.converged ? objective(scores.observations) : std::nullopt), ...);
@@ -54,19 +53,14 @@ struct Evaluation {
 /// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
-/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
-/// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
-template <class P, Executor E>
-Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
-                    const E& executor, const ProgressReport& progress = {}) {
-  const Body body = finger(design, silicone, options);
-
+/// The paper's two objectives from what was observed.
+template <class P>
+Evaluation score(Observations observations, const P& pipeline) {
   Evaluation result;
-  Scores scores = evaluate(body, ensemble.scenarios(), pipeline, executor, std::tuple<>{}, progress);
-  result.observations = std::move(scores.observations);
-  if (!scores.converged) return result;
-
+  result.observations = std::move(observations);
   const std::vector<ScenarioRecord>& scenarios = result.observations.scenarios;
+  if (!all_scored(scenarios, pipeline.accept_held)) return result;
+
   if (const auto worst = contact_progression(scenarios)) {
     result.J_contact = worst->first;
     result.worst_contact = worst->second;
@@ -75,6 +69,14 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   result.worst_observation = optical_separation(result.observed, pipeline.optical_error);
   if (result.worst_observation) result.J_obs = result.worst_observation->distance;
   return result;
+}
+
+/// θ → finger → meshes → equilibria → responses → the paper's two objectives.
+/// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
+template <class P, Executor E>
+Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
+                    const E& executor, const ProgressReport& progress = {}) {
+  return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress), pipeline);
 }
 
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios) {

@@ -28,8 +28,8 @@ namespace lumo {
 /// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Symmetry unloaded = symmetry_of(body, mesh);
-  return {unloaded.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0), unloaded.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
+  const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
+  return {unloaded.x && contact.x, unloaded.y && contact.y};
 }
 
 /// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
@@ -52,11 +52,13 @@ template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, std::vector<SolvedScenario>& solved)
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
-    for (std::size_t k = 0; k < solved.size(); ++k)
+    for (std::size_t k = 0; k < solved.size(); ++k) {
+      records_.push_back(solved[k].record);
       for (std::size_t s = 0; s < solved[k].states.size(); ++s)
         if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
+    }
   }
 
   struct State {
@@ -114,23 +116,26 @@ class Lighting {
       const auto& [place, r, state] = jobs[i];
       if (state == nullptr) continue;
       const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = solved_[state->solve].record.states[state->state].change;
+      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
       const double share = double(rays_of(r)) / rays_up_to(r);
       sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
 
+  /// Of the solved scenarios, with their changes.
+  const std::vector<ScenarioRecord>& records() const { return records_; }
+
   /// Responses of the undeformed body on each mesh.
   const std::vector<Response>& unloaded() const { return unloaded_.front(); }
 
-  /// States that decide the least distance of the observed ones, mirror images being one state. A pure function of the responses.
-  std::vector<State> undecided(const std::vector<ScenarioRecord>& records, double tolerance) const {
-    const std::vector<ObservedState> observed = observed_states(records);
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure function of the responses.
+  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+    const std::vector<ObservedState> observed = observed_states(all);
     std::vector<State> states;
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
-      const auto& candidates = solved_[solve].record.states;
+      const auto& candidates = records_[solve].states;
       const auto it = std::find_if(candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
@@ -148,7 +153,8 @@ class Lighting {
   const Light& light_;
   double focus_m_;
   const std::vector<Pad>& places_;
-  std::vector<SolvedScenario>& solved_;
+  const std::vector<SolvedScenario>& solved_;
+  std::vector<ScenarioRecord> records_;
   std::vector<State> all_;
   std::map<State, int> rounds_;                  ///< that a state has had
   std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed

@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <optional>
@@ -29,6 +30,7 @@ struct ScenarioRecord {
   Status status = Status::non_finite;    ///< of the last state that was tried
   ContactTerms terms;
   std::vector<StateRecord> states;
+  TiltPlane tilt = TiltPlane::xz;
 };
 
 /// Seconds spent, summed over threads, and by the clock in all.
@@ -46,12 +48,17 @@ struct Observations {
   Timing seconds;
 };
 
+/// Did all scenarios converge, or were held where that is accepted?
+inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
+  return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+}
+
 /// All states that can be compared for J_obs.
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change});
+      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
   return states;
 }
 
@@ -72,8 +79,8 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
       for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };
-  if (image.mirror_x) renumber(channels[0]);
-  if (image.mirror_y) renumber(channels[1]);
+  if (image.mirror.x) renumber(channels[0]);
+  if (image.mirror.y) renumber(channels[1]);
   return record;
 }
 

@@ -49,12 +49,13 @@ inline Body seen_from_sides(Body body, const SideSight& sight, double min_abs_nx
   require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
   const int n = sight.bins;
   body.regions = 2 * n;
-  body.region_image_x.resize(std::size_t(2 * n));
-  body.region_image_y.resize(std::size_t(2 * n));
+  std::vector<int> other_side(std::size_t(2 * n)), other_end(std::size_t(2 * n));
   for (int b = 0; b < n; ++b) {
-    body.region_image_x[std::size_t(b)] = b + n, body.region_image_x[std::size_t(b + n)] = b;
-    body.region_image_y[std::size_t(b)] = n - 1 - b, body.region_image_y[std::size_t(b + n)] = 2 * n - 1 - b;
+    other_side[std::size_t(b)] = b + n, other_side[std::size_t(b + n)] = b;
+    other_end[std::size_t(b)] = n - 1 - b, other_end[std::size_t(b + n)] = 2 * n - 1 - b;
   }
+  body.region_image_x = other_side;
+  body.region_image_y = other_end;
   body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3& p, const Vec3& normal) {
     if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
     const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);

@@ -93,8 +93,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
   const Touch touch = first_touch(body_, *mesh_, scenario);
   // A fixed area per vertex knows no halves of vertices.
   const bool fold = SolverOf<Method>::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
-  const Symmetry planes{fold && mesh_->symmetry.x && scenario.angle_rad == 0.0 && is_symmetric(scenario.indenter, 0),
-                        fold && mesh_->symmetry.y && scenario.y_m == 0.0 && is_symmetric(scenario.indenter, 1)};
+  const Symmetry contact = symmetry_of(scenario), planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
   const Model& sector_model = model(planes);
   std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
   const ContactSurface surface(*mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);

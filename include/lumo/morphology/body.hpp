@@ -6,6 +6,7 @@
 #include "lumo/morphology/shape.hpp"
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -58,12 +59,15 @@ struct Body {
 
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
+  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
   std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
   std::vector<Emitter> emitters;
   int regions = 0;                          ///< number of readout regions
-  /// Region of a point of the surface, from its undeformed position [m] and exact outward normal: 0 … regions−1, or −1.
+  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3& position, const Vec3& normal)> region;
-  std::vector<int> region_image_x, region_image_y;  ///< region → its mirror image in x = 0 and y = 0; empty: itself
+  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
+  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.

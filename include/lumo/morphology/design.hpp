@@ -29,6 +29,7 @@ struct PadDimensions {
   double width = 29.5;   ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
   double length = 60.0;  ///< L, centred on y = 0
   double t_min = 5.0;    ///< smallest silicone thickness
+  bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
 };
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -91,9 +92,10 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
                             detail::text("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }},
-                 {[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
-                  [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }}};
+                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
+  if (pad.t_min_beside)
+    space.rules.push_back({[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
+                           [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }});
   return space;
 }
 

@@ -19,7 +19,8 @@ struct Polar {
 
 /// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
 /// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
-/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward.
+/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
+/// air beside the body, not into the body; its light is traced forward.
 /// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
 /// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
 /// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
@@ -41,6 +42,7 @@ struct RectangleEmitter {
   Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
+  bool in_air = false;             ///< radiates into the air beside the body
 
   template <class Vec3 = Vec3>
   Vec3 axis() const { return half_u.cross(half_v).normalized(); }
@@ -75,6 +77,7 @@ class Emitter {
   Vec3 point(double u, double v) const { return calls_->point(model_.get(), u, v); }
   Polar polar(double u) const { return calls_->polar(model_.get(), u); }
   bool has_intensity() const { return calls_->intensity != nullptr; }
+  bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
   Emitter mirrored(const Vec3& m) const { return calls_->mirrored(model_.get(), m); }
@@ -95,6 +98,7 @@ class Emitter {
     Vec3 (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
     double (*intensity)(const void*, double);  ///< or null
+    bool (*in_air)(const void*);
     Emitter (*mirrored)(const void*, const Vec3&);
     void (*validate)(const void*);
   };
@@ -156,6 +160,10 @@ const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<
                                        [](const void* e, double u, double v) -> Vec3 { return model<E>(e).point(u, v); },
                                        [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
                                        intensity_of<E>(),
+                                       [](const void* e) -> bool {
+                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
+                                         else return false;
+                                       },
                                        [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
                                        [](const void* e) { detail::validate_model(model<E>(e)); }};
 

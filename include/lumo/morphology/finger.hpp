@@ -17,8 +17,10 @@ struct FingerOptions {
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
   };
-  /// The five LEDs, lengths in m.
+  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
   struct Leds {
+    enum class Place { top, sides };
+    Place place = Place::top;
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
@@ -30,6 +32,8 @@ struct FingerOptions {
     int bins = 11;
     double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
     double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
+    bool one_side = false;            ///< only x > 0 is seen
+    bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
   };
 
   Twin twin = Twin::none;
@@ -38,6 +42,8 @@ struct FingerOptions {
   Leds leds;
   Readout readout;
   double carrier_albedo = 0.8;
+  bool bonded_ends = false;           ///< the end faces are held
+  SurfaceOptics touched = Dielectric{};   ///< Body::touched
 };
 
 /// Throws InvalidArgument for an option that is out of range.
@@ -89,15 +95,28 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
   const auto& led = o.leds;
+  const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
+  const Vec3 along(0, 0.5 * led.length_y, 0);
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
-    body.emitters.push_back(RectangleEmitter{{0, y, 1e-3 * s.design.h_s}, {0.5 * led.width_x, 0, 0}, {0, 0.5 * led.length_y, 0}, led.power_W / led.count, 0});
+    if (led.place == FingerOptions::Leds::Place::top) {
+      body.emitters.push_back(RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      continue;
+    }
+    const bool air = s.design.w_v > 0.0;
+    for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
   const auto r = o.readout;
+  body.touched = o.touched;
   body.regions = r.bins;
-  for (int b = 0; b < r.bins; ++b) body.region_image_y.push_back(r.bins - 1 - b);
+  body.regions_in_space = r.in_space;
+  std::vector<int> other_end;
+  for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
+  body.region_image_y = other_end;
+  if (r.one_side) body.region_image_x.reset();
   body.region = [r](const Vec3& p, const Vec3& n) {
-    if (std::abs(n.x()) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
     return std::clamp(int(bin), 0, r.bins - 1);
   };
@@ -157,7 +176,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);

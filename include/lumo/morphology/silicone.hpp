@@ -18,8 +18,10 @@ struct Silicone {
   double lambda_Pa;             ///< Lamé's first parameter
   double refractive_index;
   double extinction_per_m;      ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, and its mean cosine: not in the paper
+  double anisotropy = 0.0;
 
-  Medium medium() const { return {refractive_index, extinction_per_m}; }
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
 };
 
 inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }

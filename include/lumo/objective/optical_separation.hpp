@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mechanics/scenario.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/optics/response.hpp"
 
@@ -16,6 +17,7 @@ struct ObservedState {
   std::size_t scenario;       ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
   Eigen::MatrixXd change;     ///< (r − r_0)/P_emit, replicates × regions
+  TiltPlane tilt = TiltPlane::xz;
 };
 
 /// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the distance between
@@ -45,7 +47,7 @@ Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b);
 
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
-  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.load_N == b.load_N && a.y_m != b.y_m;
+  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N && a.y_m != b.y_m;
 }
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within

@@ -41,7 +41,7 @@ class ExitGather {
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
       const Vec3 m = sign(image);
       for (const Emitter& e : emitters)
-        if (e.has_intensity()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
+        if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
     }
   }
 

@@ -4,6 +4,7 @@
 #include "lumo/morphology/body.hpp"
 
 #include <concepts>
+#include <optional>
 #include <vector>
 
 namespace lumo {
@@ -17,8 +18,8 @@ struct Escape {
 };
 
 /// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
-/// Optional: `std::vector<int> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1 (empty: itself),
-/// lets one of two mirrored states stand for both.
+/// Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1
+/// (empty: itself; nothing: it has none), lets one of two mirrored states stand for both.
 /// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
 template <class R>
 concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
@@ -46,7 +47,7 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
-  std::vector<int> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
 };
 
 static_assert(ExitReadout<ExitPower>);

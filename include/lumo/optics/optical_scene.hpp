@@ -27,7 +27,7 @@ struct ScenePoint {
 };
 
 /// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
-/// plus the carrier faces. Knows exact normals, regions (by undeformed position), contact, and the optics of each face.
+/// plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
 class OpticalScene {
  public:
   struct Config {
@@ -57,6 +57,11 @@ class OpticalScene {
   /// Undeformed position [m].
   template <class Vec3 = Vec3>
   Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
+  /// Deformed position on the quadratic map [m].
+  template <class Vec3 = Vec3>
+  Vec3 position(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
+  /// What light inside the body meets where a tool touches it.
+  const SurfaceOptics& touched() const { return body_->touched; }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
@@ -72,7 +77,10 @@ class OpticalScene {
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
-  bool has_region(int face) const { return labels_[0][std::size_t(face)] != -1; }  ///< may a point of it lie in a region?
+  /// May a point of a face, or of one of its mirror images, lie in a region?
+  bool has_region(int face) const {
+    return std::any_of(labels_.begin(), labels_.end(), [&](const std::vector<int>& label) { return !label.empty() && label[std::size_t(face)] != -1; });
+  }
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
   template <class Vec3 = Vec3>
@@ -87,9 +95,9 @@ class OpticalScene {
     if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
     return reference_corners(t / triangles_per_face(), t % triangles_per_face());
   }
-  /// Region of a place on a patch, or of its mirror image.
+  /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
   template <class Vec3 = Vec3>
-  int region(int patch, In<Vec3> reference, unsigned image) const;
+  int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
@@ -129,6 +137,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std:
   if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(detail::text("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
   for (const Patch& p : body.patches) validate(p.optics);
   for (const RigidFace& f : body.rigid_faces) validate(f.optics);
+  validate(body.touched);
   if (body.regions > 0 && !body.region) throw InvalidArgument("optical scene: the body has regions but no region function");
   for (int i = 0; i < n_; ++i)
     for (int j = 0; i + j < n_; ++j) {
@@ -204,11 +213,11 @@ inline void OpticalScene::add_carrier(const Config& config) {
 }
 
 template <class Vec3>
-inline int OpticalScene::region(int patch, In<Vec3> reference, unsigned image) const {
+inline int OpticalScene::region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const {
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3 n = outward_normal(*body_, patch, reference);
-  const int r = body_->region(mirror.cwiseProduct(reference), mirror.cwiseProduct(n));
+  const int r = body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
@@ -219,7 +228,7 @@ inline void OpticalScene::label(Symmetry images) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
     for (const detail::QuadraticFace& f : faces_) {
       std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], image);
+      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
       labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
     }
   }
@@ -228,7 +237,7 @@ inline void OpticalScene::label(Symmetry images) {
 template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
-  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), image);
+  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), position(p), image);
 }
 
 template <class Vec3>

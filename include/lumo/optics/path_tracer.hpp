@@ -91,7 +91,7 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
-    bool scattered = false;     ///< in the medium, once at least
+    bool scattered = false;     ///< turned aside at random, in the medium or where a tool touches
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
@@ -125,6 +125,7 @@ class PathTracer {
   void follow(Branch b);
   void scatter(const Branch& b, double path_m, double power);
   bool meet(Branch& b, int triangle);
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed);
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
 
   const OpticalScene& surface_;
@@ -181,6 +182,7 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
   if constexpr (TurbidMedium<Medium>) {
+    if (!(power > 0.0)) return;
     Branch c = b;
     c.power = power;
     c.key = combine(b.key, 6);
@@ -214,20 +216,24 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
       if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
     return false;
   }
-  const Vec3 n = b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle);
-  const std::uint64_t key = combine(b.key, 1);
+  b.carrier_last = !b.inside;
+  return reflect_off(b, optics, b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
+}
+
+// At an opaque surface whose unit normal points back to where the light comes from.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
+bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed) {
+  b.key = combine(b.key, 1);
   std::visit(
       [&](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
           const double kept = b.power * reflectance(s);
-          accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power - kept);
+          accounts_.book(absorbed, b.power - kept);
           b.power = kept;
-          b.direction = reflected(s, b.direction, n, uniform(combine(key, 2)), uniform(combine(key, 3)), mirror_);
+          b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), mirror_);
         }
       },
       optics);
-  b.key = key;
-  b.carrier_last = !b.inside;
   return survives(b);
 }
 
@@ -237,6 +243,10 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   if (!b.inside && touched) {  // from air: the opaque indenter is in the way
     accounts_.book(accounts_.ledger.to_indenter, b.power);
     return false;
+  }
+  if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
+    b.scattered = true;
+    return reflect_off(b, surface_.touched(), -surface_.flat_normal(triangle), accounts_.ledger.to_indenter);
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();

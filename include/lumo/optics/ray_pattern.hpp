@@ -80,7 +80,7 @@ inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
 template <class = void>
 inline bool same(const Emitter& a, const Emitter& b) {
-  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel()) return false;
+  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air()) return false;
   const double reach = tolerance(a);
   if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
   for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})

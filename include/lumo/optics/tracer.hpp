@@ -114,13 +114,14 @@ Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int f
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
-  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::same_as<std::vector<int>>; }) {
+  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>; }) {
     const Symmetry light = RayPattern::symmetry_of(body.emitters);
     if (axis == 0 ? !light.x : !light.y) return std::nullopt;
-    const std::vector<int> one = readout_.image_channels(body, axis);
+    const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
+    if (!one) return std::nullopt;
     std::vector<int> all;
     for (int color = 0; color < color_count(body.emitters); ++color)
-      for (int c : one) all.push_back(color * int(one.size()) + c);
+      for (int c : *one) all.push_back(color * int(one->size()) + c);
     return all;
   } else {
     return std::nullopt;
@@ -188,11 +189,12 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     std::vector<detail::Tally> totals;
     for (const Color& color : light) {
       for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0 && !ConnectedReadout<Readout>)  // an opening is too small to be found between rays
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
           for (std::uint32_t i = 0; i < beam.rays; ++i)
-            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, true, nullptr, gathers_direct && beam.source.has_intensity());
+            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, !beam.source.in_air(), nullptr,
+                     gathers_direct && beam.source.has_intensity() && !beam.source.in_air());
       }
       totals.push_back(path.accounts().take());
     }
