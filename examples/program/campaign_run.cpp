@@ -2,6 +2,7 @@
 
 #include "program/campaign_problem.hpp"
 #include "program/commands.hpp"
+#include "program/emptied_store.hpp"
 #include "program/text.hpp"
 
 #include "lumo/support/sqlite.hpp"
@@ -17,7 +18,7 @@ std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
   std::string text = pad(std::to_string(told), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
   if (v.outputs.empty()) text += "failed, " + v.why;
   else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
-  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told);
+  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told, !v.outputs.empty());
 }
 
 }  // namespace
@@ -25,6 +26,7 @@ std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
 std::string campaign_run(const Options& o, Progress& progress) {
   const Evaluator evaluate = campaign_evaluator(o, progress);
   const CampaignProblem problem{o.material, o.ensemble, o.source, std::uint64_t(o.seed), o.mechanics.paper, o.ray_error_percent};
+  tell_if_emptied(o.store, progress);
   SqliteLog log(o.store, problem_text(problem));
   Pace pace;
   const OptimizerStatus end = with_optimizer(problem, o.evaluations, [&](const auto& optimizer) {

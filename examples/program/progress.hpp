@@ -96,13 +96,13 @@ class Progress {
 /// How long each of a row of things took, and the rest will.
 class Pace {
  public:
-  /// Text about the thing that has just ended, of which `left` are still to come.
-  std::string after(int left) {
+  /// Text about the thing that has just ended, of which `left` are still to come; those that do not count (failed) take their time all the same.
+  std::string after(int left, bool counts = true) {
     const auto now = Clock::now();
     const double seconds = std::chrono::duration<double>(now - last_).count();
     last_ = now;
-    spent_ += seconds, ++ended_;
-    return span(seconds) + (left > 0 ? ", " + span(spent_ / ended_ * left) + " left" : "");
+    spent_ += seconds, ended_ += counts;
+    return span(seconds) + (left > 0 ? ", " + span(spent_ / std::max(1, ended_) * left) + " left" : "");
   }
 
  private:

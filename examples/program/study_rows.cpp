@@ -3,6 +3,7 @@
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "program/campaign_problem.hpp"
+#include "program/emptied_store.hpp"
 #include "program/text.hpp"
 
 #include <algorithm>
@@ -20,7 +21,7 @@ std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& 
     const Design& x = optimizer.trials()[std::size_t(id)].x;
     const std::string end = v.outputs.empty() ? "  failed, " + v.why : told({x, Json::parse(v.record)});
     progress.note(pad(std::to_string(optimizer.told()), 3) + "/" + std::to_string(problem.evaluations) + "  " + pad(joined(x), -20) + end + "  " +
-                  pace.after(problem.evaluations - optimizer.told()));
+                  pace.after(problem.evaluations - optimizer.told(), !v.outputs.empty()));
   });
   CampaignState state{Optimizer<>(problem)};
   state.read(log.entries());
@@ -40,6 +41,7 @@ std::optional<Estimate> estimate(const Json& record, const std::string& key) {
 
 std::vector<StudyRow> study_rows(const Options& o, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
                                  const std::function<std::string(const StudyRow&)>& told, Progress& progress) {
+  tell_if_emptied(o.store, progress);
   if (!o.store.empty()) return rows_of(SqliteLog(o.store, problem_text), problem, evaluate, told, progress);
   progress.note("not kept: with --store FILE it goes on after an interruption");
   return rows_of(MemoryLog(problem_text), problem, evaluate, told, progress);

@@ -136,6 +136,15 @@ class Stores(unittest.TestCase):
         self.assertEqual((done.returncode, done.stdout), (BAD_FILE, ""))
         self.assertIn("belongs to another problem", done.stderr)
 
+    def test_an_emptied_store_is_told_of(self):
+        for command in (["campaign", "run"], ["study", "carrier"]):
+            self.store.write_bytes(b"")
+            begun = subprocess.Popen([LUMO, *command, "--store", self.store, "--threads", "1"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+            told = begun.stderr.readline()
+            begun.terminate()
+            begun.communicate(timeout=60)
+            self.assertIn("is empty (0 bytes)", told)
+
 
 if __name__ == "__main__":
     LUMO, MAKE_STORE = (str(pathlib.Path(p).resolve()) for p in (sys.argv.pop(1), sys.argv.pop(1)))

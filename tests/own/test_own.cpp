@@ -1,5 +1,6 @@
 #include "../catch.hpp"
 
+#include "mechanics/contact_laws.hpp"
 #include "mechanics/material_laws.hpp"
 #include "own/actuator.hpp"
 #include "own/camera.hpp"
@@ -38,15 +39,9 @@ TEST_CASE("a user's material has its closed form in tension, and is Neo-Hookean 
   }
 }
 
-TEST_CASE("a user's contact law: nothing while open, and derivatives of its energy") {
-  const own::SoftSkin skin{};
-  for (const double gap : {0.0, 1e-9, 1e-3}) CHECK((skin.respond(gap).energy == 0.0 && skin.respond(gap).pressure == 0.0 && skin.respond(gap).stiffness == 0.0));
-  for (const double gap : {-1e-6, -2e-5, -1e-4}) {
-    const double h = 1e-3 * -gap;
-    const ContactResponse at = skin.respond(gap);
-    CHECK(at.pressure == Approx(-(skin.respond(gap + h).energy - skin.respond(gap - h).energy) / (2.0 * h)).epsilon(1e-5));
-    CHECK(at.stiffness == Approx(-(skin.respond(gap + h).pressure - skin.respond(gap - h).pressure) / (2.0 * h)).epsilon(1e-5));
-  }
+TEST_CASE("a user's contact law obeys the laws of a contact handler") {
+  test::check_contact_laws(own::SoftSkin{}, 50e-6);
+  test::check_contact_laws(own::SoftSkin{.thickness_m = 1e-3, .friction = 0.5});
   CHECK_THROWS_AS(validate(own::SoftSkin{.thickness_m = 0.0}), InvalidArgument);
 }
 
