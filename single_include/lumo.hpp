@@ -395,6 +395,8 @@ struct PadDimensions {
   double length = 60.0;  ///< L, centred on y = 0
   double t_min = 5.0;    ///< smallest silicone thickness
   bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
+
+  bool operator==(const PadDimensions&) const = default;
 };
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -433,7 +435,7 @@ namespace detail {
 // Squared forms of the two thickness rules: on the lattice every term is a dyadic rational of few bits, so doubles decide them exactly.
 inline bool vertically_thick(const FingerDesign& d, const PadDimensions& pad) {
   const double inner = d.w_s + 2.0 * d.w_v, need = pad.t_min + d.h_s - d.h_fp, w2 = pad.width * pad.width;
-  if (inner > pad.width) return false;
+  if (inner >= pad.width) return false;
   return need <= 0.0 || d.h_ep * d.h_ep * (w2 - inner * inner) >= w2 * need * need;
 }
 
@@ -628,10 +630,10 @@ struct Medium {
 };
 
 /// How light meets a surface.
-struct Dielectric {};                                ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian { double albedo = 0.8; };          ///< diffuse, opaque
-struct Mirror { double reflectance = 1.0; };         ///< specular, opaque
-struct Absorber {};                                  ///< black
+struct Dielectric { bool operator==(const Dielectric&) const = default; };                               ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian { double albedo = 0.8; bool operator==(const Lambertian&) const = default; };         ///< diffuse, opaque
+struct Mirror { double reflectance = 1.0; bool operator==(const Mirror&) const = default; };            ///< specular, opaque
+struct Absorber { bool operator==(const Absorber&) const = default; };                                   ///< black
 using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
 
 /// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
@@ -655,9 +657,10 @@ struct Silicone {
   double lambda_Pa;             ///< Lamé's first parameter
   double refractive_index;
   double extinction_per_m;      ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, and its mean cosine: not in the paper
-  double anisotropy = 0.0;
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert takes all of it as absorption
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering; neither is in the paper
 
+  bool operator==(const Silicone&) const = default;
   Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
 };
 
@@ -1047,6 +1050,8 @@ struct FingerOptions {
     double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
+
+    bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
   struct Leds {
@@ -1055,8 +1060,10 @@ struct FingerOptions {
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;
+    double width_x = 0.8e-3;          ///< on the sides, their height
     double power_W = 1.0;             ///< of all together
+
+    bool operator==(const Leds&) const = default;
   };
   /// Readout regions on the outer surface.
   struct Readout {
@@ -1065,6 +1072,8 @@ struct FingerOptions {
     double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
     bool one_side = false;            ///< only x > 0 is seen
     bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
+
+    bool operator==(const Readout&) const = default;
   };
 
   Twin twin = Twin::none;
@@ -1073,8 +1082,10 @@ struct FingerOptions {
   Leds leds;
   Readout readout;
   double carrier_albedo = 0.8;
-  bool bonded_ends = false;           ///< the end faces are held
+  bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};   ///< Body::touched
+
+  bool operator==(const FingerOptions&) const = default;
 };
 
 /// Throws InvalidArgument for an option that is out of range.
@@ -1135,6 +1146,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
       continue;
     }
     const bool air = s.design.w_v > 0.0;
+    require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
     for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
       body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
@@ -1174,11 +1186,15 @@ inline void validate(const FingerOptions& o) {
   require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
   require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched)) require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
 template <class Vec3>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
+  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
+  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
@@ -8037,10 +8053,8 @@ class OpticalScene {
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
-  /// May a point of a face, or of one of its mirror images, lie in a region?
-  bool has_region(int face) const {
-    return std::any_of(labels_.begin(), labels_.end(), [&](const std::vector<int>& label) { return !label.empty() && label[std::size_t(face)] != -1; });
-  }
+  /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
+  bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
   template <class Vec3 = Vec3>
@@ -8085,6 +8099,7 @@ class OpticalScene {
   std::vector<std::array<Vec3, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
+  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states, also where regions stay in space
 };
 
 template <class Vec3>
@@ -8184,11 +8199,17 @@ inline int OpticalScene::region(int patch, In<Vec3> reference, In<Vec3> position
 // Faces whose nodes share a region need no look-up at a hit; most do.
 template <class>
 inline void OpticalScene::label(Symmetry images) {
+  has_region_.assign(faces_.size(), 0);
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
-    for (const detail::QuadraticFace& f : faces_) {
+    for (std::size_t face = 0; face < faces_.size(); ++face) {
+      const detail::QuadraticFace& f = faces_[face];
       std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
+      for (std::size_t k = 0; k < 6; ++k) {
+        r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
+        const int undeformed = body_->regions_in_space ? region(f.patch, f.reference[k], f.reference[k], image) : r[k];
+        has_region_[face] = has_region_[face] || undeformed != -1;
+      }
       labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
     }
   }
@@ -8948,7 +8969,8 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
-    bool scattered = false;     ///< turned aside at random, in the medium or where a tool touches
+    bool scattered = false;     ///< in the medium, once at least
+    bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
@@ -8970,7 +8992,7 @@ class PathTracer {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
     const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
-    const bool lone = b.scattered || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
+    const bool lone = b.scattered || b.spread || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
     const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
     if (log_ != nullptr && from_emitter_ && !gathered && !lone)
@@ -9102,8 +9124,11 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
     return false;
   }
   if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
-    b.scattered = true;
-    return reflect_off(b, surface_.touched(), -surface_.flat_normal(triangle), accounts_.ledger.to_indenter);
+    const Vec3 flat = -surface_.flat_normal(triangle), curved = -surface_.smooth_normal(at);
+    const bool specular = std::holds_alternative<Mirror>(surface_.touched());
+    b.spread = b.spread || !specular;
+    const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
+    return reflect_off(b, surface_.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
@@ -9385,7 +9410,7 @@ namespace lumo::detail {
 /// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
 /// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
 /// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
-/// Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
+/// Points lie fixed in the undeformed body: no sample crosses the border of a region that moves with it, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
@@ -9588,7 +9613,7 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 
 /// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
 ///
-/// Emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
+/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
 /// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
 /// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
 /// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
@@ -9730,6 +9755,10 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
                      {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
+  const auto covered = [&](const PrimaryRay& ray) {  // has the body been pressed onto an emitter that was in air?
+    const RayHit in = scene.first_hit(ray.origin, ray.direction, true), out = scene.first_hit(ray.origin, ray.direction, false);
+    return in && (!out || in.t < out.t);
+  };
   constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
@@ -9739,9 +9768,11 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
-          for (std::uint32_t i = 0; i < beam.rays; ++i)
-            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, !beam.source.in_air(), nullptr,
-                     gathers_direct && beam.source.has_intensity() && !beam.source.in_air());
+          for (std::uint32_t i = 0; i < beam.rays; ++i) {
+            const PrimaryRay ray = RayPattern::ray(beam, sequence(0), i);
+            const bool air = beam.source.in_air();
+            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr, gathers_direct && beam.source.has_intensity() && !air);
+          }
       }
       totals.push_back(path.accounts().take());
     }
@@ -17275,7 +17306,8 @@ class Lighting {
       const Light light = light_.refined(rays_of(r), std::uint64_t(r));
       const TetMesh& mesh = places_[place]->mesh();
       RayFocus focus;  // round 0 is for all there is to see
-      if (r > 0) focus.y_m = plan_.places[place].y_m, focus.length_m = focus_m_;
+      const auto& p = plan_.places[place];
+      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) focus.y_m = p.y_m, focus.length_m = focus_m_;   // others touch elsewhere
       if (state == nullptr) {
         const Symmetry unloaded = symmetry_of(body_, mesh);
         lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
@@ -17388,7 +17420,7 @@ template <class P, class Pad, Indenter Tool>
 bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
 
 /// Lights a body in every state that was pressed, and again with more rays where they decide J_obs. `body` is the one that was pressed, or differs
-/// from it in its optics only. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
+/// from it in its optics only. The seconds contain those of the presses. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 
@@ -17524,7 +17556,6 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   const detail::Stopwatch clock;
   const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  const bool all_converged = std::all_of(pressed.solved.begin(), pressed.solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
   Observations out;
 
   // Light, first for all states, then with more and more rays for those that decide.
@@ -17537,7 +17568,8 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
     trace(lighting.all(), 0, "light");
     out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
-    for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
+    const bool scored = all_scored(lighting.records(), pipeline.accept_held);
+    for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       trace(undecided, round, detail::text("light, ", rays_up_to(round), " times the rays"));
@@ -19789,6 +19821,7 @@ inline SideGeometry side_geometry(const Body& body) {
   if (!(g.high_m > g.low_m)) throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
   for (const Emitter& e : body.emitters) g.lamp_m.push_back(e.center().y());
   std::sort(g.lamp_m.begin(), g.lamp_m.end());
+  g.lamp_m.erase(std::unique(g.lamp_m.begin(), g.lamp_m.end()), g.lamp_m.end());   // one on each side of the stem
   return g;
 }
 

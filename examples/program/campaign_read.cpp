@@ -80,9 +80,7 @@ std::string campaign_export(const Options& o) {
                             "/worst_observation/load_N", "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
     text += "," + field(number(t.seconds()));
-    std::string why;
-    for (const char ch : t.why) why += ch == '"' ? std::string("\"\"") : std::string(1, ch);
-    text += why.empty() ? ",\n" : ",\"" + why + "\"\n";
+    text += t.why.empty() ? ",\n" : "," + csv_text(t.why) + "\n";
   }
   return text;
 }

@@ -390,7 +390,10 @@ Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere
                                       {"worst_contact", r.worst_contact ? json(*r.worst_contact) : Json(nullptr)},
                                       {"worst_observation", r.worst_observation ? json(*r.worst_observation) : Json(nullptr)}});
       }
-      return verdict_of(results.front().evaluation);
+      Verdict verdict = verdict_of(results.front().evaluation);
+      for (std::size_t k = 1; k < results.size(); ++k)
+        if (of_the_machine(results[k].evaluation.observations.scenarios)) verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + results[k].why, "", ""};
+      return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, work);
   };

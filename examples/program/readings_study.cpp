@@ -21,6 +21,7 @@ constexpr double weak_ranking = 0.8;   // Kendall's τ below which conclusions h
 
 std::vector<Scenario<Sphere>> pressed_contacts(const Options& o) { return o.all_contacts ? contacts(o.ensemble).scenarios() : readings_contacts(); }
 std::string_view contacts_name(const Options& o) { return o.all_contacts ? name(o.ensemble) : "few"; }
+std::string contacts_text(const Options& o) { return o.all_contacts ? std::string(name(o.ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)"; }
 std::string name(const Departure& d) { return d.quantity + ": " + d.value; }
 std::string contact_name(double diameter_mm, double angle_deg) { return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, "; }
 
@@ -92,9 +93,11 @@ std::string shown(const std::optional<double>& tau) { return tau ? cell(*tau, 2)
 
 std::string choice(const std::vector<StudyRow>& rows, const std::optional<std::size_t>& k) { return k ? joined(rows[*k].theta_mm) : "-"; }
 
+std::string designs(const ReadingEffect& e) { return std::to_string(e.compared) + (e.lost > 0 ? " (" + std::to_string(e.lost) + " lost)" : ""); }
+
 std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
   sort_by(list, &ReadingEffect::J_obs);
-  const std::vector<int> widths = {-40, 8, 30, 30, 6, 6, 9, 9};
+  const std::vector<int> widths = {-32, 11, 30, 24, 5, 7, 9, 9};
   const auto line = [&](const std::vector<std::string>& cells) {
     std::string text;
     for (std::size_t k = 0; k < cells.size(); ++k) text += (k == 0 ? "" : "  ") + (k < widths.size() ? pad(cells[k], widths[k]) : cells[k]);
@@ -103,20 +106,22 @@ std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
   std::string text = line({"reading", "designs", "ΔJ_contact, median (95 %)", "ΔJ_obs [%], median (95 %)", "τ J_c", "τ J_obs", "worst J_c", "worst J_o", "i* by lumo's reading > by this"});
   const auto moved = [](std::size_t n, std::size_t of) { return std::to_string(n) + "/" + std::to_string(of); };
   for (const auto& [d, e] : list)
-    text += line({name(d), std::to_string(e.compared) + (e.lost > 0 ? "-" + std::to_string(e.lost) : ""), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
+    text += line({name(d), designs(e), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
                   shown(e.tau_obs), moved(e.worst_contact_moved, e.compared), moved(e.worst_observation_moved, e.compared),
                   choice(rows, e.usual_choice) + (e.choice == e.usual_choice ? " stays" : " > " + choice(rows, e.choice))});
-  std::string weak;
+  std::string weak, unknown;
   for (const auto& [d, e] : list)
-    for (const auto& [what, tau] : {std::pair("J_contact", e.tau_contact), {"J_obs", e.tau_obs}})
+    for (const auto& [what, tau] : {std::pair("J_contact", e.tau_contact), {"J_obs", e.tau_obs}}) {
       if (tau && *tau < weak_ranking) weak += "  " + name(d) + ", ranking by " + what + " (τ " + shown(tau) + ")\n";
-  return text + "\nConclusions depend on readings with τ below " + short_number(weak_ranking) + (weak.empty() ? ": none.\n" : ":\n" + weak);
+      if (!tau || e.lost > e.compared) unknown += "  " + name(d) + ", ranking by " + what + ": " + designs(e) + " of " + std::to_string(rows.size()) + " designs compared\n";
+    }
+  text += "\nConclusions depend on readings with τ below " + short_number(weak_ranking) + (weak.empty() ? ": none.\n" : ":\n" + weak);
+  return text + (unknown.empty() ? "" : "Not known:\n" + unknown);
 }
 
 std::string effects_csv(const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
   std::string text = "quantity,value,designs,lost,delta_J_contact,delta_J_contact_low,delta_J_contact_high,delta_J_obs_percent,delta_J_obs_percent_low,delta_J_obs_percent_high,"
                      "tau_J_contact,tau_J_obs,worst_contact_moved,worst_observation_moved,usual_choice_mm,choice_mm\n";
-  const auto quoted = [](const std::string& s) { return "\"" + s + "\""; };
   const auto number_or_nothing = [](const std::optional<double>& v) { return "," + (v ? Json(*v).dump() : ""); };
   const auto summary = [&](const std::optional<PairedSummary>& s, double unit) {
     const auto interval = s ? s->median_95 : std::nullopt;
@@ -124,9 +129,9 @@ std::string effects_csv(const std::vector<StudyRow>& rows, const std::vector<Eff
            number_or_nothing(interval ? std::optional(interval->second * unit) : std::nullopt);
   };
   for (const auto& [d, e] : list)
-    text += quoted(d.quantity) + "," + quoted(d.value) + "," + std::to_string(e.compared) + "," + std::to_string(e.lost) + summary(e.J_contact, 1.0) + summary(e.J_obs, 100.0) +
+    text += csv_text(d.quantity) + "," + csv_text(d.value) + "," + std::to_string(e.compared) + "," + std::to_string(e.lost) + summary(e.J_contact, 1.0) + summary(e.J_obs, 100.0) +
             number_or_nothing(e.tau_contact) + number_or_nothing(e.tau_obs) + "," + std::to_string(e.worst_contact_moved) + "," + std::to_string(e.worst_observation_moved) + "," +
-            quoted(choice(rows, e.usual_choice)) + "," + quoted(choice(rows, e.choice)) + "\n";
+            csv_text(choice(rows, e.usual_choice)) + "," + csv_text(choice(rows, e.choice)) + "\n";
   return text;
 }
 
@@ -134,26 +139,26 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   std::string text = "h_fp_mm,h_ep_mm,w_s_mm,h_s_mm,w_v_mm,reading,J_contact,J_contact_err,J_obs,J_obs_err,why\n";
   for (const StudyRow& row : rows)
     for (const Json& r : row.record.at("readings")) {
-      text += joined(row.theta_mm) + ",\"" + r.at("reading").get<std::string>() + "\"";
+      text += joined(row.theta_mm) + "," + csv_text(r.at("reading").get<std::string>());
       for (const char* key : {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}) text += "," + (r.at(key).is_number() ? r[key].dump() : "");
-      text += "," + (r.at("why").is_string() ? r["why"].dump() : "") + "\n";
+      text += "," + (r.at("why").is_string() ? csv_text(r["why"].get<std::string>()) : "") + "\n";
     }
   return text;
 }
 
-std::string picture(const Options& o, std::size_t designs, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
+std::string picture(const Options& o, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
                     std::optional<double> ReadingEffect::*tau) {
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
-  chart.subtitle = lumo::detail::text("Median over ", designs, " designs and its 95 % interval; ", o.material, ", ", contacts_name(o), " contacts");
+  chart.subtitle = lumo::detail::text("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o));
   chart.x_label = axis;
-  chart.note = "Kendall's τ";
+  chart.note = "Kendall's τ, designs";
   for (const auto& [d, e] : list) {
     if (!(e.*which)) continue;
     const PairedSummary& s = *(e.*which);
     const auto interval = s.median_95.value_or(std::pair(s.median, s.median));
-    chart.rows.push_back({name(d), s.median * unit, interval.first * unit, interval.second * unit, shown(e.*tau)});
+    chart.rows.push_back({name(d), s.median * unit, interval.first * unit, interval.second * unit, shown(e.*tau) + ", " + designs(e)});
   }
   return draw(chart);
 }
@@ -194,8 +199,8 @@ std::string study_readings(const Options& o, Output& files, Progress& progress) 
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
     files.add("study_readings_J_contact.svg",
-              picture(o, rows.size(), list, &ReadingEffect::J_contact, "What other readings change in J_contact", "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
-    files.add("study_readings_J_obs.svg", picture(o, rows.size(), list, &ReadingEffect::J_obs, "What other readings change in J_obs", "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
+              picture(o, list, &ReadingEffect::J_contact, "What other readings change in J_contact", "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
+    files.add("study_readings_J_obs.svg", picture(o, list, &ReadingEffect::J_obs, "What other readings change in J_obs", "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
   }
   return o.json ? whole(o, rows, list) : table(rows, list);
 }

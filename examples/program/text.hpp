@@ -78,6 +78,13 @@ inline std::string mechanics_text(const Mechanics& m) {
   return s + (m.points == Mechanics::Points::vertex ? ", contact at vertices" : ", contact all over the surface") + ", friction " + short_number(m.friction);
 }
 
+/// A field of a CSV file that may hold anything (RFC 4180).
+inline std::string csv_text(std::string_view s) {
+  std::string out = "\"";
+  for (const char c : s) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
 /// A time as people say it.
 inline std::string span(double seconds) {
   char text[32];

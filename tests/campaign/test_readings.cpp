@@ -3,16 +3,19 @@
 #include "lumo/campaign/readings.hpp"
 #include "lumo/support/tbb.hpp"
 
+#include <cmath>
 #include <set>
 
 using namespace lumo;
 
 TEST_CASE("Kendall's tau: order, opposite order, one exchange, ties") {
-  const std::vector<double> a{1, 2, 3, 4}, back{4, 3, 2, 1}, swapped{1, 2, 4, 3}, tied{1, 1, 3, 4};
+  const std::vector<double> a{1, 2, 3, 4}, back{4, 3, 2, 1}, swapped{1, 2, 4, 3}, tied{1, 1, 3, 4}, same{2, 2, 2, 2};
   CHECK(*kendall_tau(a, a) == 1.0);
   CHECK(*kendall_tau(a, back) == -1.0);
   CHECK(*kendall_tau(a, swapped) == Approx(4.0 / 6.0));
-  CHECK(*kendall_tau(a, tied) == Approx(5.0 / 6.0));
+  CHECK(*kendall_tau(a, tied) == Approx(5.0 / std::sqrt(30.0)));
+  CHECK(*kendall_tau(tied, tied) == 1.0);
+  CHECK(!kendall_tau(a, same));
   CHECK(!kendall_tau(std::vector<double>{1}, std::vector<double>{2}));
   CHECK(!kendall_tau(a, std::vector<double>{1, 2}));
 }
@@ -40,11 +43,20 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   CHECK(!effect_of({}, {}).J_contact);
 }
 
-TEST_CASE("Every reading that the paper leaves open departs from the usual one, and has a name of its own") {
-  std::set<std::string> names;
-  for (const Departure& d : departures()) names.insert(d.quantity + ": " + d.value);
-  CHECK(names.size() == departures().size());
+TEST_CASE("Every reading departs from the usual one, has a name of its own, and says by what it changes whether equilibria move") {
+  const FingerReading usual{dragon_skin(), {}};
+  std::set<std::string> names, lit;
+  for (const Departure& d : departures()) {
+    INFO(d.quantity << ": " << d.value);
+    FingerReading other = usual;
+    d.apply(other);
+    CHECK_FALSE(other == usual);
+    names.insert(d.quantity + ": " + d.value);
+    if (same_mechanics(other, usual)) lit.insert(d.quantity);
+  }
   CHECK(departures().size() == 18);
+  CHECK(names.size() == 18);
+  CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter", "carrier albedo"});
 }
 
 TEST_CASE("Readings that move no equilibrium share the presses, to the bit; the others press anew, and what fails leaves the rest whole") {
@@ -66,7 +78,7 @@ TEST_CASE("Readings that move no equilibrium share the presses, to the bit; the 
   std::vector<Departure> rows;
   for (const Departure& d : departures())
     if (d.quantity == "tilt plane" || d.value == "0.95" || d.value == "+10 %") rows.push_back(d);
-  rows.push_back({"pad", "too short", true, [](FingerReading& r) { r.finger.pad.t_min = 9.0; }});
+  rows.push_back({"pad", "too thick", [](FingerReading& r) { r.finger.pad.t_min = 9.0; }});
   REQUIRE(rows.size() == 4);
   const auto results = evaluate_readings(design, usual, rows, contacts, tools_for, TbbExecutor{2});
   REQUIRE(results.size() == 5);
@@ -78,7 +90,8 @@ TEST_CASE("Readings that move no equilibrium share the presses, to the bit; the 
   CHECK(results[4].why.find("t_min") != std::string::npos);
   const auto alone = [&](const FingerReading& r, TiltPlane tilt) {
     auto turned = contacts;
-    for (auto& s : turned) s.tilt = tilt;
+    for (auto& s : turned)
+      if (s.angle_rad != 0.0) s.tilt = tilt;
     const CoarsePipeline p = tools_for(r);
     return score(observe(finger(design, r.silicone, r.finger), turned, p, Serial{}), p);
   };
@@ -94,11 +107,21 @@ TEST_CASE("Readings that move no equilibrium share the presses, to the bit; the 
     if (r.tilt == TiltPlane::yz) {
       CHECK(depth(e, 0) == depth(own, 0));
       CHECK(depth(e, 1) != depth(own, 1));
-    } else if (rows[k - 1].mechanical) {
+    } else if (!same_mechanics(r, usual)) {
       CHECK(depth(e, 0) < depth(own, 0));
     } else {
       CHECK(depth(e, 1) == depth(own, 1));
       CHECK(e.J_obs->value != own.J_obs->value);
     }
   }
+
+  // Nothing is compared with what failed.
+  const auto failing = [&](const FingerReading& r) {
+    CoarsePipeline p = tools_for(r);
+    p.simulator.solver.config.max_iterations = 1;
+    return p;
+  };
+  const auto none = evaluate_readings(design, usual, rows, {contacts[0]}, failing, Serial{});
+  REQUIRE(none.size() == 1);
+  CHECK(none[0].why.find("max_iterations") != std::string::npos);
 }

@@ -3,6 +3,7 @@
 usage: test_report.py path/to/lumo path/to/make_store path/to/chromium folder-for-stores-pages-and-screenshots
 """
 import csv
+import functools
 import html.parser
 import io
 import json
@@ -41,6 +42,23 @@ def report(page, *names, threads=2):
     done = run("campaign", "report", "--json", "--quiet", "--threads", threads, "--out", page, *[word for name in names for word in ("--store", store(name))])
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+@functools.cache
+def one_campaign():
+    page = FOLDER / "one.html"
+    return page, report(page, "DS_flat", threads=1)
+
+
+def parts_of(page):
+    """A page's text before its data, the data, and the text behind."""
+    head, start, rest = page.read_text().partition('<script type="application/json" id="data">')
+    data, end, tail = rest.partition("</script>")
+    return head + start, data, end + tail
+
+
+def data_of(page):
+    return json.loads(parts_of(page)[1])
 
 
 def exported(name):
@@ -121,20 +139,12 @@ class Page(unittest.TestCase):
 class OneCampaign(Page):
     @classmethod
     def setUpClass(cls):
-        cls.page = FOLDER / "one.html"
-        cls.told = report(cls.page, "DS_flat")
+        cls.page, cls.told = one_campaign()
         cls.trials = exported("DS_flat")
         cls.best = next(t for t in cls.trials if t["selected"])
 
     def test_file(self):
         self.assertEqual(self.told, {"page": str(self.page), "bytes": self.page.stat().st_size})
-        again = FOLDER / "again"
-        again.mkdir(exist_ok=True)
-        done = run("campaign", "report", "--store", store("DS_flat"), "--out", self.page.name, "--threads", "1", cwd=again)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stdout, r"^one\.html: \d+\.\d MB\n$")
-        # The command that is quoted at the foot is all that differs.
-        self.assertEqual((again / "one.html").read_text().replace("--out one.html", f"--out {self.page}"), self.page.read_text())
         links = Links()
         links.feed(self.page.read_text())
         self.assertEqual(links.found, [])
@@ -279,13 +289,11 @@ class OneCampaign(Page):
 
     def test_press_failed(self):
         page = FOLDER / "no_press.html"
-        start, end = '<script type="application/json" id="data">', "</script>"
-        head, rest = self.page.read_text().split(start)
-        data, tail = rest.split(end, 1)
+        head, data, tail = parts_of(self.page)
         model = json.loads(data)
         for press in model["campaigns"][0]["design"]["presses"]:
             press["states"], press["note"] = [], "mesh: the mesher ran out of time"
-        page.write_text(head + start + json.dumps(model).replace("<", "\\u003c") + end + tail)
+        page.write_text(head + json.dumps(model).replace("<", "\\u003c") + tail)
         self.open(page)
         for figure in ["patch", "pad"]:
             self.assertEqual(self.sentence(f"{figure}-figure"), "The pad was not pressed for this page: mesh: the mesher ran out of time")
@@ -297,6 +305,7 @@ class Campaigns(Page):
     def test_four(self):
         page = FOLDER / "four.html"
         report(page, *STORES)
+        self.assertEqual(data_of(page)["campaigns"][0], data_of(one_campaign()[0])["campaigns"][0])   # to the bit, from two threads and from one
         self.open(page)
         counts = [len(exported(name)) for name in STORES]
         self.assertEqual(counts, list(STORES.values()))
@@ -332,6 +341,7 @@ class Campaigns(Page):
         page = FOLDER / "failed.html"
         done = run("campaign", "report", "--store", path, "--out", page)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
+        self.assertRegex(done.stdout, r"failed\.html: \d+\.\d MB\n$")
         self.open(page)
         for figure in ["pareto", "history", "parallel", "section", "force", "patch", "heat", "pad"]:
             self.assertRegex(self.sentence(f"{figure}-figure"), "No evaluation has succeeded|No design is selected")

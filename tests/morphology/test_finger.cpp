@@ -166,6 +166,15 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
     CHECK(std::abs(e.center().x()) == 3e-3);
   }
 
+  o.leds.width_x = 5e-3;
+  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("LEDs on the stem's sides") && Catch::Contains("is 5 mm") && Catch::Contains("4] mm"));
+  o.leds.width_x = 1e-3;
+  o.touched = Lambertian{1.2};
+  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("wets the pad"));
+  o.touched = Absorber{};
+  cloudy.scattering_albedo = 1.5;
+  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("scattering albedo"));
+
   PadDimensions narrow;
   narrow.width = 20.0;
   CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));   // 4 mm beside the voids

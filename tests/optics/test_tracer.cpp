@@ -374,3 +374,31 @@ TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
   CHECK_FALSE(tracer.image_channels(m.body, 0));
   CHECK(tracer.image_channels(m.body, 1));
 }
+
+TEST_CASE("LEDs in the air of the gaps: a quarter, a half and the whole pad agree, and a gap that is pressed shut takes their air away", "[tracer]") {
+  const PadShape s = coarse(2e-3);
+  Model m = pad(s);
+  m.body.emitters.clear();
+  for (const double y : {-11e-3, 0.0, 11e-3})
+    for (const double side : {1.0, -1.0})
+      m.body.emitters.push_back(RectangleEmitter{{side * (4e-3 - 10e-6), y, 2.5e-3}, {0, 0.8e-3, 0}, {0, 0, side * 0.4e-3}, 1.0 / 6.0, 0, true});
+  const Tracer<BeerLambert> tracer(quick());
+  const Response quarter = tracer.trace(m.body, m.mesh), half = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{true, false}), whole = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
+  CHECK(quarter.ledger.emitted == Approx(1.0));
+  for (const Response* r : {&quarter, &half, &whole}) {
+    CHECK(r->ledger.imbalance() < 1e-9);
+    CHECK(r->ledger.lost <= 1e-6);
+  }
+  CHECK(distance(whole.power_W, half.power_W) < 1e-6);
+  CHECK(distance(whole.power_W, quarter.power_W) < 1e-6);
+  for (std::size_t k = 0; k < 11; ++k) CHECK(whole.power_W[k] > 0.0);
+
+  // The walls of the gaps lie 20 µm behind the stem's face, and with them all LEDs inside.
+  std::vector<Vec3> shut(m.mesh.nodes.size(), Vec3::Zero());
+  for (std::size_t n = 0; n < shut.size(); ++n)
+    if (const Vec3& p = m.mesh.nodes[n]; std::abs(std::abs(p.x()) - 6e-3) < 1e-9 && p.z() < 5e-3 - 1e-9) shut[n].x() = p.x() > 0.0 ? -2.02e-3 : 2.02e-3;
+  const Response pressed = tracer.trace(m.body, m.mesh, shut, {});
+  CHECK(pressed.ledger.imbalance() < 1e-9);
+  CHECK(pressed.ledger.absorbed_in_medium > whole.ledger.absorbed_in_medium);   // no wall of the gap turns light back
+  CHECK(pressed.ledger.elsewhere < 0.6);   // nor does it leave as if there were no pad
+}

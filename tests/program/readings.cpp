@@ -70,22 +70,27 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
   const std::string text = run(o, scratch.path / "out");
   CHECK(run(o, scratch.path / "again") == text);   // from the store
   for (const Departure& d : departures()) CHECK(text.find(d.quantity + ": " + d.value) != std::string::npos);
-  CHECK(text.find("end faces: bonded, ranking by J_contact (τ -1.00)") != std::string::npos);
+  CHECK(text.find("end faces: held, clear, ranking by J_contact (τ -1.00)") != std::string::npos);
   CHECK(text.find("ranking by J_obs") == std::string::npos);
   CHECK(text.find("carrier albedo: 0.95") < text.find("carrier albedo: 0.5"));   // 36 % before 34 %
 
-  std::istringstream table(scratch.read("out/study_readings.csv"));
-  std::string line;
-  std::set<std::size_t> columns;
-  std::size_t lines = 0;
-  for (; std::getline(table, line); ++lines) {
-    bool quoted = false;
-    std::size_t commas = 0;
-    for (const char c : line) quoted = quoted != (c == '"'), commas += c == ',' && !quoted;
-    columns.insert(commas);
-  }
-  CHECK(lines == departures().size() + 1);
-  CHECK(columns.size() == 1);
+  const auto shape = [&](const char* name) {   // lines, and how many fields they have
+    std::istringstream table(scratch.read(std::string("out/") + name));
+    std::string line;
+    std::set<std::size_t> fields;
+    std::size_t lines = 0;
+    for (; std::getline(table, line); ++lines) {
+      bool quoted = false;
+      std::size_t commas = 0;
+      for (const char c : line) quoted = quoted != (c == '"'), commas += c == ',' && !quoted;
+      fields.insert(commas + 1);
+    }
+    return std::pair(lines, fields);
+  };
+  const std::size_t readings = departures().size();
+  CHECK(shape("study_readings.csv") == std::pair(readings + 1, std::set<std::size_t>{16}));
+  CHECK(shape("study_readings_designs.csv") == std::pair(13 * (readings + 1) + 1, std::set<std::size_t>{11}));
+  CHECK(scratch.read("out/study_readings_designs.csv").find("\"mesh: none, \"\"at all\"\"\"") != std::string::npos);
   for (const char* name : {"study_readings_J_contact.svg", "study_readings_J_obs.svg"}) {
     const std::string picture = scratch.read(std::string("out/") + name);
     CHECK(picture.find("tilt plane: y–z") != std::string::npos);

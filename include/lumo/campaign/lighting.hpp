@@ -95,7 +95,8 @@ class Lighting {
       const Light light = light_.refined(rays_of(r), std::uint64_t(r));
       const TetMesh& mesh = places_[place]->mesh();
       RayFocus focus;  // round 0 is for all there is to see
-      if (r > 0) focus.y_m = plan_.places[place].y_m, focus.length_m = focus_m_;
+      const auto& p = plan_.places[place];
+      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) focus.y_m = p.y_m, focus.length_m = focus_m_;   // others touch elsewhere
       if (state == nullptr) {
         const Symmetry unloaded = symmetry_of(body_, mesh);
         lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);

@@ -62,7 +62,7 @@ template <class P, class Pad, Indenter Tool>
 bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
 
 /// Lights a body in every state that was pressed, and again with more rays where they decide J_obs. `body` is the one that was pressed, or differs
-/// from it in its optics only. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
+/// from it in its optics only. The seconds contain those of the presses. Bit-identical for every executor. Throws InvalidArgument, also where it does not light these presses.
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress = {});
 
@@ -198,7 +198,6 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   const detail::Stopwatch clock;
   const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  const bool all_converged = std::all_of(pressed.solved.begin(), pressed.solved.end(), [&](const auto& s) { return is_scored(s.record.status, pipeline.accept_held); });
   Observations out;
 
   // Light, first for all states, then with more and more rays for those that decide.
@@ -211,7 +210,8 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
     trace(lighting.all(), 0, "light");
     out.unloaded_response = detail::mean_per_emitted(lighting.unloaded(), &Response::power_W, channels);
     out.unloaded_error = detail::mean_per_emitted(lighting.unloaded(), &Response::error_W, channels);
-    for (int round = 1; all_converged && round <= pipeline.rays.rounds; ++round) {
+    const bool scored = all_scored(lighting.records(), pipeline.accept_held);
+    for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
       trace(undecided, round, detail::text("light, ", rays_up_to(round), " times the rays"));

@@ -30,6 +30,8 @@ struct PadDimensions {
   double length = 60.0;  ///< L, centred on y = 0
   double t_min = 5.0;    ///< smallest silicone thickness
   bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
+
+  bool operator==(const PadDimensions&) const = default;
 };
 
 /// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
@@ -68,7 +70,7 @@ namespace detail {
 // Squared forms of the two thickness rules: on the lattice every term is a dyadic rational of few bits, so doubles decide them exactly.
 inline bool vertically_thick(const FingerDesign& d, const PadDimensions& pad) {
   const double inner = d.w_s + 2.0 * d.w_v, need = pad.t_min + d.h_s - d.h_fp, w2 = pad.width * pad.width;
-  if (inner > pad.width) return false;
+  if (inner >= pad.width) return false;
   return need <= 0.0 || d.h_ep * d.h_ep * (w2 - inner * inner) >= w2 * need * need;
 }
 

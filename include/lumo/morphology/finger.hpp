@@ -4,6 +4,8 @@
 #include "lumo/morphology/section.hpp"
 #include "lumo/morphology/silicone.hpp"
 
+#include <variant>
+
 namespace lumo {
 
 /// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
@@ -16,6 +18,8 @@ struct FingerOptions {
     double stretch_y = 1.0;           ///< edges along y are this much longer
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
+
+    bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
   struct Leds {
@@ -24,8 +28,10 @@ struct FingerOptions {
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;
+    double width_x = 0.8e-3;          ///< on the sides, their height
     double power_W = 1.0;             ///< of all together
+
+    bool operator==(const Leds&) const = default;
   };
   /// Readout regions on the outer surface.
   struct Readout {
@@ -34,6 +40,8 @@ struct FingerOptions {
     double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
     bool one_side = false;            ///< only x > 0 is seen
     bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
+
+    bool operator==(const Readout&) const = default;
   };
 
   Twin twin = Twin::none;
@@ -42,8 +50,10 @@ struct FingerOptions {
   Leds leds;
   Readout readout;
   double carrier_albedo = 0.8;
-  bool bonded_ends = false;           ///< the end faces are held
+  bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};   ///< Body::touched
+
+  bool operator==(const FingerOptions&) const = default;
 };
 
 /// Throws InvalidArgument for an option that is out of range.
@@ -104,6 +114,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
       continue;
     }
     const bool air = s.design.w_v > 0.0;
+    require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
     for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
       body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
   }
@@ -143,11 +154,15 @@ inline void validate(const FingerOptions& o) {
   require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
   require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched)) require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
 template <class Vec3>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
+  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
+  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
   const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;

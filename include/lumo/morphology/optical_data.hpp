@@ -17,10 +17,10 @@ struct Medium {
 };
 
 /// How light meets a surface.
-struct Dielectric {};                                ///< smooth interface: Fresnel reflection and refraction
-struct Lambertian { double albedo = 0.8; };          ///< diffuse, opaque
-struct Mirror { double reflectance = 1.0; };         ///< specular, opaque
-struct Absorber {};                                  ///< black
+struct Dielectric { bool operator==(const Dielectric&) const = default; };                               ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian { double albedo = 0.8; bool operator==(const Lambertian&) const = default; };         ///< diffuse, opaque
+struct Mirror { double reflectance = 1.0; bool operator==(const Mirror&) const = default; };            ///< specular, opaque
+struct Absorber { bool operator==(const Absorber&) const = default; };                                   ///< black
 using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
 
 /// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.

@@ -18,9 +18,10 @@ struct Silicone {
   double lambda_Pa;             ///< Lamé's first parameter
   double refractive_index;
   double extinction_per_m;      ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, and its mean cosine: not in the paper
-  double anisotropy = 0.0;
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert takes all of it as absorption
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering; neither is in the paper
 
+  bool operator==(const Silicone&) const = default;
   Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
 };
 

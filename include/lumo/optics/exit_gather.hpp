@@ -21,7 +21,7 @@ namespace lumo::detail {
 /// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
 /// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
 /// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
-/// Points lie fixed in the undeformed body: no sample crosses a region's border, so states differ smoothly.
+/// Points lie fixed in the undeformed body: no sample crosses the border of a region that moves with it, so states differ smoothly.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:

@@ -77,10 +77,8 @@ class OpticalScene {
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
-  /// May a point of a face, or of one of its mirror images, lie in a region?
-  bool has_region(int face) const {
-    return std::any_of(labels_.begin(), labels_.end(), [&](const std::vector<int>& label) { return !label.empty() && label[std::size_t(face)] != -1; });
-  }
+  /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
+  bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
   template <class Vec3 = Vec3>
@@ -125,6 +123,7 @@ class OpticalScene {
   std::vector<std::array<Vec3, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
+  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states, also where regions stay in space
 };
 
 template <class Vec3>
@@ -224,11 +223,17 @@ inline int OpticalScene::region(int patch, In<Vec3> reference, In<Vec3> position
 // Faces whose nodes share a region need no look-up at a hit; most do.
 template <class>
 inline void OpticalScene::label(Symmetry images) {
+  has_region_.assign(faces_.size(), 0);
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
-    for (const detail::QuadraticFace& f : faces_) {
+    for (std::size_t face = 0; face < faces_.size(); ++face) {
+      const detail::QuadraticFace& f = faces_[face];
       std::array<int, 6> r{};
-      for (std::size_t k = 0; k < 6; ++k) r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
+      for (std::size_t k = 0; k < 6; ++k) {
+        r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
+        const int undeformed = body_->regions_in_space ? region(f.patch, f.reference[k], f.reference[k], image) : r[k];
+        has_region_[face] = has_region_[face] || undeformed != -1;
+      }
       labels_[image].push_back(std::all_of(r.begin(), r.end(), [&](int x) { return x == r[0]; }) ? r[0] : mixed);
     }
   }

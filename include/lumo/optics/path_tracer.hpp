@@ -91,7 +91,8 @@ class PathTracer {
     bool inside = true;
     bool direct = true;         ///< light that was refracted out at most
     bool carrier_last = false;  ///< in air: met the carrier since it left the body
-    bool scattered = false;     ///< turned aside at random, in the medium or where a tool touches
+    bool scattered = false;     ///< in the medium, once at least
+    bool spread = false;        ///< by a tool that wets the body: like a scattered one it has no neighbours
   };
 
   // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
@@ -113,7 +114,7 @@ class PathTracer {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
     const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
-    const bool lone = b.scattered || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
+    const bool lone = b.scattered || b.spread || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
     const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
     if (log_ != nullptr && from_emitter_ && !gathered && !lone)
@@ -245,8 +246,11 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
     return false;
   }
   if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
-    b.scattered = true;
-    return reflect_off(b, surface_.touched(), -surface_.flat_normal(triangle), accounts_.ledger.to_indenter);
+    const Vec3 flat = -surface_.flat_normal(triangle), curved = -surface_.smooth_normal(at);
+    const bool specular = std::holds_alternative<Mirror>(surface_.touched());
+    b.spread = b.spread || !specular;
+    const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
+    return reflect_off(b, surface_.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();

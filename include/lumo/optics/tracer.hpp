@@ -41,7 +41,7 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 
 /// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
 ///
-/// Emitters in the medium, both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
+/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
 /// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
 /// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
 /// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
@@ -183,6 +183,10 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
     light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
                      {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
+  const auto covered = [&](const PrimaryRay& ray) {  // has the body been pressed onto an emitter that was in air?
+    const RayHit in = scene.first_hit(ray.origin, ray.direction, true), out = scene.first_hit(ray.origin, ray.direction, false);
+    return in && (!out || in.t < out.t);
+  };
   constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
     const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
@@ -192,9 +196,11 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
-          for (std::uint32_t i = 0; i < beam.rays; ++i)
-            path.run(RayPattern::ray(beam, sequence(0), i), beam.mirror, beam.power_W, true, !beam.source.in_air(), nullptr,
-                     gathers_direct && beam.source.has_intensity() && !beam.source.in_air());
+          for (std::uint32_t i = 0; i < beam.rays; ++i) {
+            const PrimaryRay ray = RayPattern::ray(beam, sequence(0), i);
+            const bool air = beam.source.in_air();
+            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr, gathers_direct && beam.source.has_intensity() && !air);
+          }
       }
       totals.push_back(path.accounts().take());
     }
