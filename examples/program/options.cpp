@@ -165,7 +165,7 @@ void read(Options& o, const Typed& t) {
   if (!t.designs.empty()) o.designs = whole_number("--designs", t.designs, 1, most_designs);
   if (!t.source.empty()) o.source = one_of("--source", t.source, {"default", "paper"});
   if (!t.theta.empty()) o.theta_mm = read_theta(t.theta);
-  if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp"});
+  if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp", "bayes"});
   if (!t.localizer.empty()) o.localizer = one_of("--localizer", t.localizer, {"bayes", "peak"});
   if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
   if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
@@ -381,7 +381,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   };
   const auto of_a_log = [&](CLI::App* c, Command command) {
     c->add_option("LOG", o.log, "Folder of the log, or an MCAP file (docs/log_format.md)");
-    if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear or gp (Gaussian process)", "NAME");
+    if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear, gp (Gaussian process) or bayes (a filter over all loads from 2 N)", "NAME");
     if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
     if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
     if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");

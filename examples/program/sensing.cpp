@@ -3,6 +3,7 @@
 #include "lumo/campaign/gaussian_process_decoder.hpp"
 #include "lumo/sense/constraint_gain.hpp"
 #include "lumo/sense/cross_validation.hpp"
+#include "lumo/sense/bayes_decoder.hpp"
 #include "lumo/sense/linear_decoder.hpp"
 #include "lumo/sense/moment_arm.hpp"
 #include "lumo/sense/nearest_template.hpp"
@@ -79,8 +80,11 @@ LogTruth truth_of(const OpenLog& log) {
 std::string decode(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::regions(), progress);
   const auto [task, report] = about(o.log, [&] {
-    DecodingTask t = decoding_task(hold_responses(s.profiles, s.log.session.segments), {2.0, 5.0});
-    DecodingReport r = o.decoder == "linear" ? cross_validate(LinearDecoder{}, t.data, t.fold)
+    const auto holds = hold_responses(s.profiles, s.log.session.segments);
+    const std::vector<double> loads = o.decoder == "bayes" ? common_loads(holds, 2.0) : std::vector{2.0, 5.0};   // the filter goes through the whole loading
+    DecodingTask t = decoding_task(holds, loads);
+    DecodingReport r = o.decoder == "bayes"    ? cross_validate(BayesDecoder{int(loads.size()) - 1}, t.data, t.fold)
+                       : o.decoder == "linear" ? cross_validate(LinearDecoder{}, t.data, t.fold)
                        : o.decoder == "gp"   ? cross_validate(GaussianProcessDecoder{}, t.data, t.fold)
                                              : cross_validate(NearestTemplate{}, t.data, t.fold);
     return std::pair(std::move(t), std::move(r));

@@ -83,6 +83,9 @@ class Lab(unittest.TestCase):
         self.assertEqual(file.read_text(), text)   # same responses, to the bit
 
     def test_decode(self):
+        filtered = self.result("decode", self.folder / "recontact", "--decoder", "bayes")
+        self.assertGreaterEqual(filtered["accuracy"], 0.9)
+        self.assertEqual(len(filtered["predictions"]), 30)
         r = self.result("decode", self.folder / "recontact", "--out", self.folder / "d")
         self.assertEqual(set(r), {"accuracy", "confusion", "predictions"})
         self.assertEqual(sum(map(sum, r["confusion"])), 30)

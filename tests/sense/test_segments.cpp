@@ -73,6 +73,11 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   CHECK(steps.data.response.rows() == 6);
   CHECK((steps.data.response.col(0).tail(3) - 5.0 * Eigen::Vector3d(1, 2, 3)).norm() < 1e-9);
   CHECK_THROWS_AS(decoding_task(holds, {2.0, 7.0}), InvalidArgument);
+  CHECK(common_loads(holds, 2.0) == std::vector<double>{2.0, 5.0, 10.0});
+  CHECK(common_loads(holds, 4.0) == std::vector<double>{5.0, 10.0});
+  auto fewer = holds;   // one re-contact ends early
+  fewer.erase(std::find_if(fewer.begin(), fewer.end(), [](const HoldResponse& h) { return h.segment.kind == "hold" && h.segment.load_N == 10.0; }));
+  CHECK(common_loads(fewer, 2.0) == std::vector<double>{2.0, 5.0});
 
   const auto runs = cycle_runs(holds);
   CHECK(runs.size() == 6);

@@ -127,6 +127,22 @@ struct DecodingTask {
   std::vector<int> fold;
 };
 
+/// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as slope_profiles does.
+template <class = void>
+inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, double least_N) {
+  std::map<double, int> count;
+  int recontacts = 0;
+  for (const auto& place : detail::recontacts(holds))
+    for (const auto& recontact : place.second) {
+      ++recontacts;
+      for (const auto& hold : recontact.second) ++count[hold.first];
+    }
+  std::vector<double> loads;
+  for (const auto& [load, times] : count)
+    if (times == recontacts && load >= least_N) loads.push_back(load);
+  return loads;
+}
+
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
 template <class = void>
