@@ -6,16 +6,26 @@
 
 #include <cstdlib>
 #include <mutex>
+#include <set>
 #include <string_view>
+#include <system_error>
 #include <thread>
+#include <utility>
 
 namespace lumo::program {
 
 namespace {
 
-std::recursive_mutex writing;   // held while files are written
+std::recursive_mutex writing;            // held while files are written
+std::set<std::filesystem::path> unfinished;   // guarded by it
 
 [[noreturn]] void stop() {
+  for (const std::filesystem::path& folder : unfinished)
+    for (int attempt = 0; attempt < 5; ++attempt) {   // others may be writing into it
+      std::error_code error;
+      std::filesystem::remove_all(folder, error);
+      if (!error) break;
+    }
   // The bar, where there is one, is on the line that the cursor is on.
   static constexpr char plain[] = "lumo: interrupted\n", terminal[] = "\nlumo: interrupted\n";
   const bool bar = isatty(STDERR_FILENO) == 1;
@@ -63,6 +73,16 @@ void stop_on_interrupt() {
     const std::lock_guard whole(writing);
     stop();
   }).detach();
+}
+
+UnfinishedFolder::UnfinishedFolder(std::filesystem::path path) : path_(std::move(path)) {
+  const FilesBeingWritten now;
+  unfinished.insert(path_);
+}
+
+UnfinishedFolder::~UnfinishedFolder() {
+  const FilesBeingWritten now;
+  unfinished.erase(path_);
 }
 
 FilesBeingWritten::FilesBeingWritten() { writing.lock(); }

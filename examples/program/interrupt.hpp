@@ -1,5 +1,7 @@
 #pragma once
 
+#include <filesystem>
+
 namespace lumo::program {
 
 /// Starts the program again where OpenBLAS has made threads: it does so before main(), they hear signals, and lumo runs scenarios side by side
@@ -11,7 +13,7 @@ void open_standard_streams();
 
 /// From here on Ctrl-C, a hang-up and a termination request end the program at once with exit code 130 and one line on standard error; a broken
 /// pipe and a file that becomes too large are errors of the write. Call it before other threads start.
-/// Solves write nothing, so there is nothing to tidy up; files are completed first (see FilesBeingWritten).
+/// Solves write nothing; files are completed first (see FilesBeingWritten), and folders that are not removed (see UnfinishedFolder).
 void stop_on_interrupt();
 
 /// While one of these lives an interrupt waits, so that no file is left half-written or without its companions.
@@ -21,6 +23,18 @@ class FilesBeingWritten {
   ~FilesBeingWritten();
   FilesBeingWritten(const FilesBeingWritten&) = delete;
   FilesBeingWritten& operator=(const FilesBeingWritten&) = delete;
+};
+
+/// While one of these lives an interrupt removes this folder, which is of no use before it is whole.
+class UnfinishedFolder {
+ public:
+  explicit UnfinishedFolder(std::filesystem::path path);
+  ~UnfinishedFolder();
+  UnfinishedFolder(const UnfinishedFolder&) = delete;
+  UnfinishedFolder& operator=(const UnfinishedFolder&) = delete;
+
+ private:
+  std::filesystem::path path_;
 };
 
 }  // namespace lumo::program

@@ -1,10 +1,13 @@
 #pragma once
 
+#include "program/interrupt.hpp"
+
 #include "lumo/core/error.hpp"
 
 #include <unistd.h>
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <system_error>
 
@@ -18,6 +21,7 @@ class NewFolder {
     std::error_code error;
     if (std::filesystem::exists(path_, error) && !(std::filesystem::is_directory(path_, error) && std::filesystem::is_empty(path_, error))) throw InputError("cannot write to '" + path + "': it is there and not empty");
     part_ = path_.string() + ".part-" + std::to_string(getpid());
+    unfinished_.emplace(part_);
     std::filesystem::create_directories(part_ / "frames", error);
     if (error) throw InputError("cannot write to '" + path + "': " + error.message());
   }
@@ -30,6 +34,7 @@ class NewFolder {
 
   const std::filesystem::path& path() const { return part_; }
   void keep() {
+    const FilesBeingWritten now;
     std::error_code error;
     std::filesystem::remove(path_, error);
     std::filesystem::rename(part_, path_, error);
@@ -39,6 +44,7 @@ class NewFolder {
 
  private:
   std::filesystem::path path_, part_;
+  std::optional<UnfinishedFolder> unfinished_;
 };
 
 }  // namespace lumo::program

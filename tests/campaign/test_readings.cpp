@@ -59,7 +59,7 @@ TEST_CASE("Every reading departs from the usual one, has a name of its own, and 
   CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter", "carrier albedo"});
 }
 
-TEST_CASE("Readings that move no equilibrium share the presses, to the bit; the others press anew, and what fails leaves the rest whole") {
+TEST_CASE("Readings that move no equilibrium share the presses, to the bit, the others press anew, and what fails leaves the rest whole") {
   const FingerDesign design{8, 4, 6, 4, 2};
   const std::vector<Scenario<Sphere>> contacts = [] {
     std::vector<Scenario<Sphere>> list;

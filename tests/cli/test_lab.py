@@ -8,9 +8,11 @@ import math
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 
 LUMO = ""
@@ -81,6 +83,17 @@ class Lab(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("damaged", done.stderr)
         self.assertEqual(file.read_text(), text)   # same responses, to the bit
+
+    def test_an_interrupt_leaves_nothing(self):
+        target = self.folder / "stopped"
+        lab = subprocess.Popen([LUMO, "lab", "recontact", "--coarse", "--cache", self.folder / "cache", "--out", target], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        until = time.monotonic() + 300
+        while not list(self.folder.glob("stopped.part-*/frames/*")) and time.monotonic() < until:
+            time.sleep(0.01)
+        lab.send_signal(signal.SIGINT)
+        _, said = lab.communicate(timeout=60)
+        self.assertEqual(lab.returncode, 130, said)
+        self.assertEqual(list(self.folder.glob("stopped*")), [])
 
     def test_decode(self):
         filtered = self.result("decode", self.folder / "recontact", "--decoder", "bayes")

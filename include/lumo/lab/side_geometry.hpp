@@ -42,7 +42,7 @@ inline SideGeometry side_geometry(const Body& body) {
   if (!(g.high_m > g.low_m)) throw InvalidArgument("virtual lab: no part of the pad's surface is visible from the side");
   for (const Emitter& e : body.emitters) g.lamp_m.push_back(e.center().y());
   std::sort(g.lamp_m.begin(), g.lamp_m.end());
-  g.lamp_m.erase(std::unique(g.lamp_m.begin(), g.lamp_m.end()), g.lamp_m.end());   // one on each side of the stem
+  g.lamp_m.erase(std::unique(g.lamp_m.begin(), g.lamp_m.end()), g.lamp_m.end());   // one on each side
   return g;
 }
 
