@@ -4,8 +4,10 @@
 #include "synthetic.hpp"
 #include "temporary_folder.hpp"
 
+#include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <stdexcept>
 
 #include <unistd.h>
 
@@ -104,6 +106,73 @@ TEST_CASE("a video file is a camera, with the table's stamps or its own rate", "
   std::ofstream(folder / "text.avi") << "no video";
   CHECK_THROWS_AS(VideoCamera(folder / "text.avi"), InputError);
   CHECK_THROWS_AS(VideoCamera(folder / "none.avi"), InputError);
+}
+
+namespace {
+
+/// Decoders that misbehave at their third frame, and none at all.
+struct Bad {
+  enum Way { good, hangs, crashes, throws, eats, lies } way = good;
+  int count = 0;
+  Image image = Image::black(8, 6, PixelFormat::grey);
+
+  std::optional<double> open(const std::string& path) {
+    if (path == "none") return std::nullopt;
+    if (path == "crash") std::raise(SIGSEGV);
+    while (path == "hang") ::pause();
+    return 25.0;
+  }
+  std::optional<ImageView> next() {
+    if (++count == 5) return std::nullopt;
+    image.pixels.assign(48, std::uint8_t(count));
+    if (count < 3) return image.view();
+    while (way == hangs) ::pause();
+    if (way == crashes) std::raise(SIGSEGV);
+    if (way == throws) throw std::runtime_error("no");
+    for (std::vector<std::vector<char>> hoard; way == eats;) hoard.emplace_back(std::size_t{1} << 24, 'x');
+    ImageView view = image.view();
+    if (way == lies) view.width = 30000, view.height = 30000;
+    return view;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a video's decoder may hang, crash or eat memory: the camera fails, and nothing is left behind", "[opencv]") {
+  using detail::VideoProcess;
+  const VideoProcess::Limits limits{0.5, 0.5, std::uint64_t{256} << 20};
+  for (const char* path : {"none", "crash", "hang"}) {
+    const VideoProcess video(Bad{}, path, limits);
+    CHECK_FALSE(video.is_open());
+    CHECK(video.pid() == -1);
+  }
+  for (const Bad::Way way : {Bad::good, Bad::hangs, Bad::crashes, Bad::throws, Bad::eats, Bad::lies}) {
+    INFO("way " << int(way));
+    if (way == Bad::eats && !detail::limit_address_space) continue;
+    Image image;
+    int pid = 0;
+    {
+      VideoProcess video(Bad{way}, "good", limits);
+      REQUIRE(video.is_open());
+      CHECK(video.rate() == 25.0);
+      pid = video.pid();
+      for (int k = 1; k <= 2; ++k) {
+        REQUIRE(video.next(image) == VideoProcess::Got::frame);
+        CHECK((image.width == 8 && image.height == 6 && image.format == PixelFormat::grey));
+        CHECK(image.pixels == std::vector<std::uint8_t>(48, std::uint8_t(k)));
+      }
+      if (way == Bad::good) {
+        CHECK(video.next(image) == VideoProcess::Got::frame);
+        CHECK(video.next(image) == VideoProcess::Got::frame);
+        CHECK(video.next(image) == VideoProcess::Got::end);
+      } else {
+        CHECK(video.next(image) == VideoProcess::Got::failed);
+        CHECK(video.next(image) == VideoProcess::Got::failed);
+        CHECK_FALSE(video.is_open());
+      }
+    }
+    CHECK(::kill(pid, 0) == -1);   // gone, and reaped
+  }
 }
 
 TEST_CASE("what is no camera is not opened", "[opencv]") {

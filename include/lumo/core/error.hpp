@@ -2,6 +2,7 @@
 
 #include <charconv>
 #include <cmath>
+#include <cstddef>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -92,11 +93,11 @@ inline std::string exact(double value) {
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
-/// Foreign text as a message may show it: at most 40 characters, '?' for what is not ASCII.
-inline std::string printable(std::string_view s) {
+/// Foreign text as a message may show it: at most `most` characters, '?' for what is not ASCII.
+inline std::string printable(std::string_view s, std::size_t most = 40) {
   std::string p;
-  for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
-  return p + (s.size() > 40 ? "..." : "");
+  for (const char c : s.substr(0, most)) p += c >= ' ' && c <= '~' ? c : '?';
+  return p + (s.size() > most ? "..." : "");
 }
 
 /// Joins its arguments into one line of text.

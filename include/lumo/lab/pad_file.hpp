@@ -73,6 +73,11 @@ class BlockReader {
     }
     return m;
   }
+  Eigen::VectorXd column(std::string_view wanted) {
+    const Eigen::MatrixXd m = block(wanted);
+    if (m.cols() != 1) fail("a block has more than one column");
+    return m.col(0);
+  }
   [[noreturn]] void fail(const char* why) const { throw InputError(text(name_, ": ", why)); }
 
  private:
@@ -111,17 +116,17 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   PadResponses r;
   const std::string_view material = reader.line();
   r.material = material.substr(std::min<std::size_t>(material.size(), 9));
-  const VectorXd theta = reader.block("theta_mm");
+  const VectorXd theta = reader.column("theta_mm");
   r.theta_mm.assign(theta.begin(), theta.end());
   const MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
-  r.position_m = reader.block("position_m"), r.unloaded = reader.block("unloaded"), r.place_m = reader.block("place_m"), r.load_N = reader.block("load_N");
+  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"), r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
   r.depth_m = reader.block("depth_m");
   for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
-  r.tilt_place_m = reader.block("tilt_place_m");
+  r.tilt_place_m = reader.column("tilt_place_m");
   for (Eigen::Index k = 0; k < r.tilt_place_m.size(); ++k) r.tilt.push_back(reader.block("tilt"));
-  r.error = reader.block("error");
+  r.error = reader.column("error");
   validate(r, name);
   return r;
 }

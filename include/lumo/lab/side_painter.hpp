@@ -2,6 +2,7 @@
 
 #include "lumo/lab/draws.hpp"
 #include "lumo/lab/rig.hpp"
+#include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_geometry.hpp"
 #include "lumo/sense/frame.hpp"
 
@@ -110,7 +111,6 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
 
 inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
   Image image = Image::black(camera_.width, camera_.height, PixelFormat::grey);
-  const double inverse_gamma = 1.0 / camera_.gamma;
   for (int v = 0; v < camera_.height; ++v) {
     std::uint8_t* row = image.row(v);
     const double row_offset = noise * camera_.row_DN * draws.normal();
@@ -119,11 +119,7 @@ inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, doub
       double signal = room_DN * p.room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
       signal *= p.vignette * (1.0 + noise * camera_.pixel_gain * p.gain);
-      signal = std::max(signal, 0.0);
-      signal += noise * std::sqrt(camera_.shot_DN * signal + camera_.read_DN * camera_.read_DN) * draws.normal() + row_offset;
-      double value = std::clamp(signal + camera_.black_DN, 0.0, camera_.full_DN);
-      if (inverse_gamma != 1.0) value = camera_.full_DN * std::pow(value / camera_.full_DN, inverse_gamma);
-      row[u] = std::uint8_t(std::lround(value));
+      row[u] = detail::sensed(camera_, signal, noise, draws.normal(), row_offset);
     }
   }
   return image;

@@ -61,7 +61,7 @@ class SurfaceText {
     Number value{};
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", word, "' is no number"));
+    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
   Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
@@ -109,7 +109,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
       }
       add_polygon(s, loop);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
-      text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
+      text.refuse(detail::text("'", printable(words[0]), "' is no statement of a polygon surface"));
     }
   }
   return s;
@@ -177,6 +177,29 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
   return s;
 }
 
+/// `kind`: ".obj" or ".stl".
+template <class Vec3 = Vec3>
+inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
+  TriangleSurface s;
+  if (kind == ".obj") {
+    s = read_obj({bytes, name});
+  } else {
+    // A text, too, may begin with any 80 bytes; only the length tells.
+    std::uint64_t count = 0;
+    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
+    else throw InputError(text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+  }
+  for (Vec3& v : s.vertices) {
+    if (!v.allFinite()) throw InputError(text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    v *= unit_m;
+  }
+  s = welded(s);
+  validate_surface(s);
+  return s;
+}
+
 }  // namespace detail
 
 template <class Vec3>
@@ -196,24 +219,7 @@ inline TriangleSurface read_surface(const std::filesystem::path& path, double un
   const std::string bytes{std::istreambuf_iterator<char>(in), {}};
   if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
 
-  TriangleSurface s;
-  if (kind == ".obj") {
-    s = detail::read_obj({bytes, name});
-  } else {
-    // A text, too, may begin with any 80 bytes; only the length tells.
-    std::uint64_t count = 0;
-    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
-    else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
-  }
-  for (Vec3& v : s.vertices) {
-    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
-    v *= unit_m;
-  }
-  s = detail::welded(s);
-  validate_surface(s);
-  return s;
+  return detail::surface_of(kind, bytes, name, unit_m);
 }
 
 }  // namespace lumo

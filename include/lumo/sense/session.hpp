@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/alignment.hpp"
+#include "lumo/sense/hand_link.hpp"
 #include "lumo/sense/torque_model.hpp"
 
 #include <Eigen/Core>
@@ -28,6 +29,12 @@ struct Segment {
   bool operator==(const Segment&) const = default;
 };
 
+/// A link of a hand, and where its holes are in the first picture, about, as somebody pointed at them.
+struct SessionLink {
+  HandLink link;
+  Eigen::Matrix2Xd hole_px;   ///< as many as link.hole_m has
+};
+
 /// What session.json says.
 struct Session {
   std::string title;
@@ -42,6 +49,7 @@ struct Session {
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
   double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
   ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
+  std::vector<SessionLink> links;      ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
 
@@ -69,6 +77,19 @@ inline void validate(const Session& s, const std::string& name) {
     require(std::abs(map.offset_s) <= 4e9, detail::text("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
     require(std::abs(map.drift) <= 0.1, detail::text("drift of a clock is ", map.drift, ", must lie within 0.1"));
     require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), detail::text("residual of a clock is ", map.residual_s, " s, must not be negative"));
+  }
+  require(s.links.size() <= 16, detail::text("has ", s.links.size(), " links, must have at most 16"));
+  for (std::size_t i = 0; i < s.links.size(); ++i) {
+    const SessionLink& l = s.links[i];
+    try {
+      validate(l.link);
+    } catch (const InvalidArgument& e) {
+      require(false, detail::text("link ", i, ": ", e.what()));
+    }
+    for (const int j : l.link.joints) require(j >= 0 && j < max_joints, detail::text("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(), detail::text("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, detail::text("link ", i, ": places of holes must lie within 1e5 px"));
+    require((l.hole_px.col(0) - l.hole_px.col(1)).norm() >= 2.0, detail::text("link ", i, ": its holes lie in one place of the picture"));
   }
   for (std::size_t i = 0; i < s.segments.size(); ++i) {
     const Segment& g = s.segments[i];

@@ -167,9 +167,8 @@ ReplyHeader supervise_job(int host, Work work, std::span<const char> request, co
   return reply(JobOutcome::crashed, WIFSIGNALED(status) ? WTERMSIG(status) : -WEXITSTATUS(status));
 }
 
-/// The helper's life: cut all ties to the host but one socket, then serve jobs until it closes.
-template <class Work>
-[[noreturn]] void serve_jobs(int socket, Work work) {
+/// In a process just forked: cuts all ties to the host but one socket, and returns its number.
+inline int leave_host(int socket) {
   for (int signal = 1; signal < 65; ++signal) ::signal(signal, SIG_DFL);  // the host's handlers are not ours; fails for some, rightly
   ::signal(SIGPIPE, SIG_IGN);
   for (const int whole_group : {SIGINT, SIGHUP, SIGTERM}) ::signal(whole_group, SIG_IGN);  // the host decides, and closes the socket
@@ -189,7 +188,13 @@ template <class Work>
   const int nowhere = ::open("/dev/null", O_RDWR);
   for (int fd = 0; fd < 3; ++fd) ::dup2(nowhere, fd);
   if (nowhere > 3) ::close(nowhere);
+  return host;
+}
 
+/// The helper's life: serves jobs until the host's socket closes.
+template <class Work>
+[[noreturn]] void serve_jobs(int socket, Work work) {
+  const int host = leave_host(socket);
   const Deadline never(1e9);
   for (;;) {
     JobHeader header{};

@@ -41,6 +41,12 @@ class StrictObject {
       value = j.template get<int>();
     });
   }
+  void get(const char* key, bool& value) {
+    read(key, [&](const auto& j) {
+      if (!j.is_boolean()) fail(key, "must be true or false");
+      value = j.template get<bool>();
+    });
+  }
   void get(const char* key, std::int64_t& value) {
     read(key, [&](const auto& j) {
       const bool beyond = j.is_number_unsigned() && j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max());
@@ -76,7 +82,7 @@ class StrictObject {
       const std::string& key = item.key();
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
       const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
-      throw InputError(text(where_, ": key '", key.substr(0, 40), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
+      throw InputError(text(where_, ": key '", printable(key), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
     }
   }
   [[noreturn]] void fail(const char* key, const char* why) const { throw InputError(text(where_, ".", key, ": ", why)); }
@@ -127,9 +133,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   try {
     root = nlohmann::json::parse(json);
   } catch (const nlohmann::json::exception& e) {
-    std::string what = e.what();
-    std::replace_if(what.begin(), what.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
-    throw InputError(detail::text(name, ": is no JSON: ", what.substr(0, 200)));
+    throw InputError(detail::text(name, ": is no JSON: ", detail::printable(e.what(), 200)));
   }
   Session s;
   detail::StrictObject top(root, name);
@@ -175,6 +179,34 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   };
   clock("joint_clock", s.joint_clock);
   clock("wrench_clock", s.wrench_clock);
+  top.with("links", [&](const nlohmann::json& j, const std::string& where) {
+    if (!j.is_array()) throw InputError(detail::text(where, ": must be an array"));
+    for (const auto& item : j) {
+      detail::StrictObject o(item, where + "[" + std::to_string(s.links.size()) + "]");
+      SessionLink l;
+      double radius_mm = 1e3 * l.link.hole_radius_m;
+      std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m}, z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
+      o.get("name", l.link.name), o.get("joints", joints), o.get("holes_mm", hole_mm), o.get("holes_px", hole_px), o.get("hole_radius_mm", radius_mm);
+      o.get("z_clockwise", l.link.z_clockwise), o.get("pad_y_mm", y_mm), o.get("pad_z_mm", z_mm);
+      for (const double joint : joints) {
+        if (joint != std::floor(joint) || std::abs(joint) > 1e6) o.fail("joints", "must be whole numbers");
+        l.link.joints.push_back(int(joint));
+      }
+      if (hole_mm.size() % 2 != 0) o.fail("holes_mm", "must be pairs y, z");
+      if (hole_px.size() % 2 != 0) o.fail("holes_px", "must be pairs x, y");
+      if (y_mm.size() != 2) o.fail("pad_y_mm", "must be two numbers");
+      if (z_mm.size() != 2) o.fail("pad_z_mm", "must be two numbers");
+      const auto pairs = [](const std::vector<double>& v, double unit) {
+        Eigen::Matrix2Xd m(2, Eigen::Index(v.size() / 2));
+        for (std::size_t k = 0; k < v.size(); ++k) m.data()[k] = unit * v[k];
+        return m;
+      };
+      l.link.hole_m = pairs(hole_mm, 1e-3), l.hole_px = pairs(hole_px, 1.0), l.link.hole_radius_m = 1e-3 * radius_mm;
+      l.link.y_low_m = 1e-3 * y_mm[0], l.link.y_high_m = 1e-3 * y_mm[1], l.link.z_low_m = 1e-3 * z_mm[0], l.link.z_high_m = 1e-3 * z_mm[1];
+      o.finish();
+      s.links.push_back(std::move(l));
+    }
+  });
   top.with("segments", [&](const nlohmann::json& j, const std::string& where) {
     if (!j.is_array()) throw InputError(detail::text(where, ": must be an array"));
     for (const auto& item : j) {
@@ -226,6 +258,17 @@ inline std::string to_json(const Session& s) {
   j["joint_delay_s"] = s.joint_delay_s;
   j["joint_clock"] = clock(s.joint_clock);
   j["wrench_clock"] = clock(s.wrench_clock);
+  for (const SessionLink& l : s.links) {
+    const auto flat = [](const Eigen::Matrix2Xd& m, bool in_mm) {
+      std::vector<double> v;
+      for (Eigen::Index k = 0; k < m.size(); ++k) v.push_back(in_mm ? detail::millimetres(m.data()[k]) : m.data()[k]);
+      return v;
+    };
+    const auto mm = [](double low, double high) { return std::vector<double>{detail::millimetres(low), detail::millimetres(high)}; };
+    j["links"].push_back({{"name", l.link.name}, {"joints", l.link.joints}, {"holes_mm", flat(l.link.hole_m, true)}, {"hole_radius_mm", detail::millimetres(l.link.hole_radius_m)},
+                          {"holes_px", flat(l.hole_px, false)}, {"z_clockwise", l.link.z_clockwise}, {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
+                          {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}});
+  }
   j["segments"] = Json::array();
   for (const Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},

@@ -7,6 +7,8 @@
 #include "lumo/sense/camera.hpp"
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/picture_decoder.hpp"
+#include "lumo/sense/picture_header.hpp"
+#include "lumo/support/video_process.hpp"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -20,7 +22,10 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -47,15 +52,22 @@ inline cv::Mat matrix_of(const ImageView& v) {
 /// How to decode: pixels as the camera gave them, not turned.
 inline int flags_of(PixelFormat format) { return (format == PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION; }
 
-/// Decoded image, or an empty matrix.
-inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) return {};  // OpenCV would print
+/// Decoded bytes of a PNG, JPEG or BMP file of sane size, or an empty matrix.
+inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, PixelFormat format) {
+  if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !is_decodable(picture_header(file))) return {};
   try {
-    return cv::imread(path, flags_of(format));
+    return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())), flags_of(format));
   } catch (const cv::Exception&) {
     return {};
   }
+}
+
+inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return {};
+  std::ifstream in(path, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  return in.bad() ? cv::Mat{} : decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, format);
 }
 
 inline void require_file(const std::string& path, const char* what) {
@@ -65,12 +77,12 @@ inline void require_file(const std::string& path, const char* what) {
 
 }  // namespace detail
 
-/// Reads an image file as 8 bits, colour or grey. Throws InputError.
+/// Reads a PNG, JPEG or BMP file as 8 bits, colour or grey. Throws InputError.
 inline Image read_image(const std::string& path, PixelFormat format = PixelFormat::bgr) {
   detail::require_file(path, "image");
   const cv::Mat m = detail::decode_file(path, format);
   const ImageView v = detail::view_of(m);
-  if (v.empty()) throw InputError(detail::text(path, ": is no image that can be decoded"));
+  if (v.empty()) throw InputError(detail::text(path, ": is no PNG, JPEG or BMP image that can be decoded"));
   Image image = Image::black(v.width, v.height, format);
   for (int y = 0; y < v.height; ++y) std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
   return image;
@@ -99,20 +111,14 @@ inline std::vector<std::uint8_t> encode_image(const std::string& ending, const I
   return bytes;
 }
 
-/// Makes 8-bit pixels of an image file's bytes, colour or grey.
+/// Makes 8-bit pixels of a PNG, JPEG or BMP file's bytes, colour or grey.
 class ImageDecoder {
  public:
   explicit ImageDecoder(PixelFormat format = PixelFormat::bgr) : format_(format) {}
 
   /// A view that holds until the next call; empty for what cannot be decoded.
   ImageView operator()(std::span<const std::uint8_t> file) {
-    image_.release();
-    if (file.empty() || file.size() > std::size_t(std::numeric_limits<int>::max())) return {};
-    try {
-      const cv::Mat bytes(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data()));
-      image_ = cv::imdecode(bytes, detail::flags_of(format_));
-    } catch (const cv::Exception&) {
-    }
+    image_ = detail::decode_bytes(file, format_);
     return detail::view_of(image_);
   }
 
@@ -167,58 +173,64 @@ class FolderCamera {
 
 static_assert(Camera<FolderCamera>);
 
-/// Frames of a video file. Stamps, exposure and gain come from the log's table, one row for each frame; without one, stamps follow from the file's
-/// frame rate.
+namespace detail {
+
+/// Of all OpenCV's backends the two that read files; others take the name for a pipeline or a pattern.
+class VideoFile {
+ public:
+  std::optional<double> open(const std::string& path) {
+    if (!capture_.open(path, cv::CAP_FFMPEG) && !capture_.open(path, cv::CAP_OPENCV_MJPEG)) return std::nullopt;
+    return capture_.get(cv::CAP_PROP_FPS);
+  }
+  std::optional<ImageView> next() {
+    if (!capture_.read(image_)) return std::nullopt;
+    return view_of(image_);
+  }
+
+ private:
+  cv::VideoCapture capture_;
+  cv::Mat image_;
+};
+
+}  // namespace detail
+
+/// Frames of a video file, decoded in a process of its own with limits of time and memory. Stamps, exposure and gain come from the log's table, one row for each
+/// frame; without one, stamps follow from the file's frame rate.
 class VideoCamera {
  public:
   /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
   explicit VideoCamera(const std::string& path, std::vector<FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
     detail::require_file(path, "video");
-    bool opened = false;
-    try {
-      // Of all backends the two that read files; others take the name for a pipeline or a pattern.
-      opened = capture_.open(path, cv::CAP_FFMPEG) || capture_.open(path, cv::CAP_OPENCV_MJPEG);
-    } catch (const cv::Exception&) {
-    }
-    if (!opened) throw InputError(detail::text(path, ": is no video that can be decoded"));
-    rate_ = capture_.get(cv::CAP_PROP_FPS);
-    if (!timed_ && !(std::isfinite(rate_) && rate_ > 0.0)) throw InputError(detail::text(path, ": tells no frame rate, needs a frames.csv"));
+    video_ = std::make_unique<detail::VideoProcess>(detail::VideoFile{}, path, detail::VideoProcess::Limits{});
+    if (!video_->is_open()) throw InputError(detail::text(path, ": is no video that can be decoded"));
+    if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0)) throw InputError(detail::text(path, ": tells no frame rate, needs a frames.csv"));
   }
 
   std::optional<Frame> next() {
+    using Got = detail::VideoProcess::Got;
     if (state_ != StreamState::open) return std::nullopt;
-    if (timed_ && std::size_t(next_) == records_.size()) {
-      bool more = false;
-      try {
-        more = capture_.grab();
-      } catch (const cv::Exception&) {
-      }
-      return state_ = more ? StreamState::failed : StreamState::ended, std::nullopt;  // frames without rows: they have no time
-    }
-    bool good = false;
-    try {
-      good = capture_.read(image_);
-    } catch (const cv::Exception&) {
-    }
-    if (!good) return state_ = timed_ ? StreamState::failed : StreamState::ended, std::nullopt;  // rows without frames: the video is cut
-    Frame f{detail::view_of(image_), 0, 0.0, 0.0, next_};
+    const Got got = video_->next(image_);
+    const bool rows_over = timed_ && std::size_t(next_) == records_.size();
+    // Frames without rows have no time; rows without frames: the video is cut.
+    if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over)) return state_ = StreamState::failed, std::nullopt;
+    if (got == Got::end) return state_ = StreamState::ended, std::nullopt;
+    Frame f{image_.view(), 0, 0.0, 0.0, next_};
     if (timed_)
       f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s, f.gain = records_[std::size_t(next_)].gain;
     else
-      f.stamp_ns = std::llround(1e9 * double(next_) / rate_);
+      f.stamp_ns = std::llround(1e9 * double(next_) / video_->rate());
     ++next_;
     return f;
   }
   StreamState state() const { return state_; }
 
  private:
-  cv::VideoCapture capture_;
+  std::unique_ptr<detail::VideoProcess> video_;
   std::vector<FrameRecord> records_;
   bool timed_;
-  double rate_ = 0.0;
   std::int64_t next_ = 0;
   StreamState state_ = StreamState::open;
-  cv::Mat image_;
+  Image image_;
 };
 
 static_assert(Camera<VideoCamera>);

@@ -1,0 +1,329 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/lab/draws.hpp"
+#include "lumo/lab/pad_responses.hpp"
+#include "lumo/lab/sensor.hpp"
+#include "lumo/lab/side_geometry.hpp"
+#include "lumo/sense/hand_link.hpp"
+#include "lumo/sense/joint_sample.hpp"
+#include "lumo/sense/log.hpp"
+#include "lumo/sense/session.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed, and was
+/// fixed before any hand was observed with it.
+struct HandRig {
+  int width = 640, height = 480;                     ///< of the picture [px]
+  double scale_m_per_px = 0.55_mm;
+  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
+  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
+  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
+  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
+  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
+  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
+  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
+};
+
+using HandJoints = std::array<double, 4>;            ///< proximal and distal of the left finger, then of the right; bending inwards is positive [rad]
+
+/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
+struct HandTouch {
+  int link;
+  double y_m, load_N;
+};
+
+/// A grasp: what the hand looks like while it holds, and what presses where.
+struct HandGrasp {
+  HandJoints joints_rad;
+  std::vector<HandTouch> touches;
+};
+
+/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
+struct HandPlan {
+  std::string title = "grasps of a hand with two fingers";
+  int sweep_steps = 6;              ///< of each joint, there and back
+  double low_rad = 0.0, high_rad = 0.4;   ///< of the sweep; the fingers then do not meet
+  double speed_rad_per_s = 0.5;
+  double close_s = 0.4, hold_s = 0.8;
+  std::vector<HandGrasp> grasps;
+};
+
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12) {
+  require_in_range("number of grasps", count, 1, 1000, "");
+  HandPlan plan;
+  Draws draws(seed, 40);
+  for (int g = 0; g < count; ++g) {
+    HandGrasp grasp;
+    for (double& q : grasp.joints_rad) q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
+    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
+    for (int k = 0; k < links; ++k) grasp.touches.push_back({(first + k) % 4, (2.0 * draws.uniform() - 1.0) * 22.0_mm, 5.0 + 10.0 * draws.uniform()});
+    std::sort(grasp.touches.begin(), grasp.touches.end(), [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+    plan.grasps.push_back(std::move(grasp));
+  }
+  return plan;
+}
+
+/// What really pressed on the hand at a frame.
+struct HandTruth {
+  std::int64_t stamp_ns = 0;
+  HandJoints joints_rad{};
+  std::vector<HandTouch> touches;   ///< with the loads of this moment
+};
+
+/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
+inline std::string truth_text(const std::vector<HandTruth>& truth) {
+  std::string t = "stamp_ns,link,y_mm,force_N\n";
+  for (const HandTruth& s : truth)
+    for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + csv_number(1e3 * c.y_m) + ',' + csv_number(c.load_N) + '\n';
+  return t;
+}
+
+/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
+/// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
+class HandLab {
+ public:
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a link that leaves the picture.
+  template <class = void>
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+
+  const Session& session() const { return session_; }
+  const std::vector<FrameRecord>& frames() const { return frames_; }
+  const std::vector<JointSample>& joints() const { return joints_; }
+  const std::vector<HandTruth>& truth() const { return truth_; }
+  const HandPlan& plan() const { return plan_; }
+  /// Picture k; the same whenever it is asked for.
+  template <class VectorXd = Eigen::VectorXd>
+  Image image(std::size_t k) const;
+  /// Where a link really is in the image.
+  template <class Vector2d = Eigen::Vector2d>
+  LinkMap map(int link, const HandJoints& joints) const;
+
+ private:
+  struct Key {
+    double t_s;
+    HandJoints joints;
+    int grasp;        ///< whose touches there are, −1: none
+    double share;     ///< of their loads
+  };
+  void move_to(const HandJoints& joints) {
+    double way = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) way = std::max(way, std::abs(joints[k] - keys_.back().joints[k]));
+    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
+  }
+  HandTruth at(double t_s) const;
+  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+  const PadLight* light_;
+  HandPlan plan_;
+  std::uint64_t seed_;
+  double noise_, per_DN_ = 1.0;
+  Rig rig_;
+  HandRig hand_;
+  SideGeometry side_;
+  Session session_;
+  std::vector<Key> keys_;
+  std::vector<FrameRecord> frames_;
+  std::vector<JointSample> joints_;
+  std::vector<HandTruth> truth_;
+  std::vector<double> lamps_, room_DN_;
+};
+
+template <class Vector2d>
+inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
+  const bool right = link >= 2;
+  const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
+  Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];   // image rows run down: −90° points up
+  if (link % 2 == 1) {
+    at += length * Vector2d(std::cos(turn), std::sin(turn));
+    turn += inwards * joints[std::size_t(link)];
+  }
+  const Vector2d along(std::cos(turn), std::sin(turn));
+  LinkMap m;
+  m.origin_px = at + 0.5 * length * along;
+  m.along_px_per_m = along / hand_.scale_m_per_px;
+  m.z_clockwise = !right;   // the pads face each other
+  return m;
+}
+
+template <class>
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
+    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
+  validate(rig_);
+  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
+  require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
+  for (const HandGrasp& g : plan_.grasps)
+    for (const HandTouch& c : g.touches) {
+      require_in_range("link of a touch", c.link, 0, 3, "");
+      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+      require_in_range("load of a touch", c.load_N, 0.0, light.max_load_N(), "N");
+    }
+  const PadResponses& r = light.responses();
+  double sum = 0.0;
+  int bins = 0;
+  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
+    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
+  per_DN_ = rig_.camera.level_DN * bins / sum;
+
+  // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
+  const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
+  keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
+  keys_.push_back({0.5, keys_.back().joints, -1, 0.0});
+  for (int i = 0; i < plan_.sweep_steps; ++i)
+    for (int j = 0; j < plan_.sweep_steps; ++j) {
+      const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
+      move_to({a, b, a, b});
+    }
+  for (int l = 0; l < 4; ++l) {
+    const bool right = l >= 2;
+    SessionLink s;
+    s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
+    s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
+    s.link.hole_m.resize(2, 2), s.hole_px.resize(2, 2);
+    s.link.hole_radius_m = hand_.hole_radius_m, s.link.z_clockwise = !right;
+    s.link.z_low_m = side_.low_m + 1.0_mm, s.link.z_high_m = side_.high_m - 1.0_mm;
+    for (int k = 0; k < 2; ++k) {
+      s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
+      s.hole_px.col(k) = map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
+    }
+    session_.links.push_back(std::move(s));
+  }
+  const double free_s = keys_.back().t_s;
+  std::vector<std::pair<double, double>> held;
+  for (int g = 0; g < int(plan_.grasps.size()); ++g) {
+    const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
+    move_to(grasp.joints_rad);
+    double t = keys_.back().t_s;
+    keys_.push_back({t + 0.3, grasp.joints_rad, -1, 0.0});
+    t += 0.3;
+    keys_.push_back({t, grasp.joints_rad, g, 0.0});
+    keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
+    held.emplace_back(t + plan_.close_s, t + plan_.close_s + plan_.hold_s);
+  }
+  const double end_s = keys_.back().t_s;
+
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = r.material;
+  session_.theta_mm = r.theta_mm;
+  session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
+  const auto segment = [&](double from_s, double to_s, const char* kind) {
+    Segment s;
+    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    session_.segments.push_back(s);
+  };
+  segment(0.0, free_s, "free");
+  for (const auto& [from, to] : held) segment(from, to, "hold");
+
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  SlowNoise lamp(Draws(seed_, 48), l.lamp_drift_s), room(Draws(seed_, 49), l.ambient_drift_s);
+  Draws white(seed_, 50), jitter(seed_, 51), read(seed_, 52);
+  for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
+    HandTruth truth = at(t);
+    truth.stamp_ns = stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
+    char name[32];
+    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
+    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth_.push_back(std::move(truth));
+    lamps_.push_back(1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal()));
+    room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
+  }
+  HandJoints before = keys_.front().joints;
+  for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
+    const HandTruth now = at(t);
+    JointSample s{stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
+    for (int k = 0; k < 4; ++k) {
+      s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
+      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
+    }
+    before = now.joints_rad;
+    joints_.push_back(std::move(s));
+  }
+}
+
+inline HandTruth HandLab::at(double t_s) const {
+  std::size_t k = 0;
+  while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
+  const Key &a = keys_[k], &b = keys_[k + 1];
+  const double share = b.t_s > a.t_s ? std::clamp((t_s - a.t_s) / (b.t_s - a.t_s), 0.0, 1.0) : 1.0;
+  HandTruth truth;
+  for (std::size_t j = 0; j < 4; ++j) truth.joints_rad[j] = a.joints[j] + share * (b.joints[j] - a.joints[j]);
+  const double load = a.share + share * (b.share - a.share);
+  if (a.grasp >= 0 && a.grasp == b.grasp && load > 0.0)
+    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) c.load_N *= load, truth.touches.push_back(c);
+  return truth;
+}
+
+template <class VectorXd>
+inline Image HandLab::image(std::size_t k) const {
+  struct Seen {
+    LinkMap map;
+    double c, s;      ///< of its turn, over the scale
+    VectorXd light;
+  };
+  const HandTruth& truth = truth_.at(k);
+  std::vector<Seen> links;
+  for (int l = 0; l < 4; ++l) {
+    VectorXd light = light_->responses().unloaded;
+    for (const HandTouch& c : truth.touches)
+      if (c.link == l) light += light_->change(c.y_m, c.load_N, 0.0);
+    const LinkMap m = map(l, truth.joints_rad);
+    const double scale = m.px_per_m();
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
+  }
+  const VectorXd& position = light_->responses().position_m;
+  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
+  const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
+  Image image = Image::black(hand_.width, hand_.height, PixelFormat::grey);
+  Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
+  for (int v = 0; v < hand_.height; ++v) {
+    std::uint8_t* row = image.row(v);
+    const double row_offset = noise_ * rig_.camera.row_DN * draws.normal();
+    for (int u = 0; u < hand_.width; ++u) {
+      double signal = hand_.ground_DN;
+      for (const Seen& l : links) {
+        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px, dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
+        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c), end = side_.half_length_m - std::abs(y);
+        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > side_.high_m + 3.0 * blur) continue;
+        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m), pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
+        double hole = 0.0;
+        for (const double at : hand_.hole_y_m) hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
+        const double behind = std::max(carrier, pad);
+        signal = (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
+        if (pad > 0.0) {
+          const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
+          const auto bin = Eigen::Index(place);
+          signal += pad * ((1.0 - (place - double(bin))) * l.light[bin] + (place - double(bin)) * l.light[bin + 1]);
+          for (const double at : side_.lamp_m) {
+            const double d = std::hypot(y - at, z - side_.lamp_height_m) / rig_.light.spot_sigma_m;
+            if (d < 5.0) signal += pad * lamps_[k] * rig_.light.spot_DN * std::exp(-0.5 * d * d);
+          }
+        }
+      }
+      signal *= 1.0 + noise_ * rig_.camera.pixel_gain * sensitivity.normal();
+      row[u] = detail::sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
+    }
+  }
+  return image;
+}
+
+}  // namespace lumo

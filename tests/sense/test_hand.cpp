@@ -1,0 +1,202 @@
+#include "../catch.hpp"
+
+#include "lumo/sense/hand_observer.hpp"
+#include "synthetic.hpp"
+
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+using namespace lumo;
+
+namespace {
+
+/// Two fingers of two links each before a dark ground, in one camera's picture; all lengths in mm, 3 px/mm.
+struct HandScene {
+  struct Touch {
+    int link;
+    double y_mm, change_DN;
+  };
+  static constexpr double px_per_mm = 3.0;
+  std::vector<double> joints{0.0, 0.0, 0.0, 0.0};
+  std::vector<Touch> touches;
+  double lamps = 1.0, slope_DN = 0.0, noise_DN = 1.2;
+  int covered = -1;   ///< link whose holes something hides
+  std::uint64_t seed = 1;
+
+  /// Middle of a link's pad [px], and where its tip points [rad in the image]. Links 0 and 1 are one finger, 2 and 3 the other.
+  std::array<double, 3> pose(int link) const {
+    const bool second = link >= 2;
+    const double q1 = joints[second ? 2 : 0], q2 = joints[second ? 3 : 1], up = -0.5 * std::numbers::pi;
+    const double first = up + q1, length = 35.0 * px_per_mm, x = second ? 470.0 : 170.0, y = 430.0;
+    if (link % 2 == 0) return {x + length * std::cos(first), y + length * std::sin(first), first};
+    const double turned = first + q2;
+    return {x + 2.0 * length * std::cos(first) + length * std::cos(turned), y + 2.0 * length * std::sin(first) + length * std::sin(turned), turned};
+  }
+  static bool clockwise(int link) { return link < 2; }   // the fingers' pads face each other
+  static HandLink link(int k) {
+    HandLink l;
+    l.name = std::to_string(k);
+    l.joints = k < 2 ? std::vector<int>{0, 1} : std::vector<int>{2, 3};
+    if (k % 2 == 0) l.joints.pop_back();
+    l.hole_m = Eigen::Matrix2Xd(2, 2);
+    l.hole_m << -22e-3, 22e-3, -4e-3, -4e-3;
+    l.z_clockwise = clockwise(k);
+    return l;
+  }
+  LinkMap map(int k) const {
+    const auto [x, y, turn] = pose(k);
+    return {{x, y}, 1e3 * px_per_mm * Eigen::Vector2d(std::cos(turn), std::sin(turn)), clockwise(k), 0.0};
+  }
+  Image paint() const {
+    Image image = Image::black(640, 480, PixelFormat::grey);
+    synthetic::Normal draw(seed);
+    for (int v = 0; v < image.height; ++v)
+      for (int u = 0; u < image.width; ++u) {
+        double light = 15.0;
+        for (int k = 0; k < 4; ++k) {
+          const auto [x, y, turn] = pose(k);
+          const double du = (u - x) / px_per_mm, dv = (v - y) / px_per_mm, s = clockwise(k) ? 1.0 : -1.0;
+          const double along = du * std::cos(turn) + dv * std::sin(turn), across = s * (-du * std::sin(turn) + dv * std::cos(turn));
+          if (std::abs(along) > 30.0 || across < -8.0 || across > 9.0) continue;
+          if (across < 0.0) {
+            light = std::hypot(std::abs(along) - 22.0, across + 4.0) < 1.5 && covered != k ? 20.0 : 90.0;
+            continue;
+          }
+          light = lamps * (70.0 + 12.0 * std::cos(along / 11.0 * 2.0 * std::numbers::pi)) + slope_DN * along / 30.0;
+          for (const Touch& t : touches)
+            if (t.link == k) light += t.change_DN * std::exp(-0.5 * std::pow((along - t.y_mm) / 3.5, 2));
+        }
+        image.row(v)[u] = std::uint8_t(std::lround(std::clamp(light + noise_DN * draw(), 0.0, 255.0)));
+      }
+    return image;
+  }
+  JointVector sample() const {
+    JointVector q(4);
+    q << joints[0], joints[1], joints[2], joints[3];
+    return q;
+  }
+};
+
+std::vector<HandLink> all_links() { return {HandScene::link(0), HandScene::link(1), HandScene::link(2), HandScene::link(3)}; }
+
+/// A hand that has seen its workspace in free motion: both fingers together, small steps, so that each picture's holes are near those before.
+HandObserver practised_hand() {
+  HandScene s;
+  std::vector<LinkMap> first;
+  for (int k = 0; k < 4; ++k) first.push_back(s.map(k));
+  HandObserver hand(all_links(), first, {});
+  int count = 0;
+  for (int i = 0; i <= 4; ++i)
+    for (int j = 0; j <= 4; ++j) {
+      const double q1 = 0.06 * i, q2 = 0.06 * (i % 2 == 0 ? j : 4 - j);
+      s.joints = {q1, q2, -q1, -q2};
+      s.seed = std::uint64_t(100 + ++count);
+      CHECK(hand.add_reference(s.sample(), s.paint().view()) == 4);
+    }
+  return hand;
+}
+
+}  // namespace
+
+TEST_CASE("a link's map is the turn, shift and scale that its points were given", "[hand]") {
+  Eigen::Matrix2Xd points(2, 4), pixels(2, 4);
+  points << -0.02, 0.02, 0.0, 0.01, -0.004, -0.004, 0.003, 0.008;
+  for (const bool clockwise : {false, true}) {
+    const LinkMap made{{320.5, 111.25}, {2100.0, -1300.0}, clockwise, 0.0};
+    for (Eigen::Index k = 0; k < 4; ++k) pixels.col(k) = made.pixel(points(0, k), points(1, k));
+    const LinkMap fit = LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, clockwise);
+    CHECK((fit.origin_px - made.origin_px).norm() < 1e-9);
+    CHECK((fit.along_px_per_m - made.along_px_per_m).norm() < 1e-6);
+    CHECK(fit.residual_px < 1e-9);
+    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);   // a mirror image is no turn
+  }
+  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
+  points.setZero();
+  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, true), InvalidArgument);
+}
+
+TEST_CASE("links are found by their holes to a fraction of a pixel, and are not where holes are hidden", "[hand]") {
+  for (int k = 0; k < 12; ++k) {
+    HandScene s;
+    s.joints = {0.04 * k - 0.2, 0.02 * k, -0.03 * k, 0.02 * k};
+    s.seed = std::uint64_t(k);
+    const Image image = s.paint();
+    for (int l = 0; l < 4; ++l) {
+      LinkMap guess = s.map(l);
+      guess.origin_px += Eigen::Vector2d(6.0, -7.0);   // 3 mm off
+      const auto found = register_link(image.view(), HandScene::link(l), guess);
+      INFO(k << " link " << l);
+      REQUIRE(found);
+      CHECK((found->origin_px - s.map(l).origin_px).norm() < 0.3);
+      CHECK((found->along_px_per_m - s.map(l).along_px_per_m).norm() < 0.01 * 3000.0);
+    }
+    s.covered = 1;
+    CHECK_FALSE(register_link(s.paint().view(), HandScene::link(1), s.map(1)));
+  }
+  CHECK_FALSE(register_link(Image::black(640, 480, PixelFormat::grey).view(), HandScene::link(0), HandScene{}.map(0)));
+  CHECK_FALSE(register_link({}, HandScene::link(0), HandScene{}.map(0)));
+  LinkMap outside = HandScene{}.map(0);
+  outside.origin_px.x() += 5000.0;
+  CHECK_FALSE(register_link(HandScene{}.paint().view(), HandScene::link(0), outside));
+}
+
+TEST_CASE("contacts on several links at once are found where they are, bright and dark, whatever the lamps do", "[hand]") {
+  HandObserver hand = practised_hand();
+  CHECK(hand.references(0) == 25);
+  double worst = 0.0;
+  for (int round = 0; round < 12; ++round) {
+    HandScene s;
+    const double q1 = 0.03 + 0.015 * round, q2 = 0.21 - 0.012 * round;
+    s.joints = {q1, q2, -q1, -q2};
+    s.seed = std::uint64_t(500 + round);
+    s.lamps = 1.0 + 0.08 * std::cos(round), s.slope_DN = 4.0 * std::sin(round);
+    const HandEstimate free = hand.observe(round, s.sample(), s.paint().view());
+    CHECK(free.seen == std::vector<bool>(4, true));
+    INFO("round " << round);
+    CHECK(free.contacts.empty());
+    for (const auto& c : free.contacts) UNSCOPED_INFO("free " << c.link << " y " << 1e3 * c.y_m << " peak " << c.peak_DN);
+    const double place = -20.0 + 3.5 * round;
+    s.touches = {{0, place, 25.0}, {1, -place, -22.0}, {3, 0.5 * place, 30.0}};
+    const HandEstimate grasp = hand.observe(1000 + round, s.sample(), s.paint().view());
+    for (const auto& c : grasp.contacts) UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area " << 1e6 * c.area_m2);
+    REQUIRE(grasp.contacts.size() == 3);
+    for (std::size_t c = 0; c < 3; ++c) {
+      CHECK(grasp.contacts[c].link == s.touches[c].link);
+      worst = std::max(worst, std::abs(1e3 * grasp.contacts[c].y_m - s.touches[c].y_mm));
+      CHECK((grasp.contacts[c].pixel - s.map(s.touches[c].link).pixel(grasp.contacts[c].y_m, grasp.contacts[c].z_m)).norm() < 2.0);
+    }
+  }
+  CHECK(worst < 2.0);
+}
+
+TEST_CASE("two contacts on one link are two, and what cannot be seen or compared says so", "[hand]") {
+  HandObserver hand = practised_hand();
+  HandScene s;
+  s.joints = {0.1, 0.1, -0.1, -0.1};
+  s.touches = {{2, -15.0, 25.0}, {2, 14.0, 28.0}};
+  HandEstimate e = hand.observe(1, s.sample(), s.paint().view());
+  for (const auto& c : e.contacts) UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area " << 1e6 * c.area_m2);
+  REQUIRE(e.contacts.size() == 2);
+  CHECK(1e3 * e.contacts[0].y_m == Approx(-15.0).margin(2.0));
+  CHECK(1e3 * e.contacts[1].y_m == Approx(14.0).margin(2.0));
+  s.covered = 2;
+  e = hand.observe(2, s.sample(), s.paint().view());
+  CHECK(e.seen == std::vector<bool>{true, true, false, true});
+  CHECK(e.reference[2] == -1);
+  CHECK(e.contacts.empty());
+  s.covered = -1;
+  JointVector far = s.sample();
+  far[3] = 2.0;   // the picture is near a reference, the joints are not: nothing is known of such a picture
+  e = hand.observe(3, far, s.paint().view());
+  CHECK(e.seen == std::vector<bool>{true, true, true, false});
+  e = hand.observe(4, s.sample(), Image::black(640, 480, PixelFormat::grey).view());
+  CHECK(e.seen == std::vector<bool>(4, false));
+  far[0] = std::nan("");
+  CHECK_THROWS_AS(hand.observe(5, far, s.paint().view()), InvalidArgument);
+  CHECK_THROWS_AS(hand.observe(6, JointVector::Zero(2), s.paint().view()), InvalidArgument);
+  CHECK_THROWS_AS(HandObserver(all_links(), {}, {}), InvalidArgument);
+  HandLink loose = HandScene::link(0);
+  loose.hole_m = Eigen::Matrix2Xd(2, 1);
+  CHECK_THROWS_AS(HandObserver({loose}, {LinkMap{}}, {}), InvalidArgument);
+}
