@@ -4,6 +4,7 @@
 #include "lumo/mesh/sizing.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "mesh/random_design.hpp"
 
 #include <map>
 #include <random>
@@ -11,17 +12,6 @@
 using namespace lumo;
 
 namespace {
-
-/// Some feasible lattice design, by rejection.
-FingerDesign random_design(std::mt19937& random) {
-  const DesignSpace space = finger_space();
-  for (;;) {
-    std::array<double, 5> x;
-    for (std::size_t i = 0; i < 5; ++i)
-      x[i] = 0.5 * double(std::uniform_int_distribution<int>(int(2 * space.variables[i].lower), int(2 * space.variables[i].upper))(random));
-    if (space.contains(x)) return FingerDesign::from(x);
-  }
-}
 
 void check_finger_mesh(const FingerDesign& design, const TetgenMesher& mesher, bool thorough) {
   const auto v = design.values();

@@ -16,7 +16,7 @@ struct CastSection {
   double ridge_height = 0.0;
   double gap_width = 0.0;                      ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
   double exact_volume_m3 = 0.0;                ///< of the pad with its curve uncut [m³]
-  FingerOptions::Leds leds;                    ///< centred on the ridge, facing up
+  FingerOptions::Leds leds = {};               ///< centred on the ridge, facing up
 
   double half_width() const { return outline.front()[0]; }
   double height() const { return outline.back()[1]; }

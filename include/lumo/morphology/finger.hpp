@@ -45,10 +45,10 @@ struct FingerOptions {
   };
 
   Twin twin = Twin::none;
-  PadDimensions pad;
-  Mesh mesh;
-  Leds leds;
-  Readout readout;
+  PadDimensions pad = {};
+  Mesh mesh = {};
+  Leds leds = {};
+  Readout readout = {};
   double carrier_albedo = 0.8;
   bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};   ///< Body::touched
