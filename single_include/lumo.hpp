@@ -40,6 +40,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <complex>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -172,11 +173,11 @@ inline std::string exact(double value) {
   return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
-/// Foreign text as a message may show it: at most 40 characters, '?' for what is not ASCII.
-inline std::string printable(std::string_view s) {
+/// Foreign text as a message may show it: at most `most` characters, '?' for what is not ASCII.
+inline std::string printable(std::string_view s, std::size_t most = 40) {
   std::string p;
-  for (const char c : s.substr(0, 40)) p += c >= ' ' && c <= '~' ? c : '?';
-  return p + (s.size() > 40 ? "..." : "");
+  for (const char c : s.substr(0, most)) p += c >= ' ' && c <= '~' ? c : '?';
+  return p + (s.size() > most ? "..." : "");
 }
 
 /// Joins its arguments into one line of text.
@@ -1077,10 +1078,10 @@ struct FingerOptions {
   };
 
   Twin twin = Twin::none;
-  PadDimensions pad;
-  Mesh mesh;
-  Leds leds;
-  Readout readout;
+  PadDimensions pad = {};
+  Mesh mesh = {};
+  Leds leds = {};
+  Readout readout = {};
   double carrier_albedo = 0.8;
   bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
   SurfaceOptics touched = Dielectric{};   ///< Body::touched
@@ -2030,116 +2031,6 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vecto
 
 }  // namespace lumo::detail
 
-// ---- lumo/mesh/polygon_triangles.hpp
-
-namespace lumo::detail {
-
-/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
-/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
-/// are exact. Corners on straight edges are allowed.
-class PolygonTriangles {
- public:
-  using Triangle = std::array<int, 3>;
-
-  template <class Vec3 = Vec3>
-  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
-    const Projection project(normal);
-    for (const Vec3& v : vertices) points_.push_back(project(v));
-  }
-
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
-  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
-
- private:
-  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
-  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
-  bool crosses(int a, int b, const std::vector<int>& loop) const;
-  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
-  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
-
-  std::vector<Point2> points_;
-};
-
-/// Whether the segment a b meets an edge of the loop that does not end in a or b.
-inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const int p = loop[i], q = loop[(i + 1) % loop.size()];
-    const bool shared = p == a || p == b || q == a || q == b;
-    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
-  }
-  return false;
-}
-
-/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
-  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
-  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
-  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
-}
-
-inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
-  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
-  const int from = hole[start];
-  std::vector<std::pair<double, std::size_t>> nearest;
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
-    nearest.emplace_back(dx * dx + dy * dy, i);
-  }
-  std::sort(nearest.begin(), nearest.end());
-  for (const auto& candidate : nearest) {
-    const std::size_t corner = candidate.second;
-    const int to = loop[corner];
-    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
-    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
-    std::vector<int> detour{to};
-    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
-    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
-    return true;
-  }
-  return false;
-}
-
-/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
-  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
-  if (a == c || turn(a, b, c) <= 0) return 0.0;
-  for (const int p : loop)
-    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
-  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
-  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
-  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
-}
-
-inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
-  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
-  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
-  while (!holes.empty()) {
-    const std::vector<int> hole = std::move(holes.back());
-    holes.pop_back();
-    if (!bridge(loop, hole, holes)) return std::nullopt;
-  }
-  std::vector<Triangle> triangles;
-  std::vector<double> shape;   // of the ear at each corner
-  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
-  while (loop.size() > 3) {
-    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
-    if (!(shape[ear] > 0.0)) return std::nullopt;
-    const std::size_t n = loop.size();
-    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
-    loop.erase(loop.begin() + std::ptrdiff_t(ear));
-    shape.erase(shape.begin() + std::ptrdiff_t(ear));
-    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
-  }
-  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
-  triangles.push_back({loop[0], loop[1], loop[2]});
-  return triangles;
-}
-
-}  // namespace lumo::detail
-
 // ---- lumo/mesh/self_intersection.hpp
 
 namespace lumo::detail {
@@ -2669,6 +2560,700 @@ inline SurfaceReport validate_surface(const MeshInput& input) {
 
 }  // namespace lumo
 
+// ---- lumo/mesh/fill_check.hpp
+
+namespace lumo::detail {
+
+/// A triangle with its corners in ascending order, for matching, and where it came from.
+struct SortedFace {
+  std::array<int, 3> key;
+  int from;     ///< 4 × tetrahedron + corner opposite
+  bool odd;     ///< sorting it was an odd permutation
+
+  SortedFace(std::array<int, 3> corners, int source) : key(corners), from(source), odd(false) {
+    const auto order = [this](std::size_t i, std::size_t j) {
+      if (key[i] <= key[j]) return;
+      std::swap(key[i], key[j]);
+      odd = !odd;
+    };
+    order(0, 1);
+    order(1, 2);
+    order(0, 1);
+  }
+  bool operator<(const SortedFace& other) const { return key != other.key ? key < other.key : from < other.from; }
+};
+
+/// Corners of the face opposite to corner i of a positive tetrahedron, counter-clockwise seen from outside.
+inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}}};
+
+/// Makes a LinearTets of a mesher's raw answer and checks it against the surface that was to be filled: finite, positive volumes,
+/// faces shared by two tetrahedra of opposite sense or on the boundary, boundary faces on their facets, volume and area those of
+/// the input to 1e-6. `faces` and `facets` (number + 1) name the boundary triangles, in any sense and order.
+/// Throws MeshError: crashed for an answer that makes no sense, inverted, open, not_manifold, or inaccurate.
+template <class Vec3 = Vec3>
+inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
+                               const std::vector<std::int32_t>& tets, const std::vector<std::int32_t>& faces,
+                               const std::vector<std::int32_t>& facets) {
+  using Reason = MeshError::Reason;
+  LinearTets mesh;
+  const int count = static_cast<int>(coordinates.size() / 3);
+  const int given = static_cast<int>(input.vertices.size());
+  if (count < given || tets.size() < 4) throw MeshError(Reason::crashed, text("mesher returned ", count, " vertices and ", tets.size() / 4, " tetrahedra"));
+  mesh.vertices.reserve(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
+    const Vec3 point = scale * Vec3(coordinates[3 * i], coordinates[3 * i + 1], coordinates[3 * i + 2]);
+    if (!point.allFinite()) throw MeshError(Reason::crashed, text("mesher returned vertex ", i, " that is not finite"));
+    mesh.vertices.push_back(point);
+  }
+  for (std::size_t i = 0; i < static_cast<std::size_t>(given); ++i)
+    if (mesh.vertices[i] != input.vertices[i]) throw MeshError(Reason::inaccurate, text("mesher moved the given vertex ", i));
+  const auto at = [&](int i) -> const Vec3& { return mesh.vertices[static_cast<std::size_t>(i)]; };
+  const auto valid = [&](int i) { return i >= 0 && i < count; };
+
+  double volume = 0.0;
+  std::vector<SortedFace> sides;
+  sides.reserve(tets.size());
+  for (std::size_t i = 0; i + 3 < tets.size(); i += 4) {
+    std::array<int, 4> tet{tets[i], tets[i + 1], tets[i + 2], tets[i + 3]};
+    if (!std::all_of(tet.begin(), tet.end(), valid)) throw MeshError(Reason::crashed, text("mesher returned tetrahedron ", i / 4, " with a bad index"));
+    double six = (at(tet[1]) - at(tet[0])).cross(at(tet[2]) - at(tet[0])).dot(at(tet[3]) - at(tet[0]));
+    if (six < 0.0) {  // the mesher's sense of orientation need not be ours
+      std::swap(tet[2], tet[3]);
+      six = -six;
+    }
+    if (!(six > 0.0)) throw MeshError(Reason::inverted, text("tetrahedron ", i / 4, " has volume ", six / 6.0, ", must be > 0"));
+    volume += six / 6.0;
+    const int number = static_cast<int>(mesh.tets.size());
+    for (int k = 0; k < 4; ++k) {
+      const auto& face = outward_faces[static_cast<std::size_t>(k)];
+      sides.emplace_back(std::array<int, 3>{tet[static_cast<std::size_t>(face[0])], tet[static_cast<std::size_t>(face[1])], tet[static_cast<std::size_t>(face[2])]},
+                         4 * number + k);
+    }
+    mesh.tets.push_back(tet);
+  }
+
+  std::sort(sides.begin(), sides.end());
+  std::vector<SortedFace> named;
+  for (std::size_t i = 0; i < facets.size() && 3 * i + 2 < faces.size(); ++i) named.emplace_back(std::array<int, 3>{faces[3 * i], faces[3 * i + 1], faces[3 * i + 2]}, facets[i]);
+  std::sort(named.begin(), named.end());
+  std::vector<std::pair<int, int>> boundary;  // side, facet: in the order of the tetrahedra, whatever the mesher's order was
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i + 1;
+    while (end < sides.size() && sides[end].key == sides[i].key) ++end;
+    if (end - i > 2 || (end - i == 2 && sides[i].odd == sides[i + 1].odd))
+      throw MeshError(Reason::not_manifold, text("tetrahedron ", sides[i].from / 4, " overlaps its neighbour ", sides[i + 1].from / 4));
+    if (end - i == 1) {
+      const auto found = std::lower_bound(named.begin(), named.end(), sides[i], [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
+      if (found == named.end() || found->key != sides[i].key || found->from < 1 || found->from > static_cast<int>(input.facets.size()))
+        throw MeshError(Reason::open, text("a boundary face of tetrahedron ", sides[i].from / 4, " lies on no facet"));
+      boundary.emplace_back(sides[i].from, found->from - 1);
+    }
+    i = end;
+  }
+  std::sort(boundary.begin(), boundary.end());
+  std::vector<Vec3> normals;
+  for (const Facet& facet : input.facets) normals.push_back(polygon_normal(input.vertices, facet.loop).normalized());
+  const double reach = 1e-6 * (surface.high - surface.low).norm();
+  double area = 0.0;
+  for (const auto& [side, facet] : boundary) {
+    const auto& tet = mesh.tets[static_cast<std::size_t>(side / 4)];
+    const auto& local = outward_faces[static_cast<std::size_t>(side % 4)];
+    const std::array<int, 3> face{tet[static_cast<std::size_t>(local[0])], tet[static_cast<std::size_t>(local[1])], tet[static_cast<std::size_t>(local[2])]};
+    area += 0.5 * (at(face[1]) - at(face[0])).cross(at(face[2]) - at(face[0])).norm();
+    const Vec3& normal = normals[static_cast<std::size_t>(facet)];
+    const Vec3& origin = at(input.facets[static_cast<std::size_t>(facet)].loop[0]);
+    for (int vertex : face)
+      if (const double height = std::abs(normal.dot(at(vertex) - origin)); height > reach)
+        throw MeshError(Reason::inaccurate, text("boundary vertex ", vertex, " is ", height, " off facet ", facet, ", at most ", reach));
+    mesh.faces.push_back(face);
+    mesh.patches.push_back(input.facets[static_cast<std::size_t>(facet)].patch);
+  }
+  const auto compare = [](const char* what, double value, double wanted, const char* unit) {
+    if (!(std::abs(value - wanted) <= 1e-6 * wanted))
+      throw MeshError(Reason::inaccurate, text("mesh ", what, " is ", value, ", the surface's is ", wanted, ", may differ by 1e-6 relative [unit", unit, "]"));
+  };
+  compare("volume", volume, surface.volume, "^3");
+  compare("area", area, surface.area, "^2");
+  return mesh;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/polygon_triangles.hpp
+
+namespace lumo::detail {
+
+/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
+/// are exact. Corners on straight edges are allowed.
+class PolygonTriangles {
+ public:
+  using Triangle = std::array<int, 3>;
+
+  template <class Vec3 = Vec3>
+  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+    const Projection project(normal);
+    for (const Vec3& v : vertices) points_.push_back(project(v));
+  }
+
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
+
+ private:
+  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
+  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  bool crosses(int a, int b, const std::vector<int>& loop) const;
+  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
+
+  std::vector<Point2> points_;
+};
+
+/// Whether the segment a b meets an edge of the loop that does not end in a or b.
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int p = loop[i], q = loop[(i + 1) % loop.size()];
+    const bool shared = p == a || p == b || q == a || q == b;
+    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
+  }
+  return false;
+}
+
+/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
+  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
+}
+
+inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+  const int from = hole[start];
+  std::vector<std::pair<double, std::size_t>> nearest;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
+    nearest.emplace_back(dx * dx + dy * dy, i);
+  }
+  std::sort(nearest.begin(), nearest.end());
+  for (const auto& candidate : nearest) {
+    const std::size_t corner = candidate.second;
+    const int to = loop[corner];
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
+    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    std::vector<int> detour{to};
+    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
+    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
+    return true;
+  }
+  return false;
+}
+
+/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
+  if (a == c || turn(a, b, c) <= 0) return 0.0;
+  for (const int p : loop)
+    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
+  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
+  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
+}
+
+inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
+  while (!holes.empty()) {
+    const std::vector<int> hole = std::move(holes.back());
+    holes.pop_back();
+    if (!bridge(loop, hole, holes)) return std::nullopt;
+  }
+  std::vector<Triangle> triangles;
+  std::vector<double> shape;   // of the ear at each corner
+  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
+  while (loop.size() > 3) {
+    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
+    if (!(shape[ear] > 0.0)) return std::nullopt;
+    const std::size_t n = loop.size();
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+    shape.erase(shape.begin() + std::ptrdiff_t(ear));
+    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+  }
+  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
+  triangles.push_back({loop[0], loop[1], loop[2]});
+  return triangles;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/polygon_refinement.hpp
+
+namespace lumo::detail {
+
+/// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of areas are exact, so that every state is
+/// a valid triangulation; whether a circle holds a point is rounded, which costs at most quality. Same input, same bits.
+class PolygonRefinement {
+ public:
+  static constexpr std::size_t most_points = 200'000;
+  struct Triangle {
+    std::array<int, 3> corners;   ///< counter-clockwise
+    std::array<int, 3> across;    ///< the triangle on the other side of the edge opposite to each corner, or −1
+  };
+  /// A piece of the outline from one point to the next, and the edge of the polygon that it is part of.
+  struct Piece {
+    int from, to, edge;
+  };
+
+  /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where it is not simple.
+  template <class Vec3 = Vec3>
+  static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
+
+  /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
+  /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
+  bool refine(const std::function<double(const Point2&)>& edge_length);
+
+  const std::vector<Point2>& points() const { return points_; }
+  const std::vector<Triangle>& triangles() const { return triangles_; }
+  std::vector<Piece> outline() const;
+
+ private:
+  struct Circle {
+    Point2 center;
+    double radius, shortest_edge;
+  };
+  struct Place {
+    int triangle;
+    bool beyond;   ///< the outline is in between, at `side`
+    int side;
+  };
+
+  const Point2& at(int point) const { return points_[std::size_t(point)]; }
+  Triangle& triangle(int t) { return triangles_[std::size_t(t)]; }
+  const Triangle& triangle(int t) const { return triangles_[std::size_t(t)]; }
+  static double distance(const Point2& a, const Point2& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); }
+  static std::pair<int, int> key(int a, int b) { return std::minmax(a, b); }
+  static int corner_of(const Triangle& t, int neighbour) { return int(std::find(t.across.begin(), t.across.end(), neighbour) - t.across.begin()); }
+
+  std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
+  Circle circle(const Triangle& t) const;
+  bool in_circle(const Triangle& t, const Point2& p) const;
+  Place walk(int from, const Point2& p) const;
+  void reconnect(int neighbour, int before, int now);
+  bool flip(int t, int k);
+  void settle(int point, std::vector<int>& changed);
+  std::optional<std::pair<int, int>> encroached(int t, const Point2& p) const;
+  void insert(int t, const Point2& p, std::vector<int>& changed);
+  void split_inside(int t, const Point2& p, std::vector<int>& changed);
+  void split_edge(int t, int k, const Point2& p, std::vector<int>& changed);
+  bool split_outline(int t, int k, double closest, std::vector<int>& changed);
+
+  std::vector<Point2> points_;
+  std::vector<Triangle> triangles_;
+  std::map<std::pair<int, int>, int> edge_of_;   // pieces of the outline
+  double shortest_given_ = 0.0;
+};
+
+template <class Vec3>
+inline std::optional<PolygonRefinement> PolygonRefinement::of(const std::vector<Point2>& polygon) {
+  if (polygon.size() < 3 || outline_crosses(polygon)) return std::nullopt;
+  PolygonRefinement r;
+  r.points_ = polygon;
+  std::vector<int> loop;
+  const int n = int(polygon.size());
+  r.shortest_given_ = distance(polygon.back(), polygon.front());
+  for (int i = 0; i < n; ++i) {
+    loop.push_back(i);
+    r.edge_of_[key(i, (i + 1) % n)] = i;
+    r.shortest_given_ = std::min(r.shortest_given_, distance(r.at(i), r.at((i + 1) % n)));
+  }
+  std::vector<Vec3> corners;
+  for (const Point2& p : polygon) corners.emplace_back(p[0], p[1], 0.0);
+  const auto cut = PolygonTriangles(corners, Vec3(0, 0, 1)).cut(loop, {});
+  if (!cut) return std::nullopt;
+  std::map<std::pair<int, int>, std::pair<int, int>> waiting;   // directed edge → triangle and corner opposite
+  for (const auto& ear : *cut) {
+    const int t = int(r.triangles_.size());
+    r.triangles_.push_back({ear, {-1, -1, -1}});
+    for (int k = 0; k < 3; ++k) {
+      const auto [a, b] = r.ends(t, k);
+      if (const auto other = waiting.find({b, a}); other != waiting.end()) {
+        r.triangle(t).across[std::size_t(k)] = other->second.first;
+        r.triangle(other->second.first).across[std::size_t(other->second.second)] = t;
+      }
+      waiting[{a, b}] = {t, k};
+    }
+  }
+  for (bool again = true; again;) {   // ears are cut as they come; a flip makes the least angle larger, so this ends
+    again = false;
+    for (int t = 0; t < int(r.triangles_.size()); ++t)
+      for (int k = 0; k < 3; ++k) again = r.flip(t, k) || again;
+  }
+  return r;
+}
+
+inline PolygonRefinement::Circle PolygonRefinement::circle(const Triangle& t) const {
+  const Point2 &a = at(t.corners[0]), &b = at(t.corners[1]), &c = at(t.corners[2]);
+  const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
+  const double bb = bx * bx + by * by, cc = cx * cx + cy * cy, twice = 2.0 * (bx * cy - by * cx);
+  const double x = (cy * bb - by * cc) / twice, y = (bx * cc - cx * bb) / twice;
+  return {{a[0] + x, a[1] + y}, std::hypot(x, y), std::min({std::sqrt(bb), std::sqrt(cc), distance(b, c)})};
+}
+
+/// Clearly inside, so that two triangles on one circle stay as they are.
+inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) const {
+  double rows[3][3];
+  double size = 0.0;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const double x = at(t.corners[i])[0] - p[0], y = at(t.corners[i])[1] - p[1];
+    rows[i][0] = x, rows[i][1] = y, rows[i][2] = x * x + y * y;
+    size = std::max(size, rows[i][2]);
+  }
+  const auto minor = [&](int i, int j) { return rows[i][0] * rows[j][1] - rows[i][1] * rows[j][0]; };
+  return rows[0][2] * minor(1, 2) + rows[1][2] * minor(2, 0) + rows[2][2] * minor(0, 1) > 1e-12 * size * size;
+}
+
+/// From triangle to triangle towards a point, as far as the outline allows.
+inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) const {
+  for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
+    int next = -2, side = 0;
+    for (int k = 0; k < 3 && next == -2; ++k)
+      if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) < 0) next = triangle(t).across[std::size_t(k)], side = k;
+    if (next == -2) return {t, false, 0};
+    if (next == -1) return {t, true, side};
+    t = next;
+  }
+  return {-1, false, 0};   // rounded circles may let a walk turn about
+}
+
+inline void PolygonRefinement::reconnect(int neighbour, int before, int now) {
+  if (neighbour < 0) return;
+  Triangle& n = triangle(neighbour);
+  n.across[std::size_t(corner_of(n, before))] = now;
+}
+
+/// Exchanges the diagonal of the two triangles at the edge opposite to corner k, where that is better.
+inline bool PolygonRefinement::flip(int t, int k) {
+  const int other = triangle(t).across[std::size_t(k)];
+  if (other < 0) return false;
+  const int j = corner_of(triangle(other), t);
+  const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
+  const auto beyond = [&](int of, int i) { return triangle(of).across[std::size_t(i % 3)]; };
+  const int apex = corner(t, k), a = corner(t, k + 1), b = corner(t, k + 2), far = corner(other, j);
+  if (!in_circle(triangle(t), at(far)) || orient2d(at(apex), at(a), at(far)) <= 0 || orient2d(at(apex), at(far), at(b)) <= 0) return false;
+  // What lies across the four other edges; in `other` the common edge runs from b to a.
+  const int b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2), a_far = beyond(other, j + 1), far_b = beyond(other, j + 2);
+  triangle(t) = {{apex, a, far}, {a_far, other, apex_a}};
+  triangle(other) = {{apex, far, b}, {far_b, b_apex, t}};
+  reconnect(a_far, other, t);
+  reconnect(b_apex, t, other);
+  return true;
+}
+
+/// Lawson's flips around a new point.
+inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
+  for (std::size_t i = 0; i < changed.size(); ++i) {
+    const auto& corners = triangle(changed[i]).corners;
+    const auto found = std::find(corners.begin(), corners.end(), point);
+    if (found == corners.end()) continue;
+    const int k = int(found - corners.begin()), other = triangle(changed[i]).across[std::size_t(k)];
+    if (!flip(changed[i], k)) continue;
+    changed.push_back(changed[i]);
+    changed.push_back(other);
+  }
+}
+
+inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<int>& changed) {
+  const int point = int(points_.size()), second = int(triangles_.size()), third = second + 1;
+  points_.push_back(p);
+  const Triangle old = triangle(t);
+  const auto [a, b, c] = old.corners;
+  triangle(t) = {{point, b, c}, {old.across[0], second, third}};
+  triangles_.push_back({{point, c, a}, {old.across[1], third, t}});
+  triangles_.push_back({{point, a, b}, {old.across[2], t, second}});
+  reconnect(old.across[1], t, second);
+  reconnect(old.across[2], t, third);
+  changed.insert(changed.end(), {t, second, third});
+  settle(point, changed);
+}
+
+/// A point on the edge opposite to corner k; on the outline, too.
+inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
+  const int point = int(points_.size()), new_t = int(triangles_.size());
+  points_.push_back(p);
+  const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
+  const auto beyond = [&](int of, int i) { return triangle(of).across[std::size_t(i % 3)]; };
+  const int other = beyond(t, k), apex = corner(t, k), a = corner(t, k + 1), b = corner(t, k + 2), b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2);
+  const int new_other = other < 0 ? -1 : new_t + 1;
+  triangles_.push_back({{apex, point, b}, {other, b_apex, t}});
+  reconnect(b_apex, t, new_t);
+  if (other >= 0) {
+    const int j = corner_of(triangle(other), t), far = corner(other, j), a_far = beyond(other, j + 1), far_b = beyond(other, j + 2);
+    // `other` keeps the side of b, which lies against the new triangle.
+    triangles_.push_back({{far, point, a}, {t, a_far, other}});
+    reconnect(a_far, other, new_other);
+    triangle(other) = {{far, b, point}, {new_t, new_other, far_b}};
+    changed.insert(changed.end(), {other, new_other});
+  }
+  triangle(t) = {{apex, a, point}, {new_other, new_t, apex_a}};
+  changed.insert(changed.end(), {t, new_t});
+  if (const auto piece = edge_of_.find(key(a, b)); piece != edge_of_.end()) {
+    const int edge = piece->second;
+    edge_of_.erase(piece);
+    edge_of_[key(a, point)] = edge_of_[key(point, b)] = edge;
+  }
+  settle(point, changed);
+}
+
+/// Halves the piece of the outline opposite to corner k, unless that brings points too close.
+inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
+  const auto [from, to] = ends(t, k);
+  const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
+  if (0.5 * distance(a, b) < closest) return false;
+  const Point2 middle{0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])};
+  // The middle of a slanted edge is rounded: both halves must still face the apex.
+  if (orient2d(apex, a, middle) <= 0 || orient2d(apex, middle, b) <= 0) return false;
+  split_edge(t, k, middle, changed);
+  return true;
+}
+
+/// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
+/// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
+inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
+  std::vector<int> reached{t};
+  for (std::size_t i = 0; i < reached.size(); ++i)
+    for (int k = 0; k < 3; ++k) {
+      const auto [a, b] = ends(reached[i], k);
+      const int next = triangle(reached[i]).across[std::size_t(k)];
+      if (next < 0) {
+        if ((at(a)[0] - p[0]) * (at(b)[0] - p[0]) + (at(a)[1] - p[1]) * (at(b)[1] - p[1]) < 0.0) return std::pair(reached[i], k);
+      } else if (in_circle(triangle(next), p) && std::find(reached.begin(), reached.end(), next) == reached.end()) {
+        reached.push_back(next);
+      }
+    }
+  return std::nullopt;
+}
+
+/// A point of the closed triangle.
+inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
+  for (int k = 0; k < 3; ++k)
+    if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
+  split_inside(t, p, changed);
+}
+
+inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
+  std::vector<int> todo;
+  for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
+  std::vector<int> changed;
+  while (!todo.empty()) {
+    const int t = todo.back();
+    todo.pop_back();
+    const Circle round = circle(triangle(t));
+    Point2 middle{};
+    for (const int corner : triangle(t).corners) middle[0] += at(corner)[0] / 3.0, middle[1] += at(corner)[1] / 3.0;
+    const double wanted = edge_length(middle);
+    if (round.radius <= wanted / std::numbers::sqrt3 * 1.1 && round.radius <= std::numbers::sqrt2 * round.shortest_edge) continue;
+    if (points_.size() >= most_points) return false;
+    const double closest = 0.1 * std::min(wanted, shortest_given_);
+    changed.clear();
+    const Place place = walk(t, round.center);
+    if (place.triangle < 0) continue;
+    if (place.beyond) {
+      split_outline(place.triangle, place.side, closest, changed);
+    } else {
+      if (const auto side = encroached(place.triangle, round.center)) split_outline(side->first, side->second, closest, changed);
+      else if (round.radius >= closest) insert(place.triangle, round.center, changed);
+    }
+    if (changed.empty()) continue;   // as good as the outline allows
+    todo.push_back(t);
+    todo.insert(todo.end(), changed.begin(), changed.end());
+  }
+  return true;
+}
+
+inline std::vector<PolygonRefinement::Piece> PolygonRefinement::outline() const {
+  std::vector<Piece> pieces;
+  for (int t = 0; t < int(triangles_.size()); ++t)
+    for (int k = 0; k < 3; ++k)
+      if (const auto [a, b] = ends(t, k); triangle(t).across[std::size_t(k)] < 0) pieces.push_back({a, b, edge_of_.at(key(a, b))});
+  return pieces;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/swept_mesher.hpp
+
+namespace lumo {
+
+/// Fills prisms along y, such as a finger's quarter, without any foreign library: the section is triangulated by Delaunay refinement, swept along y in layers,
+/// and each triangular prism cut into three tetrahedra. Where edges grow away from a place of touch, layers and section are as fine as the finest wish along them:
+/// it takes several times the elements that an unstructured mesh does.
+struct SweptMesher {
+  /// The same input gives the same bits. Throws MeshError: degenerate for a surface that is no prism along y, with two flat ends and one quadrilateral for each
+  /// edge of its section, or one with holes, interior points or `keep_surface`.
+  template <class Vec3 = Vec3>
+  LinearTets fill(const MeshInput& input) const;
+};
+
+static_assert(Mesher<SweptMesher>);
+
+namespace detail {
+
+/// A prism along y: its section as a polygon in (x, −z), counter-clockwise seen along −y from beyond `high`, and what the input calls its parts.
+struct Prism {
+  double low = 0.0, high = 0.0;
+  std::vector<Point2> section;
+  std::vector<int> at_low, at_high;      ///< corner of the section → vertex
+  std::vector<int> side;                 ///< edge of the section → facet
+  int low_end = -1, high_end = -1;       ///< facets
+};
+
+[[noreturn]] inline void refuse_prism(const std::string& why) {
+  throw MeshError(MeshError::Reason::degenerate, text("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
+}
+
+template <class Vec3 = Vec3>
+inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
+  Prism p;
+  p.low = surface.low.y(), p.high = surface.high.y();
+  const auto at = [&](int v) -> const Vec3& { return input.vertices[std::size_t(v)]; };
+  const auto all_at = [&](const Facet& f, double y) { return std::all_of(f.loop.begin(), f.loop.end(), [&](int v) { return at(v).y() == y; }); };
+  if (input.keep_surface) refuse_prism("facets are to be kept whole");
+  for (int f = 0; f < int(input.facets.size()); ++f)
+    for (int* end : {&p.low_end, &p.high_end})
+      if (all_at(input.facets[std::size_t(f)], end == &p.low_end ? p.low : p.high)) {
+        if (*end >= 0) refuse_prism(text("facets ", *end, " and ", f, " lie in one end"));
+        *end = f;
+      }
+  if (p.low_end < 0 || p.high_end < 0) refuse_prism("one of the ends is no facet");
+  p.at_high = input.facets[std::size_t(p.high_end)].loop;
+  const std::size_t n = p.at_high.size();
+  if (input.facets.size() != n + 2 || input.vertices.size() != 2 * n)
+    refuse_prism(text("an end has ", n, " edges, there are ", input.facets.size() - 2, " other facets and ", input.vertices.size(), " vertices"));
+  std::map<std::pair<double, double>, int> below;
+  for (const int v : input.facets[std::size_t(p.low_end)].loop) below[{at(v).x(), at(v).z()}] = v;
+  std::map<std::pair<int, int>, int> edge;   // of the high end, directed → number
+  for (std::size_t i = 0; i < n; ++i) {
+    const int v = p.at_high[i];
+    const auto under = below.find({at(v).x(), at(v).z()});
+    if (under == below.end()) refuse_prism(text("vertex ", v, " has none opposite"));
+    p.at_low.push_back(under->second);
+    p.section.push_back({at(v).x(), -at(v).z()});
+    edge[{v, p.at_high[(i + 1) % n]}] = int(i);
+  }
+  p.side.assign(n, -1);
+  for (int f = 0; f < int(input.facets.size()); ++f) {
+    if (f == p.low_end || f == p.high_end) continue;
+    const std::vector<int>& loop = input.facets[std::size_t(f)].loop;
+    for (std::size_t k = 0; k < loop.size() && loop.size() == 4; ++k)   // its edge at the high end runs the other way
+      if (const auto found = edge.find({loop[(k + 1) % 4], loop[k]}); found != edge.end()) p.side[std::size_t(found->second)] = f;
+  }
+  for (const int f : p.side)
+    if (f < 0) refuse_prism("an edge of the section has no side of its own");
+  return p;
+}
+
+/// Where layers meet, from 0 to 1: as thick as `thickness` wants at their place, evened out.
+inline std::vector<double> layer_places(const std::vector<double>& thickness) {
+  const std::size_t steps = thickness.size();   // of equal width, thickness in units of the whole
+  std::vector<double> layers(steps + 1, 0.0);
+  for (std::size_t i = 0; i < steps; ++i) layers[i + 1] = layers[i] + 1.0 / (double(steps) * thickness[i]);
+  const double count = std::max(1.0, std::ceil(layers.back() - 1e-9));
+  if (!(count <= 10'000.0)) throw MeshError(MeshError::Reason::out_of_memory, text("swept mesher: ", count, " layers are wanted, at most 10000"));
+  std::vector<double> places{0.0};
+  std::size_t i = 0;
+  for (double k = 1.0; k < count; k += 1.0) {
+    const double want = layers.back() * k / count;
+    while (layers[i + 1] < want) ++i;
+    places.push_back((double(i) + (want - layers[i]) / (layers[i + 1] - layers[i])) / double(steps));
+  }
+  places.push_back(1.0);
+  return places;
+}
+
+}  // namespace detail
+
+template <class Vec3>
+inline LinearTets SweptMesher::fill(const MeshInput& input) const {
+  const SurfaceReport surface = validate_surface(input);
+  const detail::Prism prism = detail::prism_of<Vec3>(input, surface);
+  const double length = prism.high - prism.low;
+  const auto wanted = [&](const Point2& p, double y) {
+    const double edge = input.edge ? input.edge(Vec3(p[0], y, -p[1])) : std::numeric_limits<double>::infinity();
+    if (!(edge > 0.0)) throw MeshError(MeshError::Reason::not_finite, detail::text("swept mesher: wanted edge length at (", p[0], ", ", y, ", ", -p[1], ") is ", edge, ", must be > 0"));
+    return edge;
+  };
+  constexpr int samples = 64;   // along y
+  auto section = detail::PolygonRefinement::of(prism.section);
+  if (!section) detail::refuse_prism("the section is not simple");
+  const bool filled = section->refine([&](const Point2& p) {
+    double least = length;
+    for (int i = 0; i <= samples; ++i) least = std::min(least, wanted(p, prism.low + length * i / samples));
+    return least;
+  });
+  const std::size_t given = prism.section.size(), count = section->points().size();
+  std::vector<double> thickness;
+  for (int i = 0; i < 4 * samples && filled; ++i) {
+    double least = length;
+    for (const Point2& p : section->points()) least = std::min(least, wanted(p, prism.low + length * (i + 0.5) / (4 * samples)));
+    thickness.push_back(least / length);
+  }
+  const std::vector<double> places = filled ? detail::layer_places(thickness) : std::vector<double>{};
+  const std::size_t layers = places.size();
+  if (!filled || count * layers > 5'000'000) throw MeshError(MeshError::Reason::out_of_memory, "swept mesher: the wanted edges are too short, at most 5 million vertices");
+
+  // Given vertices come first, as they were.
+  std::vector<double> coordinates;
+  const auto put = [&](const Vec3& v) { coordinates.insert(coordinates.end(), {v.x(), v.y(), v.z()}); };
+  for (const Vec3& v : input.vertices) put(v);
+  std::vector<std::int32_t> vertex(count * layers, -1);   // of each point in each layer
+  for (std::size_t layer = 0; layer < layers; ++layer)
+    for (std::size_t i = 0; i < count; ++i) {
+      std::int32_t& v = vertex[layer * count + i];
+      if (i < given && layer == 0) v = prism.at_low[i];
+      else if (i < given && layer + 1 == layers) v = prism.at_high[i];
+      else {
+        v = std::int32_t(coordinates.size() / 3);
+        const double y = layer + 1 == layers ? prism.high : prism.low + length * places[layer];
+        put(Vec3(section->points()[i][0], y, -section->points()[i][1]));
+      }
+    }
+  const auto at = [&](std::size_t layer, int point) { return vertex[layer * count + std::size_t(point)]; };
+
+  std::vector<std::int32_t> tets, faces, facets;
+  const auto name = [&](std::array<std::int32_t, 3> face, int facet) {
+    faces.insert(faces.end(), face.begin(), face.end());
+    facets.push_back(facet + 1);
+  };
+  for (std::size_t layer = 0; layer + 1 < layers; ++layer) {
+    // Each quadrilateral's diagonal leaves its point of lower number on one level and ends on the other; levels take turns, so that no direction is preferred.
+    const std::size_t base = layer + layer % 2, top = layer + 1 - layer % 2;
+    for (const auto& t : section->triangles()) {
+      auto [i, j, k] = t.corners;
+      if (i > j) std::swap(i, j);
+      if (j > k) std::swap(j, k);
+      if (i > j) std::swap(i, j);
+      tets.insert(tets.end(), {at(base, i), at(base, j), at(base, k), at(top, k)});
+      tets.insert(tets.end(), {at(base, i), at(base, j), at(top, j), at(top, k)});
+      tets.insert(tets.end(), {at(base, i), at(top, i), at(top, j), at(top, k)});
+    }
+    for (const auto& piece : section->outline()) {
+      const auto [i, j] = std::minmax(piece.from, piece.to);
+      name({at(base, i), at(base, j), at(top, j)}, prism.side[std::size_t(piece.edge)]);
+      name({at(base, i), at(top, i), at(top, j)}, prism.side[std::size_t(piece.edge)]);
+    }
+  }
+  for (const auto& t : section->triangles()) {
+    name({at(0, t.corners[0]), at(0, t.corners[1]), at(0, t.corners[2])}, prism.low_end);
+    name({at(layers - 1, t.corners[0]), at(layers - 1, t.corners[1]), at(layers - 1, t.corners[2])}, prism.high_end);
+  }
+  return detail::checked_fill(input, surface, coordinates, 1.0, tets, faces, facets);
+}
+
+}  // namespace lumo
+
 // ---- lumo/mesh/triangle_surface.hpp
 
 namespace lumo {
@@ -2744,7 +3329,7 @@ class SurfaceText {
     Number value{};
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", word, "' is no number"));
+    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
   Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
@@ -2792,7 +3377,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
       }
       add_polygon(s, loop);
     } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
-      text.refuse(detail::text("'", words[0], "' is no statement of a polygon surface"));
+      text.refuse(detail::text("'", printable(words[0]), "' is no statement of a polygon surface"));
     }
   }
   return s;
@@ -2860,6 +3445,29 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
   return s;
 }
 
+/// `kind`: ".obj" or ".stl".
+template <class Vec3 = Vec3>
+inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
+  TriangleSurface s;
+  if (kind == ".obj") {
+    s = read_obj({bytes, name});
+  } else {
+    // A text, too, may begin with any 80 bytes; only the length tells.
+    std::uint64_t count = 0;
+    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
+    else throw InputError(text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+  }
+  for (Vec3& v : s.vertices) {
+    if (!v.allFinite()) throw InputError(text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    v *= unit_m;
+  }
+  s = welded(s);
+  validate_surface(s);
+  return s;
+}
+
 }  // namespace detail
 
 template <class Vec3>
@@ -2879,24 +3487,7 @@ inline TriangleSurface read_surface(const std::filesystem::path& path, double un
   const std::string bytes{std::istreambuf_iterator<char>(in), {}};
   if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
 
-  TriangleSurface s;
-  if (kind == ".obj") {
-    s = detail::read_obj({bytes, name});
-  } else {
-    // A text, too, may begin with any 80 bytes; only the length tells.
-    std::uint64_t count = 0;
-    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = detail::read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0) s = detail::read_stl_text({bytes, name});
-    else throw InputError(detail::text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
-  }
-  for (Vec3& v : s.vertices) {
-    if (!v.allFinite()) throw InputError(detail::text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
-    v *= unit_m;
-  }
-  s = detail::welded(s);
-  validate_surface(s);
-  return s;
+  return detail::surface_of(kind, bytes, name, unit_m);
 }
 
 }  // namespace lumo
@@ -7028,6 +7619,164 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
 
 }  // namespace lumo
 
+// ---- lumo/mechanics/press_svg.hpp
+
+namespace lumo {
+
+/// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the material has moved, over its undeformed
+/// outline, with carrier and indenter; axes x and z in mm. Throws InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by;
+/// InputError when the stream fails.
+template <Indenter Tool, class Vec3 = Vec3>
+void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state);
+
+namespace detail {
+
+/// A point of a cut in mm, with how far it has moved.
+struct CutPoint {
+  double x, z, moved_mm;
+};
+
+/// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the plane counts as beyond it.
+template <std::size_t N, class Vec3 = Vec3>
+inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, const std::array<double, N>& moved_mm, double at) {
+  std::vector<CutPoint> points;
+  for (std::size_t i = 0; i < N; ++i)
+    for (std::size_t j = 0; j < N; ++j) {
+      if (!(corners[i].y() < at) || corners[j].y() < at) continue;
+      const double t = (at - corners[i].y()) / (corners[j].y() - corners[i].y());
+      const Vec3 p = corners[i] + t * (corners[j] - corners[i]);
+      points.push_back({1e3 * p.x(), 1e3 * p.z(), moved_mm[i] + t * (moved_mm[j] - moved_mm[i])});
+    }
+  if (points.size() == 4) std::swap(points[2], points[3]);   // edges come as ac, ad, bc, bd
+  return points;
+}
+
+/// Straight parts of a quadratic tetrahedron, between all its nodes.
+inline constexpr std::array<std::array<int, 4>, 8> tet_parts{{{0, 4, 6, 7}, {1, 5, 4, 8}, {2, 6, 5, 9}, {3, 7, 8, 9}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}}};
+
+/// Lightness falls with the value, which survives greyscale print; the hue is the same for any colour vision.
+inline std::string moved_colour(double part) {
+  constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
+  const double t = 3.0 * std::clamp(part, 0.0, 1.0);
+  const std::size_t low = std::min<std::size_t>(2, std::size_t(t));
+  std::string colour = "#";
+  for (std::size_t k = 0; k < 3; ++k) {
+    const int c = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
+  }
+  return colour;
+}
+
+}  // namespace detail
+
+template <Indenter Tool, class Vec3>
+void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state) {
+  if (state.displacement.size() != mesh.nodes.size())
+    throw InvalidArgument(detail::text("picture: the state has ", state.displacement.size(), " displacements, the mesh ", mesh.nodes.size(), " nodes"));
+  const Touch touch = first_touch(body, mesh, scenario);
+  const Vec3 tool = touch.origin + state.depth_m * scenario.direction();
+  const auto cut = [&]<std::size_t N>(const auto& nodes, const std::array<int, N>& part, bool pressed) {
+    std::array<Vec3, N> p;
+    std::array<double, N> moved;
+    for (std::size_t k = 0; k < N; ++k) {
+      const auto n = std::size_t(nodes[std::size_t(part[k])]);
+      p[k] = pressed ? Vec3(mesh.nodes[n] + state.displacement[n]) : mesh.nodes[n];
+      moved[k] = 1e3 * state.displacement[n].norm();
+    }
+    return detail::cut_across(p, moved, touch.point.y());
+  };
+  const bool quadratic = mesh.order == 2;
+  std::vector<std::vector<detail::CutPoint>> areas;
+  double most = 0.0, x_low = 0.0, x_high = 0.0, z_low = 0.0, z_high = 0.0;
+  const auto cover = [&](double x, double z) { x_low = std::min(x_low, x), x_high = std::max(x_high, x), z_low = std::min(z_low, z), z_high = std::max(z_high, z); };
+  for (const auto& t : mesh.tets)
+    for (std::size_t part = 0; part < (quadratic ? 8 : 1); ++part)
+      if (auto area = cut(t, quadratic ? detail::tet_parts[part] : std::array{0, 1, 2, 3}, true); area.size() >= 3) {
+        for (const auto& p : area) most = std::max(most, p.moved_mm), cover(p.x, p.z);
+        areas.push_back(std::move(area));
+      }
+  std::vector<std::vector<detail::CutPoint>> outline;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t part = 0; part < (quadratic ? 4 : 1); ++part)
+      if (auto line = cut(f.nodes, quadratic ? face_parts()[part] : std::array{0, 1, 2}, false); line.size() == 2) outline.push_back(std::move(line));
+  for (const auto& line : outline)
+    for (const auto& p : line) cover(p.x, p.z);
+  // Room to the next 5 mm, and for what of the indenter is near.
+  x_low = 5.0 * std::floor(x_low / 5.0 - 0.2), x_high = 5.0 * std::ceil(x_high / 5.0 + 0.2), z_low = -5.0, z_high = 5.0 * std::ceil(z_high / 5.0 + 0.2) + 5.0;
+  const double scale = 560.0 / std::max(x_high - x_low, z_high - z_low), left = 64.0, top = 56.0;
+  const double right = left + scale * (x_high - x_low), bottom = top + scale * (z_high - z_low);
+  const auto px = [&](double x) { return detail::text(std::round(100.0 * (left + scale * (x - x_low))) / 100.0); };
+  const auto pz = [&](double z) { return detail::text(std::round(100.0 * (bottom - scale * (z - z_low))) / 100.0); };
+  const auto path = [&](const auto& points) {
+    std::string d;
+    for (const auto& p : points) d += (d.empty() ? "M" : "L") + px(p.x) + " " + pz(p.z);
+    return d;
+  };
+  const auto words = [&](double x, double y, const std::string& style, const std::string& what) {
+    out << "<text x=\"" << x << "\" y=\"" << y << "\" " << style << ">" << what << "</text>\n";
+  };
+
+  const double width = right + 130.0, height = bottom + 60.0;
+  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" << width << "\" height=\"" << height << "\" viewBox=\"0 0 " << width << " " << height
+      << "\" font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\" font-size=\"12\" fill=\"#222222\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
+      << "<clipPath id=\"plot\"><rect x=\"" << left << "\" y=\"" << top << "\" width=\"" << right - left << "\" height=\"" << bottom - top << "\"/></clipPath>\n";
+  const auto rounded = [](double v, double step) { return detail::text(std::round(v / step) * step); };
+  words(left, 24, "font-size=\"15\" font-weight=\"bold\"", detail::text("Pressed to ", rounded(state.force_N, 0.1), " N: ", rounded(1e3 * state.depth_m, 0.01), " mm deep, ",
+                                                                       rounded(1e6 * state.contact_area_m2, 0.1), " mm² of contact"));
+  words(left, 43, "fill=\"#666666\"", detail::text("cut at y = ", rounded(1e3 * touch.point.y(), 0.01), " mm; dashed: the surface before"));
+  for (double x = x_low; x <= x_high; x += 5.0) {
+    out << "<path stroke=\"#dddddd\" d=\"M" << px(x) << " " << top << "V" << bottom << "\"/>\n";
+    words(left + scale * (x - x_low), bottom + 18, "text-anchor=\"middle\"", detail::text(x < 0 ? "−" : "", std::abs(x)));
+  }
+  for (double z = z_low; z <= z_high; z += 5.0) {
+    out << "<path stroke=\"#dddddd\" d=\"M" << left << " " << pz(z) << "H" << right << "\"/>\n";
+    words(left - 8, bottom - scale * (z - z_low) + 4, "text-anchor=\"end\"", detail::text(z < 0 ? "−" : "", std::abs(z)));
+  }
+  words(0.5 * (left + right), bottom + 42, "font-size=\"13\" text-anchor=\"middle\"", "across x [mm]");
+  out << "<text transform=\"translate(22 " << 0.5 * (top + bottom) << ") rotate(-90)\" font-size=\"13\" text-anchor=\"middle\">height z [mm]</text>\n<g clip-path=\"url(#plot)\">\n";
+  for (const RigidBox& box : body.carrier)
+    if (std::abs(touch.point.y() - box.center.y()) <= box.half.y()) {
+      const Vec3 low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
+      out << "<path fill=\"#8c8c8c\" d=\"M" << px(low.x()) << " " << pz(low.z()) << "H" << px(high.x()) << "V" << pz(high.z()) << "H" << px(low.x()) << "Z\"/>\n";
+    }
+  for (const auto& area : areas) {
+    double moved = 0.0;
+    for (const auto& p : area) moved += p.moved_mm / double(area.size());
+    const std::string colour = detail::moved_colour(most > 0.0 ? moved / most : 0.0);
+    out << "<path fill=\"" << colour << "\" stroke=\"" << colour << "\" stroke-width=\"0.6\" d=\"" << path(area) << "Z\"/>\n";
+  }
+  // The indenter's outline where its distance changes sign, on a grid of triangles.
+  const double step = 0.25;
+  const auto distance = [&](double x, double z) { return scenario.indenter.distance(1e-3 * Vec3(x, 0.0, z) + Vec3(0.0, touch.point.y(), 0.0) - tool); };
+  out << "<path fill=\"none\" stroke=\"#d55e00\" stroke-width=\"2\" stroke-linecap=\"round\" d=\"";
+  for (double x = x_low; x < x_high; x += step)
+    for (double z = z_low; z < z_high; z += step)
+      for (const double upper : {0.0, 1.0}) {
+        const std::array<std::array<double, 2>, 3> corner{{{x + upper * step, z + upper * step}, {x + step, z}, {x, z + step}}};
+        std::vector<detail::CutPoint> line;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const auto &a = corner[i], &b = corner[(i + 1) % 3];
+          const double da = distance(a[0], a[1]), db = distance(b[0], b[1]);
+          if ((da < 0.0) == (db < 0.0)) continue;
+          const double t = da / (da - db);
+          line.push_back({a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0});
+        }
+        if (line.size() == 2) out << path(line);
+      }
+  out << "\"/>\n<path fill=\"none\" stroke=\"#444444\" stroke-dasharray=\"5 4\" d=\"";
+  for (const auto& line : outline) out << path(line);
+  out << "\"/>\n</g>\n";
+  const double bar = right + 24.0, bar_height = std::min(220.0, bottom - top);
+  for (int k = 0; k < 40; ++k)
+    out << "<rect x=\"" << bar << "\" y=\"" << top + bar_height * (39 - k) / 40.0 << "\" width=\"18\" height=\"" << bar_height / 40.0 + 0.5 << "\" fill=\"" << detail::moved_colour((k + 0.5) / 40.0) << "\"/>\n";
+  for (const double part : {0.0, 0.5, 1.0}) words(bar + 24, top + bar_height * (1.0 - part) + 4, "", rounded(part * most, 0.01));
+  words(bar, top + bar_height + 22, "", "moved by [mm]");
+  out << "</svg>\n";
+  if (!out) throw InputError("writing an .svg file failed");
+}
+
+}  // namespace lumo
+
 // ---- lumo/mechanics/certify.hpp
 
 namespace lumo {
@@ -8218,7 +8967,9 @@ inline void OpticalScene::label(Symmetry images) {
 template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
-  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), position(p), image);
+  if (known != mixed) return known;
+  const Vec3 undeformed = reference(p);
+  return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
 }
 
 template <class Vec3>
@@ -13750,6 +14501,173 @@ inline RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int r
 
 }  // namespace lumo
 
+// ---- lumo/sense/hand_link.hpp
+
+namespace lumo {
+
+/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
+struct HandLink {
+  std::string name;
+  std::vector<int> joints;              ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;              ///< centres (y, z) of its mounting holes, at least two
+  double hole_radius_m = 1.5_mm;
+  bool z_clockwise = false;             ///< in the image z lies clockwise of y (image rows run down)
+  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
+  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
+};
+
+/// Throws InvalidArgument for a link that makes no sense.
+template <class = void>
+inline void validate(const HandLink& l) {
+  if (l.joints.empty()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
+  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
+  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
+  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+}
+
+/// How a link's plane lies in the image: turned, shifted and scaled.
+struct LinkMap {
+  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();
+  Eigen::Vector2d along_px_per_m = Eigen::Vector2d::UnitX();   ///< of y
+  bool z_clockwise = false;
+  double residual_px = 0.0;                                    ///< RMS of what the fit leaves
+  double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
+
+  template <class Vector2d = Eigen::Vector2d>
+  Eigen::Vector2d pixel(double y_m, double z_m) const {
+    const double side = z_clockwise ? 1.0 : -1.0;
+    const Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
+    return origin_px + y_m * along_px_per_m + z_m * across;
+  }
+  double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
+
+  /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or points that coincide.
+  template <class Matrix2Xd = Eigen::Matrix2Xd>
+  static LinkMap fit(In<Matrix2Xd> point_m, In<Matrix2Xd> pixel, bool z_clockwise);
+};
+
+template <class Matrix2Xd>
+inline LinkMap LinkMap::fit(In<Matrix2Xd> point_m, In<Matrix2Xd> pixel, bool z_clockwise) {
+  using Complex = std::complex<double>;
+  const Eigen::Index n = point_m.cols();
+  if (n < 2 || pixel.cols() != n) throw InvalidArgument(detail::text("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
+  const auto point = [&](Eigen::Index k) { return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k)); };
+  const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
+  Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) middle += point(k) / double(n), middle_px += seen(k) / double(n);
+  double spread = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    turn += std::conj(point(k) - middle) * (seen(k) - middle_px);
+    spread += std::norm(point(k) - middle);
+  }
+  if (!(spread > 0.0)) throw InvalidArgument("link map: all points lie in one place");
+  turn /= spread;
+  const Complex origin = middle_px - turn * middle;
+  LinkMap map{{origin.real(), origin.imag()}, {turn.real(), turn.imag()}, z_clockwise, 0.0, 0.0};
+  double left = 0.0;
+  for (Eigen::Index k = 0; k < n; ++k) left += std::norm(origin + turn * point(k) - seen(k));
+  map.residual_px = std::sqrt(left / double(n));
+  return map;
+}
+
+/// How well holes must be seen.
+struct HoleSearch {
+  double reach_m = 8.0_mm;         ///< how far from where it is expected a hole may be
+  double min_contrast = 10.0;      ///< how much darker than its rim [DN]
+  double max_residual_m = 0.4_mm;  ///< RMS of the holes' places after the fit
+  double max_scale_change = 0.05;  ///< relative to the guess; two holes tell nothing else of a mistake
+};
+
+namespace detail {
+
+struct Hole {
+  Eigen::Vector2d center;
+  double contrast;
+};
+
+/// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
+template <class Vector2d = Eigen::Vector2d>
+inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
+  const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
+  // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
+  struct Near {
+    int x, y;
+    std::size_t part;   ///< sector, or 8: the disc
+  };
+  std::vector<Near> near;
+  std::array<int, 9> count{};
+  for (int y = -int(outer); y <= int(outer); ++y)
+    for (int x = -int(outer); x <= int(outer); ++x) {
+      const double d = std::hypot(x, y);
+      if (d > outer || (d > inner && d < rim)) continue;
+      near.push_back({x, y, d <= inner ? 8 : std::size_t(std::min(7.0, (std::atan2(y, x) / pi + 1.0) * 4.0))});
+      ++count[near.back().part];
+    }
+  const auto look = [&](int cx, int cy) {
+    std::array<int, 9> sum{};
+    for (const Near& n : near) sum[n.part] += image.green(cx + n.x, cy + n.y);
+    double around = 255.0;
+    for (std::size_t k = 0; k < 8; ++k)
+      if (count[k] > 0) around = std::min(around, double(sum[k]) / count[k]);
+    return std::pair(double(sum[8]) / count[8], around);
+  };
+  const int whole = std::max(1, int(std::ceil(reach)));
+  double best = min_contrast;
+  std::optional<Vector2d> place;
+  for (int j = -whole; j <= whole; ++j)
+    for (int i = -whole; i <= whole; ++i) {
+      const int cx = int(std::lround(expected.x())) + i, cy = int(std::lround(expected.y())) + j;
+      if (std::hypot(i, j) > reach || cx < outer || cy < outer || cx > image.width - 1 - outer || cy > image.height - 1 - outer) continue;
+      const auto [disc, around] = look(cx, cy);
+      if (around - disc > best) best = around - disc, place = Vector2d(cx, cy);
+    }
+  if (!place) return std::nullopt;
+  for (int pass = 0; pass < 4; ++pass) {   // centroid of the darkness, each time about the last one
+    if (place->x() < outer || place->y() < outer || place->x() > image.width - 1 - outer || place->y() > image.height - 1 - outer) return std::nullopt;
+    const double light = look(int(std::lround(place->x())), int(std::lround(place->y()))).second;
+    Vector2d moment = Vector2d::Zero();
+    double weight = 0.0;
+    for (int y = int(std::ceil(place->y() - rim)); y <= int(std::floor(place->y() + rim)); ++y)
+      for (int x = int(std::ceil(place->x() - rim)); x <= int(std::floor(place->x() + rim)); ++x) {
+        const double w = std::hypot(x - place->x(), y - place->y()) > rim ? 0.0 : std::max(0.0, light - image.green(x, y));
+        moment += w * Vector2d(x, y);
+        weight += w;
+      }
+    if (!(weight > 0.0)) return std::nullopt;
+    *place = moment / weight;
+  }
+  return Hole{*place, best};
+}
+
+}  // namespace detail
+
+/// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
+template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
+  if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
+  const double scale = guess.px_per_m();
+  const Eigen::Index n = link.hole_m.cols();
+  Matrix2Xd seen(2, n);
+  double contrast = 255.0;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    const Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
+    const auto hole = detail::find_hole(image, expected, link.hole_radius_m * scale, search.reach_m * scale, search.min_contrast);
+    if (!hole) return std::nullopt;
+    seen.col(k) = hole->center;
+    contrast = std::min(contrast, hole->contrast);
+  }
+  for (Eigen::Index k = 1; k < n; ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale) return std::nullopt;   // one hole taken for two
+  LinkMap map = LinkMap::fit<Matrix2Xd>(link.hole_m, seen, link.z_clockwise);
+  map.contrast_DN = contrast;
+  if (map.residual_px > search.max_residual_m * scale || std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change) return std::nullopt;
+  return map;
+}
+
+}  // namespace lumo
+
 // ---- lumo/sense/golden_section.hpp
 
 namespace lumo {
@@ -13944,6 +14862,12 @@ struct Segment {
   bool operator==(const Segment&) const = default;
 };
 
+/// A link of a hand, and where its holes are in the first picture, about, as somebody pointed at them.
+struct SessionLink {
+  HandLink link;
+  Eigen::Matrix2Xd hole_px;   ///< as many as link.hole_m has
+};
+
 /// What session.json says.
 struct Session {
   std::string title;
@@ -13958,6 +14882,7 @@ struct Session {
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
   double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
   ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
+  std::vector<SessionLink> links;      ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
 
@@ -13985,6 +14910,19 @@ inline void validate(const Session& s, const std::string& name) {
     require(std::abs(map.offset_s) <= 4e9, detail::text("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
     require(std::abs(map.drift) <= 0.1, detail::text("drift of a clock is ", map.drift, ", must lie within 0.1"));
     require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), detail::text("residual of a clock is ", map.residual_s, " s, must not be negative"));
+  }
+  require(s.links.size() <= 16, detail::text("has ", s.links.size(), " links, must have at most 16"));
+  for (std::size_t i = 0; i < s.links.size(); ++i) {
+    const SessionLink& l = s.links[i];
+    try {
+      validate(l.link);
+    } catch (const InvalidArgument& e) {
+      require(false, detail::text("link ", i, ": ", e.what()));
+    }
+    for (const int j : l.link.joints) require(j >= 0 && j < max_joints, detail::text("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(), detail::text("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, detail::text("link ", i, ": places of holes must lie within 1e5 px"));
+    require((l.hole_px.col(0) - l.hole_px.col(1)).norm() >= 2.0, detail::text("link ", i, ": its holes lie in one place of the picture"));
   }
   for (std::size_t i = 0; i < s.segments.size(); ++i) {
     const Segment& g = s.segments[i];
@@ -14987,6 +15925,301 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
 }
 
 static_assert(LocationEstimator<BayesLocalizer>);
+
+}  // namespace lumo
+
+// ---- lumo/sense/hand_observer.hpp
+
+namespace lumo {
+
+/// A place of a link where the light has changed.
+struct HandContact {
+  int link = 0;                  ///< number in the hand
+  double y_m = 0.0, z_m = 0.0;   ///< centroid, weighted by the residual
+  double y_low_m = 0.0, y_high_m = 0.0;
+  double peak_DN = 0.0;          ///< largest residual
+  double mean_DN = 0.0;          ///< over the region
+  double area_m2 = 0.0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   ///< of the centroid
+  std::vector<std::pair<int, int>> cells;            ///< of HandObserver's grid, along and across
+};
+
+/// What one frame says about a hand.
+struct HandEstimate {
+  std::int64_t stamp_ns = 0;
+  std::vector<bool> seen;               ///< by link: its holes were found and a reference is there
+  std::vector<int> reference;           ///< by link: number of the reference it was compared with, −1: none
+  std::vector<LinkMap> map;             ///< by link; where it was seen last
+  std::vector<HandContact> contacts;    ///< link by link, from proximal to distal
+};
+
+/// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting holes, compared with the unloaded picture of the nearest
+/// joint configuration, freed of global and slow differences of green, and what is left in absolute value above the noise is cut into connected regions.
+class HandObserver {
+ public:
+  struct Config {
+    double cell_m = 1.0_mm;            ///< of the grid on which a link's side is read
+    double threshold = 6.0;            ///< a region must reach so many noises
+    double edge = 3.0;                 ///< and extends down to so many
+    double noise_floor_DN = 1.0;
+    double min_area_m2 = 6e-6;
+    double max_joint_step_rad = 0.35;  ///< a reference farther away says nothing
+    HoleSearch holes;
+  };
+
+  /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
+  HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
+      : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
+    if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(detail::text("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
+    for (const HandLink& l : links_) validate(l);
+    require_in_range("cell of the hand's grid", 1e3 * config_.cell_m, 0.1, 10.0, "mm");
+    require_in_range("edge of a region", config_.edge, 0.0, config_.threshold, "noises");
+    require_positive("noise floor", config_.noise_floor_DN, "DN");
+    library_.resize(links_.size());
+    steps_.resize(links_.size());
+    noise_.resize(links_.size());
+    for (const HandLink& l : links_) {
+      const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
+      grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
+    }
+  }
+
+  const std::vector<HandLink>& links() const { return links_; }
+  const Config& config() const { return config_; }
+  int references(int link) const { return int(library_[std::size_t(link)].size()); }
+  /// Middle of a cell in the link's plane [m].
+  std::pair<double, double> place(int link, int along, int across) const {
+    const HandLink& l = links_[std::size_t(link)];
+    const auto& g = grid_[std::size_t(link)];
+    return {l.y_low_m + (along + 0.5) * (l.y_high_m - l.y_low_m) / g[0], l.z_low_m + (across + 0.5) * (l.z_high_m - l.z_low_m) / g[1]};
+  }
+
+  /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
+  template <class = void>
+  int add_reference(const JointVector& joints, const ImageView& image);
+
+  /// Causal: what it says depends on this frame, the references, and where links were seen before.
+  template <class = void>
+  HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
+
+ private:
+  using Grid = Eigen::MatrixXd;   ///< along × across [DN]
+  struct Reference {
+    std::vector<double> joints;
+    LinkMap map;
+    Grid green;
+  };
+
+  template <class = void>
+  std::vector<double> joints_of(int link, const JointVector& all) const;
+  std::pair<int, double> nearest(int link, const std::vector<double>& joints) const;
+  template <class = void>
+  std::optional<LinkMap> find(int link, const std::vector<double>& joints, const ImageView& image);
+  template <class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d>
+  Grid read(int link, const LinkMap& map, const ImageView& image) const;
+  template <class MatrixXd = Eigen::MatrixXd>
+  Grid levelled(const Grid& difference) const;
+  template <class MatrixXd = Eigen::MatrixXd>
+  const Grid& noise(int link);
+  template <class Vector2d = Eigen::Vector2d>
+  void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
+
+  std::vector<HandLink> links_;
+  std::vector<LinkMap> last_;
+  Config config_;
+  std::vector<std::array<int, 2>> grid_;
+  std::vector<std::vector<Reference>> library_;   ///< by link
+  std::vector<std::vector<Grid>> steps_;          ///< by link: what differs between each reference and its nearest one before, in absolute value
+  std::vector<Grid> noise_;                       ///< by link; empty where references have come since
+};
+
+template <class>
+inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
+  std::vector<double> own;
+  for (const int j : links_[std::size_t(link)].joints) {
+    if (j < 0 || j >= all.size()) throw InvalidArgument(detail::text("link '", detail::printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
+    if (!std::isfinite(all[j])) throw InvalidArgument("positions of joints must be finite");
+    own.push_back(all[j]);
+  }
+  return own;
+}
+
+/// Number and distance [rad] of the reference whose farthest joint is nearest; −1 without any.
+inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<double>& joints) const {
+  std::pair<int, double> best{-1, std::numeric_limits<double>::infinity()};
+  const auto& all = library_[std::size_t(link)];
+  for (std::size_t r = 0; r < all.size(); ++r) {
+    double apart = 0.0;
+    for (std::size_t k = 0; k < joints.size(); ++k) apart = std::max(apart, std::abs(joints[k] - all[r].joints[k]));
+    if (apart < best.second) best = {int(r), apart};
+  }
+  return best;
+}
+
+/// About where it was last and about where it was at the nearest reference: the one whose holes stand out more.
+template <class>
+inline std::optional<LinkMap> HandObserver::find(int link, const std::vector<double>& joints, const ImageView& image) {
+  const HandLink& l = links_[std::size_t(link)];
+  auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
+  if (const auto near = nearest(link, joints); near.first >= 0) {
+    const auto other = register_link(image, l, library_[std::size_t(link)][std::size_t(near.first)].map, config_.holes);
+    if (other && (!found || other->contrast_DN > found->contrast_DN)) found = other;
+  }
+  if (found) last_[std::size_t(link)] = *found;
+  return found;
+}
+
+/// Green at the cells' middles, bilinear; NaN outside the image.
+template <class MatrixXd, class Vector2d>
+inline HandObserver::Grid HandObserver::read(int link, const LinkMap& map, const ImageView& image) const {
+  const auto [along, across] = grid_[std::size_t(link)];
+  MatrixXd g(along, across);
+  for (int i = 0; i < along; ++i)
+    for (int j = 0; j < across; ++j) {
+      const auto [y, z] = place(link, i, j);
+      const Vector2d p = map.pixel(y, z);
+      const int x0 = int(std::floor(p.x())), y0 = int(std::floor(p.y()));
+      if (x0 < 0 || y0 < 0 || x0 + 1 >= image.width || y0 + 1 >= image.height) {
+        g(i, j) = std::numeric_limits<double>::quiet_NaN();
+        continue;
+      }
+      const double u = p.x() - x0, v = p.y() - y0;
+      g(i, j) = (1 - v) * ((1 - u) * image.green(x0, y0) + u * image.green(x0 + 1, y0)) + v * ((1 - u) * image.green(x0, y0 + 1) + u * image.green(x0 + 1, y0 + 1));
+    }
+  return g;
+}
+
+/// Without its slow part along the link: the straight line through the means across that passes closest to two fifths of them, for contacts may cover more than half of
+/// a link (least quantile of squares, after Rousseeuw 1984, over all pairs of means; then least squares over those near it).
+template <class MatrixXd>
+inline HandObserver::Grid HandObserver::levelled(const Grid& difference) const {
+  std::vector<std::array<double, 2>> mean;   // row and mean, of rows that are seen
+  for (Eigen::Index i = 0; i < difference.rows(); ++i) {
+    double sum = 0.0;
+    int count = 0;
+    for (Eigen::Index j = 0; j < difference.cols(); ++j)
+      if (std::isfinite(difference(i, j))) sum += difference(i, j), ++count;
+    if (count > 0) mean.push_back({double(i), sum / count});
+  }
+  double level = mean.empty() ? 0.0 : mean[0][1], slope = 0.0, least = std::numeric_limits<double>::infinity();
+  const std::size_t part = 2 * mean.size() / 5;
+  std::vector<double> off(mean.size());
+  const auto offs = [&] {
+    for (std::size_t k = 0; k < mean.size(); ++k) off[k] = std::abs(mean[k][1] - level - slope * mean[k][0]);
+  };
+  std::array<double, 2> best{level, slope};
+  for (std::size_t a = 0; a < mean.size(); ++a)
+    for (std::size_t b = a + 1; b < mean.size(); ++b) {
+      slope = (mean[b][1] - mean[a][1]) / (mean[b][0] - mean[a][0]), level = mean[a][1] - slope * mean[a][0];
+      offs();
+      std::nth_element(off.begin(), off.begin() + std::ptrdiff_t(part), off.end());
+      if (off[part] < least) least = off[part], best = {level, slope};
+    }
+  level = best[0], slope = best[1];
+  offs();
+  double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
+  for (std::size_t k = 0; k < mean.size(); ++k) {
+    if (off[k] > 3.0 * least) continue;
+    n += 1.0, x += mean[k][0], y += mean[k][1], xx += mean[k][0] * mean[k][0], xy += mean[k][0] * mean[k][1];
+  }
+  if (const double spread = n * xx - x * x; spread > 0.0) slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
+  MatrixXd rest = difference;
+  for (Eigen::Index i = 0; i < rest.rows(); ++i) rest.row(i).array() -= level + slope * double(i);
+  return rest;
+}
+
+template <class>
+inline int HandObserver::add_reference(const JointVector& joints, const ImageView& image) {
+  int count = 0;
+  for (int l = 0; l < int(links_.size()); ++l) {
+    const std::vector<double> own = joints_of(l, joints);
+    const auto map = find(l, own, image);
+    if (!map) continue;
+    const Grid green = read(l, *map, image);
+    auto& all = library_[std::size_t(l)];
+    if (const auto near = nearest(l, own); near.first >= 0) {
+      steps_[std::size_t(l)].push_back(levelled(green - all[std::size_t(near.first)].green).cwiseAbs());
+      noise_[std::size_t(l)].resize(0, 0);
+    }
+    all.push_back({own, *map, green});
+    ++count;
+  }
+  return count;
+}
+
+/// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal number. Beside an LED, where a fraction of a pixel
+/// counts, it is several times that of the plain side.
+template <class MatrixXd>
+inline const HandObserver::Grid& HandObserver::noise(int link) {
+  MatrixXd& sigma = noise_[std::size_t(link)];
+  if (sigma.size() > 0) return sigma;
+  const auto [along, across] = grid_[std::size_t(link)];
+  sigma = MatrixXd::Constant(along, across, config_.noise_floor_DN);
+  for (Eigen::Index k = 0; k < sigma.size(); ++k) {
+    std::vector<double> size;
+    for (const Grid& step : steps_[std::size_t(link)])
+      if (std::isfinite(step.data()[k])) size.push_back(step.data()[k]);
+    if (!size.empty()) sigma.data()[k] = std::max(config_.noise_floor_DN, quantile(size, 0.9) / 1.645);
+  }
+  return sigma;
+}
+
+template <class>
+inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) {
+  HandEstimate e{stamp_ns, {}, {}, {}, {}};
+  for (int l = 0; l < int(links_.size()); ++l) {
+    const std::vector<double> own = joints_of(l, joints);
+    const auto map = find(l, own, image);
+    const auto near = nearest(l, own);
+    const bool known = map && near.first >= 0 && near.second <= config_.max_joint_step_rad;
+    e.seen.push_back(known);
+    e.reference.push_back(known ? near.first : -1);
+    e.map.push_back(last_[std::size_t(l)]);
+    if (known) regions(l, levelled(read(l, *map, image) - library_[std::size_t(l)][std::size_t(near.first)].green), noise(l), *map, e.contacts);
+  }
+  return e;
+}
+
+template <class Vector2d>
+inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
+  const auto [along, across] = grid_[std::size_t(link)];
+  const HandLink& l = links_[std::size_t(link)];
+  const double cell = (l.y_high_m - l.y_low_m) / along * (l.z_high_m - l.z_low_m) / across;
+  std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
+  const auto index = [&, n = across](int i, int j) { return std::size_t(i) * std::size_t(n) + std::size_t(j); };
+  const auto strong = [&](int i, int j) { return std::abs(residual(i, j)) > config_.edge * sigma(i, j); };   // false for NaN
+  for (int i = 0; i < along; ++i)
+    for (int j = 0; j < across; ++j) {
+      if (taken[index(i, j)] || !strong(i, j)) continue;
+      HandContact c;
+      c.link = link, c.y_low_m = std::numeric_limits<double>::infinity(), c.y_high_m = -c.y_low_m;
+      c.cells.emplace_back(i, j);
+      taken[index(i, j)] = true;
+      double weight = 0.0, noises = 0.0;
+      for (std::size_t k = 0; k < c.cells.size(); ++k) {
+        const auto [a, b] = c.cells[k];
+        const auto [y, z] = place(link, a, b);
+        const double r = std::abs(residual(a, b));
+        weight += r, c.y_m += r * y, c.z_m += r * z;
+        c.peak_DN = std::max(c.peak_DN, r), noises = std::max(noises, r / sigma(a, b));
+        c.y_low_m = std::min(c.y_low_m, y), c.y_high_m = std::max(c.y_high_m, y);
+        for (int di = -1; di <= 1; ++di)
+          for (int dj = -1; dj <= 1; ++dj) {
+            const int p = a + di, q = b + dj;
+            if (p < 0 || q < 0 || p >= along || q >= across || taken[index(p, q)] || !strong(p, q)) continue;
+            taken[index(p, q)] = true;
+            c.cells.emplace_back(p, q);
+          }
+      }
+      c.area_m2 = cell * double(c.cells.size());
+      if (noises < config_.threshold || c.area_m2 < config_.min_area_m2) continue;
+      c.y_m /= weight, c.z_m /= weight;
+      c.mean_DN = weight / double(c.cells.size());
+      c.pixel = map.pixel(c.y_m, c.z_m);
+      std::sort(c.cells.begin(), c.cells.end());
+      contacts.push_back(std::move(c));
+    }
+}
 
 }  // namespace lumo
 
@@ -17497,6 +18730,12 @@ ChannelImages channel_images(const Body& body, const Light& light) {
   return {light.image_channels(body, 0), light.image_channels(body, 1)};
 }
 
+/// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
+template <Indenter Tool>
+bool unfolds(const ContactPlan<Tool>& plan, const ChannelImages& images) {
+  return std::none_of(plan.images.begin(), plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+}
+
 /// Counts the steps of one stage, from any thread.
 class StageReport {
  public:
@@ -17562,15 +18801,14 @@ Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>
 
 template <class P, class Pad, Indenter Tool>
 bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
-  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  return std::none_of(pressed.plan.images.begin(), pressed.plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+  return detail::unfolds(pressed.plan, detail::channel_images(body, pipeline.tracer));
 }
 
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  if (!lights(body, pressed, pipeline)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const detail::Stopwatch clock;
   const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  if (!detail::unfolds(pressed.plan, images)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
   Observations out;
 
@@ -18667,7 +19905,7 @@ struct CastSection {
   double ridge_height = 0.0;
   double gap_width = 0.0;                      ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
   double exact_volume_m3 = 0.0;                ///< of the pad with its curve uncut [m³]
-  FingerOptions::Leds leds;                    ///< centred on the ridge, facing up
+  FingerOptions::Leds leds = {};               ///< centred on the ridge, facing up
 
   double half_width() const { return outline.front()[0]; }
   double height() const { return outline.back()[1]; }
@@ -19801,6 +21039,23 @@ inline void validate(const Rig& r) {
 
 }  // namespace lumo
 
+// ---- lumo/lab/sensor.hpp
+
+namespace lumo::detail {
+
+/// What a pixel says of the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number, times `noise`), the row's offset, black level, full
+/// well, gamma, 8 bits (EMVA 1288's linear model).
+inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise, double normal, double row_offset) {
+  signal = std::max(signal, 0.0);
+  signal += noise * std::sqrt(camera.shot_DN * signal + camera.read_DN * camera.read_DN) * normal + row_offset;
+  double value = std::clamp(signal + camera.black_DN, 0.0, camera.full_DN);
+  const double inverse_gamma = 1.0 / camera.gamma;
+  if (inverse_gamma != 1.0) value = camera.full_DN * std::pow(value / camera.full_DN, inverse_gamma);
+  return std::uint8_t(std::lround(value));
+}
+
+}  // namespace lumo::detail
+
 // ---- lumo/lab/side_geometry.hpp
 
 namespace lumo {
@@ -19943,7 +21198,6 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
 
 inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
   Image image = Image::black(camera_.width, camera_.height, PixelFormat::grey);
-  const double inverse_gamma = 1.0 / camera_.gamma;
   for (int v = 0; v < camera_.height; ++v) {
     std::uint8_t* row = image.row(v);
     const double row_offset = noise * camera_.row_DN * draws.normal();
@@ -19952,11 +21206,7 @@ inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, doub
       double signal = room_DN * p.room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
       signal *= p.vignette * (1.0 + noise * camera_.pixel_gain * p.gain);
-      signal = std::max(signal, 0.0);
-      signal += noise * std::sqrt(camera_.shot_DN * signal + camera_.read_DN * camera_.read_DN) * draws.normal() + row_offset;
-      double value = std::clamp(signal + camera_.black_DN, 0.0, camera_.full_DN);
-      if (inverse_gamma != 1.0) value = camera_.full_DN * std::pow(value / camera_.full_DN, inverse_gamma);
-      row[u] = std::uint8_t(std::lround(value));
+      row[u] = detail::sensed(camera_, signal, noise, draws.normal(), row_offset);
     }
   }
   return image;
@@ -20415,6 +21665,314 @@ inline Image VirtualRig::image(std::size_t k) const {
 
 }  // namespace lumo
 
+// ---- lumo/lab/hand_lab.hpp
+
+namespace lumo {
+
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed, and was
+/// fixed before any hand was observed with it.
+struct HandRig {
+  int width = 640, height = 480;                     ///< of the picture [px]
+  double scale_m_per_px = 0.55_mm;
+  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
+  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
+  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
+  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
+  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
+  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
+  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
+};
+
+using HandJoints = std::array<double, 4>;            ///< proximal and distal of the left finger, then of the right; bending inwards is positive [rad]
+
+/// Something that presses on a link: 0 and 1 are the left finger's, from proximal to distal, 2 and 3 the right one's.
+struct HandTouch {
+  int link;
+  double y_m, load_N;
+};
+
+/// A grasp: what the hand looks like while it holds, and what presses where.
+struct HandGrasp {
+  HandJoints joints_rad;
+  std::vector<HandTouch> touches;
+};
+
+/// The joints sweep their workspace without contact, then grasp after grasp is closed, held and opened.
+struct HandPlan {
+  std::string title = "grasps of a hand with two fingers";
+  int sweep_steps = 6;              ///< of each joint, there and back
+  double low_rad = 0.0, high_rad = 0.4;   ///< of the sweep; the fingers then do not meet
+  double speed_rad_per_s = 0.5;
+  double close_s = 0.4, hold_s = 0.8;
+  std::vector<HandGrasp> grasps;
+};
+
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12) {
+  require_in_range("number of grasps", count, 1, 1000, "");
+  HandPlan plan;
+  Draws draws(seed, 40);
+  for (int g = 0; g < count; ++g) {
+    HandGrasp grasp;
+    for (double& q : grasp.joints_rad) q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
+    const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
+    for (int k = 0; k < links; ++k) grasp.touches.push_back({(first + k) % 4, (2.0 * draws.uniform() - 1.0) * 22.0_mm, 5.0 + 10.0 * draws.uniform()});
+    std::sort(grasp.touches.begin(), grasp.touches.end(), [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
+    plan.grasps.push_back(std::move(grasp));
+  }
+  return plan;
+}
+
+/// What really pressed on the hand at a frame.
+struct HandTruth {
+  std::int64_t stamp_ns = 0;
+  HandJoints joints_rad{};
+  std::vector<HandTouch> touches;   ///< with the loads of this moment
+};
+
+/// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
+inline std::string truth_text(const std::vector<HandTruth>& truth) {
+  std::string t = "stamp_ns,link,y_mm,force_N\n";
+  for (const HandTruth& s : truth)
+    for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + csv_number(1e3 * c.y_m) + ',' + csv_number(c.load_N) + '\n';
+  return t;
+}
+
+/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
+/// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
+class HandLab {
+ public:
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a link that leaves the picture.
+  template <class = void>
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+
+  const Session& session() const { return session_; }
+  const std::vector<FrameRecord>& frames() const { return frames_; }
+  const std::vector<JointSample>& joints() const { return joints_; }
+  const std::vector<HandTruth>& truth() const { return truth_; }
+  const HandPlan& plan() const { return plan_; }
+  /// Picture k; the same whenever it is asked for.
+  template <class VectorXd = Eigen::VectorXd>
+  Image image(std::size_t k) const;
+  /// Where a link really is in the image.
+  template <class Vector2d = Eigen::Vector2d>
+  LinkMap map(int link, const HandJoints& joints) const;
+
+ private:
+  struct Key {
+    double t_s;
+    HandJoints joints;
+    int grasp;        ///< whose touches there are, −1: none
+    double share;     ///< of their loads
+  };
+  void move_to(const HandJoints& joints) {
+    double way = 0.0;
+    for (std::size_t k = 0; k < 4; ++k) way = std::max(way, std::abs(joints[k] - keys_.back().joints[k]));
+    keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
+  }
+  HandTruth at(double t_s) const;
+  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+
+  const PadLight* light_;
+  HandPlan plan_;
+  std::uint64_t seed_;
+  double noise_, per_DN_ = 1.0;
+  Rig rig_;
+  HandRig hand_;
+  SideGeometry side_;
+  Session session_;
+  std::vector<Key> keys_;
+  std::vector<FrameRecord> frames_;
+  std::vector<JointSample> joints_;
+  std::vector<HandTruth> truth_;
+  std::vector<double> lamps_, room_DN_;
+};
+
+template <class Vector2d>
+inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
+  const bool right = link >= 2;
+  const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
+  Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];   // image rows run down: −90° points up
+  if (link % 2 == 1) {
+    at += length * Vector2d(std::cos(turn), std::sin(turn));
+    turn += inwards * joints[std::size_t(link)];
+  }
+  const Vector2d along(std::cos(turn), std::sin(turn));
+  LinkMap m;
+  m.origin_px = at + 0.5 * length * along;
+  m.along_px_per_m = along / hand_.scale_m_per_px;
+  m.z_clockwise = !right;   // the pads face each other
+  return m;
+}
+
+template <class>
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
+    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
+  validate(rig_);
+  require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
+  require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
+  require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
+  for (const HandGrasp& g : plan_.grasps)
+    for (const HandTouch& c : g.touches) {
+      require_in_range("link of a touch", c.link, 0, 3, "");
+      require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
+      require_in_range("load of a touch", c.load_N, 0.0, light.max_load_N(), "N");
+    }
+  const PadResponses& r = light.responses();
+  double sum = 0.0;
+  int bins = 0;
+  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
+    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
+  per_DN_ = rig_.camera.level_DN * bins / sum;
+
+  // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
+  const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
+  keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
+  keys_.push_back({0.5, keys_.back().joints, -1, 0.0});
+  for (int i = 0; i < plan_.sweep_steps; ++i)
+    for (int j = 0; j < plan_.sweep_steps; ++j) {
+      const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
+      move_to({a, b, a, b});
+    }
+  for (int l = 0; l < 4; ++l) {
+    const bool right = l >= 2;
+    SessionLink s;
+    s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
+    s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
+    s.link.hole_m.resize(2, 2), s.hole_px.resize(2, 2);
+    s.link.hole_radius_m = hand_.hole_radius_m, s.link.z_clockwise = !right;
+    s.link.z_low_m = side_.low_m + 1.0_mm, s.link.z_high_m = side_.high_m - 1.0_mm;
+    for (int k = 0; k < 2; ++k) {
+      s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
+      s.hole_px.col(k) = map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
+    }
+    session_.links.push_back(std::move(s));
+  }
+  const double free_s = keys_.back().t_s;
+  std::vector<std::pair<double, double>> held;
+  for (int g = 0; g < int(plan_.grasps.size()); ++g) {
+    const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
+    move_to(grasp.joints_rad);
+    double t = keys_.back().t_s;
+    keys_.push_back({t + 0.3, grasp.joints_rad, -1, 0.0});
+    t += 0.3;
+    keys_.push_back({t, grasp.joints_rad, g, 0.0});
+    keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
+    keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
+    held.emplace_back(t + plan_.close_s, t + plan_.close_s + plan_.hold_s);
+  }
+  const double end_s = keys_.back().t_s;
+
+  session_.title = plan_.title;
+  session_.clock = "virtual";
+  session_.material = r.material;
+  session_.theta_mm = r.theta_mm;
+  session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
+  const auto segment = [&](double from_s, double to_s, const char* kind) {
+    Segment s;
+    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    session_.segments.push_back(s);
+  };
+  segment(0.0, free_s, "free");
+  for (const auto& [from, to] : held) segment(from, to, "hold");
+
+  const CameraRig& c = rig_.camera;
+  const LightRig& l = rig_.light;
+  SlowNoise lamp(Draws(seed_, 48), l.lamp_drift_s), room(Draws(seed_, 49), l.ambient_drift_s);
+  Draws white(seed_, 50), jitter(seed_, 51), read(seed_, 52);
+  for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
+    HandTruth truth = at(t);
+    truth.stamp_ns = stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
+    char name[32];
+    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
+    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth_.push_back(std::move(truth));
+    lamps_.push_back(1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal()));
+    room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
+  }
+  HandJoints before = keys_.front().joints;
+  for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
+    const HandTruth now = at(t);
+    JointSample s{stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
+    for (int k = 0; k < 4; ++k) {
+      s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
+      s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
+    }
+    before = now.joints_rad;
+    joints_.push_back(std::move(s));
+  }
+}
+
+inline HandTruth HandLab::at(double t_s) const {
+  std::size_t k = 0;
+  while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
+  const Key &a = keys_[k], &b = keys_[k + 1];
+  const double share = b.t_s > a.t_s ? std::clamp((t_s - a.t_s) / (b.t_s - a.t_s), 0.0, 1.0) : 1.0;
+  HandTruth truth;
+  for (std::size_t j = 0; j < 4; ++j) truth.joints_rad[j] = a.joints[j] + share * (b.joints[j] - a.joints[j]);
+  const double load = a.share + share * (b.share - a.share);
+  if (a.grasp >= 0 && a.grasp == b.grasp && load > 0.0)
+    for (HandTouch c : plan_.grasps[std::size_t(a.grasp)].touches) c.load_N *= load, truth.touches.push_back(c);
+  return truth;
+}
+
+template <class VectorXd>
+inline Image HandLab::image(std::size_t k) const {
+  struct Seen {
+    LinkMap map;
+    double c, s;      ///< of its turn, over the scale
+    VectorXd light;
+  };
+  const HandTruth& truth = truth_.at(k);
+  std::vector<Seen> links;
+  for (int l = 0; l < 4; ++l) {
+    VectorXd light = light_->responses().unloaded;
+    for (const HandTouch& c : truth.touches)
+      if (c.link == l) light += light_->change(c.y_m, c.load_N, 0.0);
+    const LinkMap m = map(l, truth.joints_rad);
+    const double scale = m.px_per_m();
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
+  }
+  const VectorXd& position = light_->responses().position_m;
+  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
+  const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
+  Image image = Image::black(hand_.width, hand_.height, PixelFormat::grey);
+  Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
+  for (int v = 0; v < hand_.height; ++v) {
+    std::uint8_t* row = image.row(v);
+    const double row_offset = noise_ * rig_.camera.row_DN * draws.normal();
+    for (int u = 0; u < hand_.width; ++u) {
+      double signal = hand_.ground_DN;
+      for (const Seen& l : links) {
+        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px, dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
+        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c), end = side_.half_length_m - std::abs(y);
+        if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > side_.high_m + 3.0 * blur) continue;
+        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m), pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
+        double hole = 0.0;
+        for (const double at : hand_.hole_y_m) hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
+        const double behind = std::max(carrier, pad);
+        signal = (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
+        if (pad > 0.0) {
+          const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
+          const auto bin = Eigen::Index(place);
+          signal += pad * ((1.0 - (place - double(bin))) * l.light[bin] + (place - double(bin)) * l.light[bin + 1]);
+          for (const double at : side_.lamp_m) {
+            const double d = std::hypot(y - at, z - side_.lamp_height_m) / rig_.light.spot_sigma_m;
+            if (d < 5.0) signal += pad * lamps_[k] * rig_.light.spot_DN * std::exp(-0.5 * d * d);
+          }
+        }
+      }
+      signal *= 1.0 + noise_ * rig_.camera.pixel_gain * sensitivity.normal();
+      row[u] = detail::sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
+    }
+  }
+  return image;
+}
+
+}  // namespace lumo
+
 // ---- lumo/core/write_whole.hpp
 
 namespace lumo::detail {
@@ -20499,6 +22057,11 @@ class BlockReader {
     }
     return m;
   }
+  Eigen::VectorXd column(std::string_view wanted) {
+    const Eigen::MatrixXd m = block(wanted);
+    if (m.cols() != 1) fail("a block has more than one column");
+    return m.col(0);
+  }
   [[noreturn]] void fail(const char* why) const { throw InputError(text(name_, ": ", why)); }
 
  private:
@@ -20537,17 +22100,17 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   PadResponses r;
   const std::string_view material = reader.line();
   r.material = material.substr(std::min<std::size_t>(material.size(), 9));
-  const VectorXd theta = reader.block("theta_mm");
+  const VectorXd theta = reader.column("theta_mm");
   r.theta_mm.assign(theta.begin(), theta.end());
   const MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
-  r.position_m = reader.block("position_m"), r.unloaded = reader.block("unloaded"), r.place_m = reader.block("place_m"), r.load_N = reader.block("load_N");
+  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"), r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
   r.depth_m = reader.block("depth_m");
   for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
-  r.tilt_place_m = reader.block("tilt_place_m");
+  r.tilt_place_m = reader.column("tilt_place_m");
   for (Eigen::Index k = 0; k < r.tilt_place_m.size(); ++k) r.tilt.push_back(reader.block("tilt"));
-  r.error = reader.block("error");
+  r.error = reader.column("error");
   validate(r, name);
   return r;
 }

@@ -16,8 +16,6 @@ std::string line(const StoredTrial& t) {
          (t.selected ? "  selected" : "") + "\n";
 }
 
-std::string field(const Json& v) { return v.is_number() ? v.dump() : v.is_string() ? v.get<std::string>() : ""; }
-
 }  // namespace
 
 std::string campaign_status(const Options& o) {
@@ -72,14 +70,14 @@ std::string campaign_export(const Options& o) {
           "worst_observation_diameter_mm,worst_observation_angle_deg,worst_observation_load_N,worst_observation_y_a_mm,worst_observation_y_b_mm,nodes,elements,seconds,why\n";
   for (const StoredTrial& t : c.trials) {
     const Json r = t.record.is_object() ? t.record : Json::object();
-    const auto at = [&](const char* pointer) { return field(r.value(Json::json_pointer(pointer), Json(nullptr))); };
+    const auto at = [&](const char* pointer) { return csv_field(r.value(Json::json_pointer(pointer), Json(nullptr))); };
     text += std::to_string(t.id) + "," + joined(t.theta_mm) + "," + t.state;
     for (const char* key : {"/J_contact", "/J_contact_err", "/J_obs", "/J_obs_err"}) text += "," + at(key);
-    text += "," + field(number(t.hypervolume)) + (t.on_front ? ",1" : ",0") + (t.selected ? ",1" : ",0");
+    text += "," + csv_field(number(t.hypervolume)) + (t.on_front ? ",1" : ",0") + (t.selected ? ",1" : ",0");
     for (const char* key : {"/worst_contact/diameter_mm", "/worst_contact/angle_deg", "/worst_contact/y_mm", "/worst_observation/diameter_mm", "/worst_observation/angle_deg",
                             "/worst_observation/load_N", "/worst_observation/y_mm/0", "/worst_observation/y_mm/1", "/mesh/nodes", "/mesh/elements"})
       text += "," + at(key);
-    text += "," + field(number(t.seconds()));
+    text += "," + csv_field(number(t.seconds()));
     text += t.why.empty() ? ",\n" : "," + csv_text(t.why) + "\n";
   }
   return text;

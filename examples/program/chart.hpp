@@ -93,9 +93,9 @@ struct Frame {
 
 inline constexpr std::string_view ink = "#222222", faint = "#dddddd", grey = "#666666";
 
-inline void headline(Svg& svg, const Frame& f, const std::string& title, const std::string& subtitle) {
-  svg.text({f.left, 24}, title, {.size = 15, .bold = true});
-  svg.text({f.left, 43}, subtitle, {.size = 12, .fill = std::string(grey)});
+inline void headline(Svg& svg, double left, const std::string& title, const std::string& subtitle) {
+  svg.text({left, 24}, title, {.size = 15, .bold = true});
+  svg.text({left, 43}, subtitle, {.size = 12, .fill = std::string(grey)});
 }
 
 /// Small magnitudes get a common power of ten in the axis label, not zeros at every tick.
@@ -127,17 +127,34 @@ inline std::string with_power(const std::string& label, int e) {
   return unit == std::string::npos ? label + " [" + power + "]" : label.substr(0, unit + 1) + power + " " + label.substr(unit + 1);
 }
 
+/// Tick values as they stand at an axis that is divided by a power of ten.
+inline std::vector<std::string> tick_texts(std::vector<double> values, int exponent) {
+  for (double& v : values) v /= std::pow(10.0, exponent);
+  std::vector<std::string> texts;
+  for (const double v : values) texts.push_back(tick(v, decimals(values)));
+  return texts;
+}
+
 inline void y_axis(Svg& svg, const Frame& f, const std::string& label) {
   const int e = common_exponent(f.y_ticks);
-  std::vector<double> shown = f.y_ticks;
-  for (double& v : shown) v /= std::pow(10.0, e);
-  const int digits = decimals(shown);
-  for (std::size_t k = 0; k < shown.size(); ++k) {
+  const std::vector<std::string> texts = tick_texts(f.y_ticks, e);
+  for (std::size_t k = 0; k < texts.size(); ++k) {
     const double y = f.y(f.y_ticks[k]);
     svg.line({f.left, y}, {f.right, y}, {.stroke = std::string(faint)});
-    svg.text({f.left - 8, y + 4}, tick(shown[k], digits), {.anchor = "end"});
+    svg.text({f.left - 8, y + 4}, texts[k], {.anchor = "end"});
   }
   svg.text({22, 0.5 * (f.top + f.bottom)}, with_power(label, e), {.size = 13, .anchor = "middle", .rotate_deg = -90});
+}
+
+/// Divided by 10 to the `exponent`.
+inline void x_axis(Svg& svg, const Frame& f, const std::string& label, int exponent = 0) {
+  const std::vector<std::string> texts = tick_texts(f.x_ticks, exponent);
+  for (std::size_t k = 0; k < texts.size(); ++k) {
+    const double x = f.x(f.x_ticks[k]);
+    svg.line({x, f.top}, {x, f.bottom}, {.stroke = std::string(faint)});
+    svg.text({x, f.bottom + 18}, texts[k], {.anchor = "middle"});
+  }
+  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, with_power(label, exponent), {.size = 13, .anchor = "middle"});
 }
 
 struct LegendEntry {
@@ -183,14 +200,9 @@ inline std::string draw(const LineChart& chart) {
   f.y_ticks = detail::ticks(y_low, y_high, 6);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back(), f.y0 = f.y_ticks.front(), f.y1 = f.y_ticks.back();
 
-  detail::headline(svg, f, chart.title, chart.subtitle);
+  detail::headline(svg, f.left, chart.title, chart.subtitle);
   detail::y_axis(svg, f, chart.y_label);
-  const int digits = detail::decimals(f.x_ticks);
-  for (const double t : f.x_ticks) {
-    svg.line({f.x(t), f.top}, {f.x(t), f.bottom}, {.stroke = std::string(detail::faint)});
-    svg.text({f.x(t), f.bottom + 18}, detail::tick(t, digits), {.anchor = "middle"});
-  }
-  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, chart.x_label, {.size = 13, .anchor = "middle"});
+  detail::x_axis(svg, f, chart.x_label);
   svg.polyline({{f.left, f.top}, {f.left, f.bottom}, {f.right, f.bottom}}, {.stroke = std::string(detail::ink), .width = 1.2});
   for (const auto& c : chart.curves) {
     std::vector<Point> px;
@@ -219,7 +231,7 @@ inline std::string draw(const BarChart& chart) {
   f.y0 = f.y_ticks.front(), f.y1 = f.y_ticks.back();
   f.x0 = 0, f.x1 = double(std::max<std::size_t>(1, chart.categories.size()));
 
-  detail::headline(svg, f, chart.title, chart.subtitle);
+  detail::headline(svg, f.left, chart.title, chart.subtitle);
   detail::y_axis(svg, f, chart.y_label);
   const std::size_t bars = std::max<std::size_t>(1, chart.series.size());
   const double slot = f.x(1) - f.x(0), width = 0.8 * slot / double(bars);
@@ -260,19 +272,10 @@ inline std::string draw(const TornadoChart& chart) {
   Svg svg(f.right + 48 + notes, f.bottom + 58);
   f.x_ticks = detail::ticks(low, high, 7);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
-  const int e = detail::common_exponent(f.x_ticks);
-  std::vector<double> shown = f.x_ticks;
-  for (double& v : shown) v /= std::pow(10.0, e);
-  const int digits = detail::decimals(shown);
 
-  svg.text({16, 24}, chart.title, {.size = 15, .bold = true});
-  svg.text({16, 43}, chart.subtitle, {.size = 12, .fill = std::string(detail::grey)});
+  detail::headline(svg, 16, chart.title, chart.subtitle);
   svg.text({f.right + 16, f.top - 12}, chart.note, {.fill = std::string(detail::grey)});
-  for (std::size_t k = 0; k < shown.size(); ++k) {
-    const double x = f.x(f.x_ticks[k]);
-    svg.line({x, f.top}, {x, f.bottom}, {.stroke = std::string(detail::faint)});
-    svg.text({x, f.bottom + 18}, detail::tick(shown[k], digits), {.anchor = "middle"});
-  }
+  detail::x_axis(svg, f, chart.x_label, detail::common_exponent(f.x_ticks));
   for (std::size_t k = 0; k < chart.rows.size(); ++k) {
     const auto& r = chart.rows[k];
     const double y = f.top + slot * (double(k) + 0.5), a = f.x(std::min(0.0, r.value)), b = f.x(std::max(0.0, r.value));
@@ -287,7 +290,6 @@ inline std::string draw(const TornadoChart& chart) {
   }
   svg.line({f.x(0), f.top}, {f.x(0), f.bottom}, {.stroke = std::string(detail::ink), .width = 1.2});
   svg.line({f.left, f.bottom}, {f.right, f.bottom}, {.stroke = std::string(detail::ink), .width = 1.2});
-  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, detail::with_power(chart.x_label, e), {.size = 13, .anchor = "middle"});
   return svg.str();
 }
 

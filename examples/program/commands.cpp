@@ -381,7 +381,7 @@ Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere
       for (std::size_t k = 0; k < results.size(); ++k) {
         const EvaluationResult r = report(results[k].evaluation);
         const std::string& why = results[k].why;
-        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].quantity + ": " + rows[k - 1].value},
+        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()},
                                       {"why", why.empty() ? Json(nullptr) : Json(why)},
                                       {"J_contact", number(r.J_contact)},
                                       {"J_contact_err", number(r.J_contact_err)},

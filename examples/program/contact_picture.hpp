@@ -45,7 +45,7 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   double room = 24;
   for (const auto& e : entries) room = std::max(room, 52 + detail::text_width(e.label, 12));
   Svg svg(f.right + room, std::max(f.bottom + 74, f.top + 20.0 * double(entries.size()) + 16));
-  detail::headline(svg, f, title, subtitle);
+  detail::headline(svg, f.left, title, subtitle);
   svg.rect({f.left, f.top}, plot_width, f.bottom - f.top, {.fill = "#f4f6f8"});
   for (int t = -10 * int(y_max / 10); t <= y_max; t += 10) {
     svg.line({f.x(t), f.top}, {f.x(t), f.bottom}, {.stroke = std::string(detail::faint)});

@@ -18,23 +18,25 @@ inline lumo::Ensemble contacts(Ensemble e) { return e == Ensemble::flat ? flat_e
 /// stores are then of another problem.
 inline constexpr int results_version = 8;
 
-/// Material and contacts with every number that decides a result, for the text by which a store knows its problem.
+/// Material with every number that decides a result, and what its contacts are called.
+inline Json conditions(const std::string& material, std::string_view contacts) {
+  const Silicone card = silicone(material);
+  return {{"results", results_version}, {"material", material}, {"shear_modulus_Pa", card.mu_Pa}, {"first_lame_parameter_Pa", card.lambda_Pa}, {"ensemble", contacts}};
+}
+
+/// The same with all numbers of the contacts, for the text by which a store knows its problem.
 inline Json conditions(const std::string& material, std::string_view title, const lumo::Ensemble& ensemble) {
   const auto scaled = [](const std::vector<double>& values, double unit) {
     Json a = Json::array();
     for (const double v : values) a.push_back(as_typed(v / unit));
     return a;
   };
-  const Silicone card = silicone(material);
-  return {{"results", results_version},
-          {"material", material},
-          {"shear_modulus_Pa", card.mu_Pa},
-          {"first_lame_parameter_Pa", card.lambda_Pa},
-          {"ensemble", title},
-          {"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
-          {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
-          {"places_mm", scaled(ensemble.places_m, 1e-3)},
-          {"loads_N", ensemble.loads_N}};
+  Json j = conditions(material, title);
+  append(j, {{"diameters_mm", scaled(ensemble.diameters_m, 1e-3)},
+             {"angles_deg", scaled(ensemble.angles_rad, pi / 180.0)},
+             {"places_mm", scaled(ensemble.places_m, 1e-3)},
+             {"loads_N", ensemble.loads_N}});
+  return j;
 }
 
 /// One line a key, so that the line in which two problems differ can be shown.

@@ -111,6 +111,9 @@ inline Json json(const Mechanics& m) {
           {"friction", m.friction}};
 }
 
+/// A field of a CSV file: a number, a plain word, or nothing.
+inline std::string csv_field(const Json& v) { return v.is_number() ? v.dump() : v.is_string() ? v.get<std::string>() : ""; }
+
 inline void append(Json& to, const Json& from) {
   for (const auto& [key, value] : from.items()) to[key] = value;
 }

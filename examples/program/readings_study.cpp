@@ -22,7 +22,6 @@ constexpr double weak_ranking = 0.8;   // Kendall's τ below which conclusions h
 std::vector<Scenario<Sphere>> pressed_contacts(const Options& o) { return o.all_contacts ? contacts(o.ensemble).scenarios() : readings_contacts(); }
 std::string_view contacts_name(const Options& o) { return o.all_contacts ? name(o.ensemble) : "few"; }
 std::string contacts_text(const Options& o) { return o.all_contacts ? std::string(name(o.ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)"; }
-std::string name(const Departure& d) { return d.quantity + ": " + d.value; }
 std::string contact_name(double diameter_mm, double angle_deg) { return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, "; }
 
 /// The reference designs, then seeded ones.
@@ -34,17 +33,18 @@ Problem problem_of(const Options& o) {
   return p;
 }
 
-std::string problem_text(const Options& o) {
+std::string problem_text(const Options& o, const Problem& p) {
   Json j = {{"study", "readings"}};
-  append(j, conditions(o.material, contacts_name(o), o.all_contacts ? contacts(o.ensemble) : lumo::Ensemble{}));
-  if (!o.all_contacts) {
-    for (const char* key : {"diameters_mm", "angles_deg", "places_mm"}) j.erase(key);
+  if (o.all_contacts) {
+    append(j, conditions(o.material, contacts_name(o), contacts(o.ensemble)));
+  } else {
+    append(j, conditions(o.material, contacts_name(o)));
+    j["loads_N"] = pressed_contacts(o).front().loads_N;
     j["contacts"] = Json::array();
     for (const auto& s : pressed_contacts(o)) j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
   }
   j["readings"] = Json::array();
-  for (const Departure& d : departures()) j["readings"].push_back(name(d));
-  const Problem p = problem_of(o);
+  for (const Departure& d : departures()) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
   j["sobol"] = p.sobol;
   j["seed"] = o.seed;
@@ -106,14 +106,14 @@ std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
   std::string text = line({"reading", "designs", "ΔJ_contact, median (95 %)", "ΔJ_obs [%], median (95 %)", "τ J_c", "τ J_obs", "worst J_c", "worst J_o", "i* by lumo's reading > by this"});
   const auto moved = [](std::size_t n, std::size_t of) { return std::to_string(n) + "/" + std::to_string(of); };
   for (const auto& [d, e] : list)
-    text += line({name(d), designs(e), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
+    text += line({d.name(), designs(e), shown(e.J_contact, 1.0, 4), shown(e.J_obs, 100.0, 1), shown(e.tau_contact),
                   shown(e.tau_obs), moved(e.worst_contact_moved, e.compared), moved(e.worst_observation_moved, e.compared),
                   choice(rows, e.usual_choice) + (e.choice == e.usual_choice ? " stays" : " > " + choice(rows, e.choice))});
   std::string weak, unknown;
   for (const auto& [d, e] : list)
     for (const auto& [what, tau] : {std::pair("J_contact", e.tau_contact), {"J_obs", e.tau_obs}}) {
-      if (tau && *tau < weak_ranking) weak += "  " + name(d) + ", ranking by " + what + " (τ " + shown(tau) + ")\n";
-      if (!tau || e.lost > e.compared) unknown += "  " + name(d) + ", ranking by " + what + ": " + designs(e) + " of " + std::to_string(rows.size()) + " designs compared\n";
+      if (tau && *tau < weak_ranking) weak += "  " + d.name() + ", ranking by " + what + " (τ " + shown(tau) + ")\n";
+      if (!tau || e.lost > e.compared) unknown += "  " + d.name() + ", ranking by " + what + ": " + designs(e) + " of " + std::to_string(rows.size()) + " designs compared\n";
     }
   text += "\nConclusions depend on readings with τ below " + short_number(weak_ranking) + (weak.empty() ? ": none.\n" : ":\n" + weak);
   return text + (unknown.empty() ? "" : "Not known:\n" + unknown);
@@ -122,15 +122,15 @@ std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
 std::string effects_csv(const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
   std::string text = "quantity,value,designs,lost,delta_J_contact,delta_J_contact_low,delta_J_contact_high,delta_J_obs_percent,delta_J_obs_percent_low,delta_J_obs_percent_high,"
                      "tau_J_contact,tau_J_obs,worst_contact_moved,worst_observation_moved,usual_choice_mm,choice_mm\n";
-  const auto number_or_nothing = [](const std::optional<double>& v) { return "," + (v ? Json(*v).dump() : ""); };
+  const auto field = [](const std::optional<double>& v) { return "," + csv_field(maybe(v)); };
   const auto summary = [&](const std::optional<PairedSummary>& s, double unit) {
     const auto interval = s ? s->median_95 : std::nullopt;
-    return number_or_nothing(s ? std::optional(s->median * unit) : std::nullopt) + number_or_nothing(interval ? std::optional(interval->first * unit) : std::nullopt) +
-           number_or_nothing(interval ? std::optional(interval->second * unit) : std::nullopt);
+    return field(s ? std::optional(s->median * unit) : std::nullopt) + field(interval ? std::optional(interval->first * unit) : std::nullopt) +
+           field(interval ? std::optional(interval->second * unit) : std::nullopt);
   };
   for (const auto& [d, e] : list)
     text += csv_text(d.quantity) + "," + csv_text(d.value) + "," + std::to_string(e.compared) + "," + std::to_string(e.lost) + summary(e.J_contact, 1.0) + summary(e.J_obs, 100.0) +
-            number_or_nothing(e.tau_contact) + number_or_nothing(e.tau_obs) + "," + std::to_string(e.worst_contact_moved) + "," + std::to_string(e.worst_observation_moved) + "," +
+            field(e.tau_contact) + field(e.tau_obs) + "," + std::to_string(e.worst_contact_moved) + "," + std::to_string(e.worst_observation_moved) + "," +
             csv_text(choice(rows, e.usual_choice)) + "," + csv_text(choice(rows, e.choice)) + "\n";
   return text;
 }
@@ -140,7 +140,7 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   for (const StudyRow& row : rows)
     for (const Json& r : row.record.at("readings")) {
       text += joined(row.theta_mm) + "," + csv_text(r.at("reading").get<std::string>());
-      for (const char* key : {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}) text += "," + (r.at(key).is_number() ? r[key].dump() : "");
+      for (const char* key : {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}) text += "," + csv_field(r.at(key));
       text += "," + (r.at("why").is_string() ? csv_text(r["why"].get<std::string>()) : "") + "\n";
     }
   return text;
@@ -158,25 +158,19 @@ std::string picture(const Options& o, std::vector<Effect> list, std::optional<Pa
     if (!(e.*which)) continue;
     const PairedSummary& s = *(e.*which);
     const auto interval = s.median_95.value_or(std::pair(s.median, s.median));
-    chart.rows.push_back({name(d), s.median * unit, interval.first * unit, interval.second * unit, shown(e.*tau) + ", " + designs(e)});
+    chart.rows.push_back({d.name(), s.median * unit, interval.first * unit, interval.second * unit, shown(e.*tau) + ", " + designs(e)});
   }
   return draw(chart);
-}
-
-Json json(const std::optional<PairedSummary>& s) {
-  if (!s) return nullptr;
-  return {{"median", s->median}, {"median_95", s->median_95 ? Json{s->median_95->first, s->median_95->second} : Json(nullptr)}, {"above_zero", s->above_zero}, {"positive", s->positive},
-          {"negative", s->negative}, {"undecided", s->undecided}};
 }
 
 std::string whole(const Options& o, const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
   Json j = {{"study", "readings"}, {"material", o.material}, {"contacts", contacts_name(o)}, {"seed", o.seed}, {"designs", Json::array()}, {"readings", Json::array()}};
   for (const StudyRow& r : rows) j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}, {"readings", r.record.at("readings")}});
   const auto theta = [&](const std::optional<std::size_t>& k) { return k ? Json(numbers(rows[*k].theta_mm)) : Json(nullptr); };
-  const auto value = [](const std::optional<double>& v) { return v ? Json(*v) : Json(nullptr); };
+  const auto summary = [](const std::optional<PairedSummary>& s) { return s ? json(*s) : Json(nullptr); };
   for (const auto& [d, e] : list)
-    j["readings"].push_back({{"quantity", d.quantity}, {"value", d.value}, {"compared", e.compared}, {"lost", e.lost}, {"delta_J_contact", json(e.J_contact)},
-                             {"relative_delta_J_obs", json(e.J_obs)}, {"tau_J_contact", value(e.tau_contact)}, {"tau_J_obs", value(e.tau_obs)},
+    j["readings"].push_back({{"quantity", d.quantity}, {"value", d.value}, {"compared", e.compared}, {"lost", e.lost}, {"delta_J_contact", summary(e.J_contact)},
+                             {"relative_delta_J_obs", summary(e.J_obs)}, {"tau_J_contact", maybe(e.tau_contact)}, {"tau_J_obs", maybe(e.tau_obs)},
                              {"worst_contact_moved", e.worst_contact_moved}, {"worst_observation_moved", e.worst_observation_moved}, {"usual_choice_mm", theta(e.usual_choice)},
                              {"choice_mm", theta(e.choice)}});
   return j.dump(1) + "\n";
@@ -193,7 +187,8 @@ std::string study_readings(const Options& o, Output& files, Progress& progress) 
     const auto usual = scores({row}, 0)[0];
     return "  J_contact " + cell(usual.J_contact->value, 4) + "  J_obs " + scientific(usual.J_obs->value) + "  " + std::to_string(scored) + " of " + std::to_string(readings.size()) + " readings";
   };
-  const std::vector<StudyRow> rows = study_rows(o, problem_text(o), problem_of(o), evaluate, told, progress);
+  const Problem problem = problem_of(o);
+  const std::vector<StudyRow> rows = study_rows(o, problem_text(o, problem), problem, evaluate, told, progress);
   const std::vector<Effect> list = effects(rows);
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));

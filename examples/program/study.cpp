@@ -60,40 +60,37 @@ std::string problem_text(const Options& o, const StudyPlan& plan) {
   return line_by_line(j);
 }
 
-/// One compared design.
-struct Row : StudyRow {
-  Row(StudyRow row) : StudyRow(std::move(row)) {}
+/// Of the design for an empty `variant`.
+std::optional<Estimate> value(const StudyRow& row, const std::string& variant, const std::string& quantity) {
+  for (const Json& v : row.record.at("variants"))
+    if (v.at("variant") == (variant.empty() ? "design" : variant)) return estimate(v, quantity);
+  return std::nullopt;
+}
 
-  /// Of the design for an empty `variant`.
-  std::optional<Estimate> value(const std::string& variant, const std::string& quantity) const {
-    for (const Json& v : record.at("variants"))
-      if (v.at("variant") == (variant.empty() ? "design" : variant)) return estimate(v, quantity);
-    return std::nullopt;
-  }
-  std::string why(const std::string& variant) const {
-    for (const Json& v : record.at("variants"))
-      if (v.at("variant") == variant && v.at("why").is_string()) return v["why"].get<std::string>();
-    return "";
-  }
-  std::optional<Estimate> change(const Comparison& c) const {
-    const auto design = value("", c.quantity), variant = value(c.variant, c.quantity);
-    return design && variant ? std::optional(difference(*design, *variant)) : std::nullopt;
-  }
-};
+std::string why(const StudyRow& row, const std::string& variant) {
+  for (const Json& v : row.record.at("variants"))
+    if (v.at("variant") == variant && v.at("why").is_string()) return v["why"].get<std::string>();
+  return "";
+}
+
+std::optional<Estimate> change(const StudyRow& row, const Comparison& c) {
+  const auto design = value(row, "", c.quantity), variant = value(row, c.variant, c.quantity);
+  return design && variant ? std::optional(difference(*design, *variant)) : std::nullopt;
+}
 
 std::string shown(const std::optional<Estimate>& e, int digits) {
   if (!e) return "-";
   return digits > 0 ? cell(e->value, digits) + " ± " + cell(e->error, digits) : scientific(e->value) + " ± " + scientific(e->error);
 }
 
-std::vector<Estimate> changes(const std::vector<Row>& rows, const Comparison& c) {
+std::vector<Estimate> changes(const std::vector<StudyRow>& rows, const Comparison& c) {
   std::vector<Estimate> list;
-  for (const Row& r : rows)
-    if (const auto d = r.change(c)) list.push_back(*d);
+  for (const StudyRow& r : rows)
+    if (const auto d = change(r, c)) list.push_back(*d);
   return list;
 }
 
-std::string summary_text(const std::vector<Row>& rows, const Comparison& c) {
+std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c) {
   const auto s = summarize(changes(rows, c));
   std::string text = c.label + ": ";
   if (!s) return text + "nothing to compare\n";
@@ -105,18 +102,16 @@ std::string summary_text(const std::vector<Row>& rows, const Comparison& c) {
   return text + "\n" + (c.paper.empty() ? "" : "  paper: " + c.paper + "\n");
 }
 
-Json summary_json(const std::vector<Row>& rows, const Comparison& c) {
+Json summary_json(const std::vector<StudyRow>& rows, const Comparison& c) {
   Json j = {{"quantity", c.quantity}, {"variant", c.variant}, {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
   const auto s = summarize(changes(rows, c));
   j["count"] = s ? s->count() : 0;
-  if (!s) return j;
-  j["above_zero"] = s->above_zero, j["positive"] = s->positive, j["negative"] = s->negative, j["undecided"] = s->undecided, j["median"] = s->median;
-  j["median_95"] = s->median_95 ? Json{s->median_95->first, s->median_95->second} : Json(nullptr);
+  if (s) append(j, json(*s));
   return j;
 }
 
 /// All designs, sorted by their difference.
-std::string picture(const Options& o, const std::vector<Row>& rows, const Comparison& c) {
+std::string picture(const Options& o, const std::vector<StudyRow>& rows, const Comparison& c) {
   std::vector<Estimate> sorted = changes(rows, c);
   std::sort(sorted.begin(), sorted.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
   BarChart chart;
@@ -133,31 +128,31 @@ std::string picture(const Options& o, const std::vector<Row>& rows, const Compar
   return draw(chart);
 }
 
-std::string table(const std::vector<Row>& rows, const StudyPlan& plan) {
+std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   std::string text;
   for (const Variable& v : plan.problem.space.variables) text += v.name + "_mm,";
   for (const std::string q : {"J_contact", "D"})
     if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
   for (const Comparison& c : plan.comparisons) text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
   text.back() = '\n';
-  for (const Row& r : rows) {
+  for (const StudyRow& r : rows) {
     text += joined(r.theta_mm);
     const auto add = [&](const std::optional<Estimate>& e) { text += "," + (e ? Json(e->value).dump() : "") + "," + (e ? Json(e->error).dump() : ""); };
-    add(r.value("", "J_contact"));
-    if (plan.study.light) add(r.value("", "D"));
-    for (const Comparison& c : plan.comparisons) add(r.value(c.variant, c.quantity));
+    add(value(r, "", "J_contact"));
+    if (plan.study.light) add(value(r, "", "D"));
+    for (const Comparison& c : plan.comparisons) add(value(r, c.variant, c.quantity));
     text += "\n";
   }
   return text;
 }
 
-std::string result(const Options& o, const std::vector<Row>& rows, const StudyPlan& plan) {
+std::string result(const Options& o, const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   if (o.json) {
     Json j = {{"study", plan.title}, {"material", o.material}, {"contacts", title_of(o)}, {"seed", o.seed}, {"designs", Json::array()}, {"summary", Json::array()}};
-    for (const Row& r : rows) {
+    for (const StudyRow& r : rows) {
       j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
       for (const Comparison& c : plan.comparisons) {
-        const auto d = r.change(c);
+        const auto d = change(r, c);
         j["designs"].back()[c.variant + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
       }
       j["designs"].back()["record"] = r.record;
@@ -168,11 +163,11 @@ std::string result(const Options& o, const std::vector<Row>& rows, const StudyPl
   std::string text = pad("theta [mm]", -20) + pad("J_contact", 18);
   for (const Comparison& c : plan.comparisons) text += "  " + pad("Δ" + c.quantity + ", " + c.variant, 29);
   text += "\n";
-  for (const Row& r : rows) {
-    text += pad(joined(r.theta_mm), -20) + pad(shown(r.value("", "J_contact"), 4), 19);
-    for (const Comparison& c : plan.comparisons) text += "  " + pad(shown(r.change(c), c.digits), 29);
+  for (const StudyRow& r : rows) {
+    text += pad(joined(r.theta_mm), -20) + pad(shown(value(r, "", "J_contact"), 4), 19);
+    for (const Comparison& c : plan.comparisons) text += "  " + pad(shown(change(r, c), c.digits), 29);
     for (const Comparison& c : plan.comparisons)
-      if (const std::string why = r.why(c.variant); !why.empty() && c.quantity == "J_contact") text += "  " + c.variant + ": " + why;
+      if (const std::string said = why(r, c.variant); !said.empty() && c.quantity == "J_contact") text += "  " + c.variant + ": " + said;
     text += "\n";
   }
   text += "\n";
@@ -185,13 +180,12 @@ std::string result(const Options& o, const std::vector<Row>& rows, const StudyPl
 std::string study(const Options& o, Output& files, Progress& progress) {
   const StudyPlan plan = plan_of(o);
   const Evaluator evaluate = study_evaluator(o, plan.study, ensemble_of(o), progress);   // before a store is opened, for the mesher forks
-  std::vector<Row> rows;
   const auto told = [&](const StudyRow& row) {
     std::string line;
-    for (const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(Row(row).change(c), c.digits);
+    for (const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
     return line;
   };
-  for (StudyRow& row : study_rows(o, problem_text(o, plan), plan.problem, evaluate, told, progress)) rows.emplace_back(std::move(row));
+  const std::vector<StudyRow> rows = study_rows(o, problem_text(o, plan), plan.problem, evaluate, told, progress);
   if (files.wanted()) {
     files.add("study_" + plan.title + ".csv", table(rows, plan));
     for (const Comparison& c : plan.comparisons) files.add("study_" + plan.title + "_" + c.variant + "_" + c.quantity + ".svg", picture(o, rows, c));

@@ -39,6 +39,11 @@ std::optional<Estimate> estimate(const Json& record, const std::string& key) {
   return Estimate{record[key].get<double>(), record[key + "_err"].get<double>()};
 }
 
+Json json(const PairedSummary& s) {
+  return {{"above_zero", s.above_zero}, {"positive", s.positive}, {"negative", s.negative}, {"undecided", s.undecided}, {"median", s.median},
+          {"median_95", s.median_95 ? Json{s.median_95->first, s.median_95->second} : Json(nullptr)}};
+}
+
 std::vector<StudyRow> study_rows(const Options& o, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
                                  const std::function<std::string(const StudyRow&)>& told, Progress& progress) {
   tell_if_emptied(o.store, progress);

@@ -3,6 +3,8 @@
 #include "program/commands.hpp"
 #include "program/json.hpp"
 
+#include "lumo/campaign/paired_differences.hpp"
+
 #include <functional>
 #include <optional>
 #include <string>
@@ -18,6 +20,11 @@ struct StudyRow {
 
 /// A number of a record with its error, which stands beside it as `…_err`.
 std::optional<Estimate> estimate(const Json& record, const std::string& key);
+
+/// Null for a number that there is not.
+inline Json maybe(const std::optional<double>& v) { return v ? Json(*v) : Json(nullptr); }
+
+Json json(const PairedSummary& s);
 
 /// Evaluates the designs that the options' store lacks, with a line of progress for each, of which `told` gives the end. All rows are read from the store,
 /// so that a study that was interrupted gives the same. `problem_text`: what the store is for. Throws StoreError, CampaignError.

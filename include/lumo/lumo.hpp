@@ -20,6 +20,7 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/sizing.hpp"
+#include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/mesh/surface_file.hpp"
 #include "lumo/mesh/vtu.hpp"
 
@@ -36,6 +37,7 @@
 #include "lumo/mechanics/mesh_indenter.hpp"
 #include "lumo/mechanics/vertex_contact.hpp"
 #include "lumo/mechanics/vertex_block_descent.hpp"
+#include "lumo/mechanics/press_svg.hpp"
 #include "lumo/mechanics/simulator.hpp"
 
 #include "lumo/optics/tracer.hpp"
@@ -61,6 +63,7 @@
 #include "lumo/sense/constraint_gain.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/bayes_localizer.hpp"
+#include "lumo/sense/hand_observer.hpp"
 #include "lumo/sense/serial_chain.hpp"
 #include "lumo/sense/force_estimator.hpp"
 #include "lumo/sense/force_baselines.hpp"
@@ -84,5 +87,6 @@
 #include "lumo/fabrication/scaled_svg.hpp"
 
 #include "lumo/lab/virtual_rig.hpp"
+#include "lumo/lab/hand_lab.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/pad_file.hpp"

@@ -51,7 +51,7 @@ TEST_CASE("Every reading departs from the usual one, has a name of its own, and 
     FingerReading other = usual;
     d.apply(other);
     CHECK_FALSE(other == usual);
-    names.insert(d.quantity + ": " + d.value);
+    names.insert(d.name());
     if (same_mechanics(other, usual)) lit.insert(d.quantity);
   }
   CHECK(departures().size() == 18);

@@ -4,7 +4,6 @@
 #include "lumo/core/units.hpp"
 #include "lumo/mechanics/scenario.hpp"
 
-#include <cmath>
 #include <vector>
 
 namespace lumo {

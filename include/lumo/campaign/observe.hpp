@@ -123,6 +123,12 @@ ChannelImages channel_images(const Body& body, const Light& light) {
   return {light.image_channels(body, 0), light.image_channels(body, 1)};
 }
 
+/// Are the mirror images known of all channels in all planes in which the plan mirrors contacts?
+template <Indenter Tool>
+bool unfolds(const ContactPlan<Tool>& plan, const ChannelImages& images) {
+  return std::none_of(plan.images.begin(), plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+}
+
 /// Counts the steps of one stage, from any thread.
 class StageReport {
  public:
@@ -188,15 +194,14 @@ Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>
 
 template <class P, class Pad, Indenter Tool>
 bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
-  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
-  return std::none_of(pressed.plan.images.begin(), pressed.plan.images.end(), [&](const ScenarioImage& i) { return (i.mirror.x && !images[0]) || (i.mirror.y && !images[1]); });
+  return detail::unfolds(pressed.plan, detail::channel_images(body, pipeline.tracer));
 }
 
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  if (!lights(body, pressed, pipeline)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const detail::Stopwatch clock;
   const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  if (!detail::unfolds(pressed.plan, images)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
   Observations out;
 

@@ -34,6 +34,8 @@ bool same_mechanics(const FingerReading& a, const FingerReading& b);
 struct Departure {
   std::string quantity, value;
   std::function<void(FingerReading&)> apply;
+
+  std::string name() const { return quantity + ": " + value; }
 };
 
 /// All readings that the study compares with lumo's own.
@@ -41,10 +43,10 @@ std::vector<Departure> departures();
 
 /// Contacts of the readings study: the smallest and the largest sphere at y = 0, straight and under 30°, and straight at y = 5.5 mm, because
 /// J_obs compares places; only the straight ones enter it.
-inline std::vector<Scenario<Sphere>> readings_contacts(const std::vector<double>& loads_N = Scenario<Sphere>().loads_N) {
+inline std::vector<Scenario<Sphere>> readings_contacts() {
   std::vector<Scenario<Sphere>> contacts;
   for (const double d : {10e-3, 30e-3})
-    for (const auto& [angle, y] : {std::pair(0.0, 0.0), {pi / 6.0, 0.0}, {0.0, 5.5e-3}}) contacts.push_back({Sphere{d}, angle, y, loads_N});
+    for (const auto& [angle, y] : {std::pair(0.0, 0.0), {pi / 6.0, 0.0}, {0.0, 5.5e-3}}) contacts.push_back({Sphere{d}, angle, y});
   return contacts;
 }
 

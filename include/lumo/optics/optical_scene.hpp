@@ -242,7 +242,9 @@ inline void OpticalScene::label(Symmetry images) {
 template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
-  return known != mixed ? known : region(faces_[std::size_t(p.face)].patch, reference(p), position(p), image);
+  if (known != mixed) return known;
+  const Vec3 undeformed = reference(p);
+  return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
 }
 
 template <class Vec3>
