@@ -1,9 +1,9 @@
 #include "program/chart_library.hpp"
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/read_whole.hpp"
 
 #include <fstream>
-#include <iterator>
 #include <string_view>
 
 namespace lumo::program {
@@ -17,10 +17,9 @@ constexpr std::string_view path = LUMO_PROGRAM_PLOTLY;   // the build passes wha
 std::string chart_library() {
   const char* const help = "; apt install python3-plotly, or configure with -DLUMO_PLOTLY=FILE, and build again";
   if (path.empty()) throw InputError(std::string("a report needs plotly.js, which was not found when lumo was built") + help);
-  std::ifstream file{std::string(path), std::ios::binary};
-  std::string script{std::istreambuf_iterator<char>(file), {}};
-  if (script.find("lotly") == std::string::npos) throw InputError("a report needs plotly.js, which cannot be read from '" + std::string(path) + "'" + help);
-  return script;
+  auto script = lumo::detail::read_whole(path);
+  if (!script || script->find("lotly") == std::string::npos) throw InputError("a report needs plotly.js, which cannot be read from '" + std::string(path) + "'" + help);
+  return std::move(*script);
 }
 
 std::string chart_library_version() {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mechanics/contact_surface.hpp"
 #include "lumo/mechanics/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "program/chart.hpp"
@@ -61,7 +62,6 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   svg.text({30, 0.5 * (f.top + f.bottom)}, "across x [mm]", {.size = 13, .anchor = "middle", .rotate_deg = -90});
 
   // Sub-facets as in the contact set's definition: four per quadratic face.
-  static constexpr std::array<std::array<int, 3>, 4> quadratic = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
   const std::size_t parts = mesh.order == 2 ? 4 : 1;
   for (std::size_t s = states.size(); s-- > 0;) {   // largest set first, so that the smaller ones lie on it
     const auto& field = states[s].contact_field;
@@ -72,7 +72,7 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
           std::array<Point, 3> corner{};
           std::array<double, 3> value{};
           for (std::size_t k = 0; k < 3; ++k) {
-            const auto node = std::size_t(face.nodes[std::size_t(parts == 4 ? quadratic[part][k] : int(k))]);
+            const auto node = std::size_t(face.nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k]);
             corner[k] = {f.x(1e3 * mesh.nodes[node].y()), f.y(1e3 * mesh.nodes[node].x())};
             value[k] = field[node];
           }

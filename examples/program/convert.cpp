@@ -1,5 +1,6 @@
 #include "program/convert.hpp"
 
+#include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
 #include "lumo/sense/mcap_log_writer.hpp"
 #include "program/interrupt.hpp"
@@ -10,8 +11,6 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <iterator>
 #include <memory>
 #include <optional>
 #include <system_error>
@@ -74,8 +73,8 @@ class Pictures {
       const auto data = from_cdr<RosCompressedImage>(m.data).data;
       file_.assign(data.begin(), data.end());
     } else if (!log_.file && log_.session.video.empty()) {
-      std::ifstream in(fs::path(log_.path) / "frames" / log_.frames[k].file, std::ios::binary);
-      file_.assign(std::istreambuf_iterator<char>(in), {});
+      const auto bytes = lumo::detail::read_whole(fs::path(log_.path) / "frames" / log_.frames[k].file);
+      if (bytes) file_.assign(bytes->begin(), bytes->end());
     } else if (const auto f = camera_->next()) {
       view_ = f->image;
     } else {
@@ -100,8 +99,9 @@ class Pictures {
 void copy_truth(const std::string& from, const std::string& to, bool& copied) {
   std::error_code error;
   if (!fs::exists(from, error)) return;
-  std::ifstream in = lumo::detail::open_text(from);
-  lumo::detail::write_whole(to, std::string(std::istreambuf_iterator<char>(in), {}));
+  const auto bytes = lumo::detail::read_whole(from);
+  if (!bytes) throw InputError(from + ": cannot be read");
+  lumo::detail::write_whole(to, *bytes);
   copied = true;
 }
 
@@ -143,9 +143,7 @@ void write_folder(const OpenLog& log, const Options& o, Progress& progress, bool
     pictures.next();
     std::string& name = tables.frames[k].file;
     if (name.empty()) {  // of a video
-      char number[32];
-      std::snprintf(number, sizeof number, "%06zu.png", k);
-      name = number;
+      name = frame_file(k);
     }
     const fs::path to = folder.path() / "frames" / name;
     std::error_code error;

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include <cmath>
+#include <optional>
 #include <span>
 
 namespace lumo::program {
@@ -15,6 +16,8 @@ using Json = nlohmann::ordered_json;
 
 /// A number, or null where it is not defined: JSON has no NaN.
 inline Json number(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
+
+inline Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
 
 inline Json numbers(std::span<const double> values) {
   Json a = Json::array();

@@ -22,7 +22,6 @@ struct StudyRow {
 std::optional<Estimate> estimate(const Json& record, const std::string& key);
 
 /// Null for a number that there is not.
-inline Json maybe(const std::optional<double>& v) { return v ? Json(*v) : Json(nullptr); }
 
 Json json(const PairedSummary& s);
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/colour.hpp"
 #include "program/text.hpp"
 
 #include <array>
@@ -20,10 +21,7 @@ inline constexpr std::array<std::string_view, 7> palette = {"#0072b2", "#d55e00"
 inline std::string shade(int k, int n) {
   const double t = n > 1 ? double(k) / (n - 1) : 1.0;
   const auto mix = [t](int light, int dark) { return int(std::lround(light + t * (dark - light))); };
-  std::string colour = "#";
-  for (const int c : {mix(0xa9, 0x08), mix(0xcf, 0x2c), mix(0xea, 0x5c)})
-    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
-  return colour;
+  return lumo::detail::hex_colour({mix(0xa9, 0x08), mix(0xcf, 0x2c), mix(0xea, 0x5c)});
 }
 
 /// How a shape is painted; an empty colour means none.

@@ -1,5 +1,6 @@
 // Writes good files for the fuzzer to start from: make_seeds FOLDER makes FOLDER/text and FOLDER/mcap.
 #include "lab/plain_pad.hpp"
+#include "sense/full_log.hpp"
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/mcap_log_writer.hpp"
@@ -16,27 +17,6 @@
 using namespace lumo;
 
 namespace {
-
-RecordedLog small_log(Effort unit) {
-  RecordedLog log;
-  log.session.title = "seed";
-  log.session.theta_mm = {5, 10, 10, 6, 3};
-  SessionLink link{{"l", {0}, Eigen::Matrix2Xd(2, 2)}, Eigen::Matrix2Xd(2, 2)};
-  link.link.hole_m << -0.022, 0.022, -0.004, -0.004;
-  link.hole_px << 10, 90, 20, 20;
-  log.session.links = {link};
-  log.session.joint_clock = {1000, 12.5, 1e-5, 1e-4};
-  log.session.segments = {{100, 200, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
-  for (int k = 0; k < 3; ++k) {
-    const std::int64_t t = 1'700'000'000'000'000'001 + 33'333'333LL * k;
-    log.frames.push_back({t, std::to_string(k) + ".png", 0.001, 64.0});
-    log.joints.push_back({t, JointVector::Constant(1, 0.1 * k), JointVector::Constant(1, 1.0), JointVector::Constant(1, 0.5 * k), unit});
-    log.wrenches.push_back({t, Vec3(0.1, 0.2, -k), Vec3(k, 0, 1e-9)});
-    log.markers.push_back({t, 1e-4 * k});
-    log.photodiodes.push_back({t, Eigen::Vector3d(0.5, 0.25 * k, 1.0)});
-  }
-  return log;
-}
 
 template <class Codec>
 std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
@@ -57,14 +37,9 @@ std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
 
 /// A checksum of 0 is none: the fuzzer could not put the others right.
 std::string without_checksums(std::string file) {
-  const auto number = [&](std::size_t at, std::size_t bytes) {
-    std::uint64_t v = 0;
-    for (std::size_t k = bytes; k-- > 0;) v = v << 8 | static_cast<unsigned char>(file[at + k]);
-    return v;
-  };
   for (std::size_t at = mcap_magic.size(); at + 9 < file.size() - mcap_magic.size();) {
     const auto opcode = McapOpcode(file[at]);
-    const std::size_t begin = at + 9, length = std::size_t(number(at + 1, 8));
+    const std::size_t begin = at + 9, length = std::size_t(detail::number_at<std::uint64_t>(&file[at + 1], ByteOrder::little));
     const std::size_t sum = opcode == McapOpcode::chunk ? begin + 24 : opcode == McapOpcode::data_end ? begin : opcode == McapOpcode::attachment ? begin + length - 4 : opcode == McapOpcode::footer ? begin + 16 : 0;
     if (sum > 0) file.replace(sum, 4, 4, '\0');
     at = begin + length;
@@ -79,7 +54,7 @@ int main(int count, char** words) {
   const std::string folder = words[1];
   for (const char* kind : {"/text", "/mcap"}) std::filesystem::create_directories(folder + kind);
   const auto write = [&](const std::string& name, char which, const std::string& text) { detail::write_whole(folder + "/" + name, which + text); };
-  const RecordedLog log = small_log(Effort::current_A);
+  const RecordedLog log = full_log(Effort::current_A);
   write("text/session", 's', to_json(log.session));
   write("text/frames", 'f', frame_log_text(log.frames));
   write("text/joints", 'j', joint_log_text(log.joints));
@@ -104,7 +79,7 @@ int main(int count, char** words) {
   for (const bool raw : {false, true}) {
     const std::string name = raw ? "mcap/raw_" : "mcap/png_";
     write(name + "plain", 'm', without_checksums(mcap_of(log, raw, Uncompressed{})));
-    write(name + "zstd", 'm', without_checksums(mcap_of(small_log(Effort::torque_Nm), raw, Zstd{})));
+    write(name + "zstd", 'm', without_checksums(mcap_of(full_log(Effort::torque_Nm), raw, Zstd{})));
     write(name + "lz4", 'm', without_checksums(mcap_of(log, raw, Lz4{})));
   }
   write("mcap/png", 'i', std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\4\0\0\0\3\10\2\0\0\0", 29));

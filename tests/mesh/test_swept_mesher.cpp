@@ -4,6 +4,7 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/sizing.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "mesh/finger_laws.hpp"
 #include "mesh/mesher_laws.hpp"
 #include "mesh/random_design.hpp"
 #include "mesh/surfaces.hpp"
@@ -177,20 +178,5 @@ TEST_CASE("the swept mesher says what is no prism along y") {
 
 TEST_CASE("fingers are swept: exact profile, exact volume, exactly symmetric") {
   std::mt19937 random(3);
-  for (int k = 0; k < 25; ++k) {
-    const FingerDesign design = random_design(random);
-    const auto v = design.values();
-    INFO("theta " << v[0] << " " << v[1] << " " << v[2] << " " << v[3] << " " << v[4]);
-    const Body body = focused(finger(design, dragon_skin()), {Vec3(0, 11e-3, 1e-3 * (design.h_fp + design.h_ep))}, {1.2e-3, 0.3, 1.0});
-    const TetMesh mesh = mesh_body(body, SweptMesher{});
-    CHECK(measure(mesh).volume_m3 == Approx(body.exact_volume_m3).epsilon(2e-3));
-    CHECK((mesh.symmetry.x && mesh.symmetry.y));
-    double off = 0.0;
-    for (const BoundaryFace& f : mesh.faces)
-      for (const int n : f.nodes) {
-        const Vec3 x(std::abs(mesh.nodes[std::size_t(n)].x()), std::abs(mesh.nodes[std::size_t(n)].y()), mesh.nodes[std::size_t(n)].z());
-        off = std::max(off, (closest_point(body.patches[std::size_t(f.patch)].shape, x) - x).norm());
-      }
-    CHECK(off < 1e-12);
-  }
+  for (int k = 0; k < 25; ++k) check_finger_mesh(random_design(random), SweptMesher{}, {1.2e-3, 0.3, 1.0}, true);
 }

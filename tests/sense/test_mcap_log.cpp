@@ -1,4 +1,5 @@
 #include "../catch.hpp"
+#include "full_log.hpp"
 
 #include "lumo/sense/mcap_camera.hpp"
 #include "lumo/sense/mcap_log_writer.hpp"
@@ -27,34 +28,6 @@ std::string log_refusal(const std::string& bytes, const McapTopics& topics = {})
     return e.what();
   }
   return "";
-}
-
-JointVector joints_of(double a, double b) {
-  JointVector v(2);
-  v << a, b;
-  return v;
-}
-
-/// One of everything that a folder can hold; three clocks.
-RecordedLog full_log(Effort unit) {
-  RecordedLog log;
-  log.session.title = "a µ \"log\"";
-  log.session.theta_mm = {5, 10, 10, 6, 3};
-  log.session.torque_constant_Nm_per_A = {0.9, 1.1};
-  log.session.joint_clock = {1000, 12.5, 1e-5, 1e-4};
-  log.session.wrench_clock = {0, -3.0, 0.0, 0.0};
-  log.session.segments = {{100, 200, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
-  for (int k = 0; k < 7; ++k) {
-    const std::int64_t t = 1'700'000'000'000'000'001 + 33'333'333LL * k;
-    char name[16];
-    std::snprintf(name, sizeof name, "%06d.png", k);
-    log.frames.push_back({t, name, k % 2 == 0 ? 0.001 : 0.0, k % 2 == 0 ? 64.0 + k : 0.0});
-    for (int j = 0; j < 5; ++j) log.joints.push_back({t + j * 1'000'003LL, joints_of(0.1 * k, -j), joints_of(1.0 / 3.0, 1e-300), joints_of(k, 0.7 * j), unit});
-    log.wrenches.push_back({t + 3'000'000'000, Vec3(0.1, 0.2, -k), Vec3(k, 0, 1e-9)});
-    log.markers.push_back({t + 3'000'000'001, 1e-4 * k});
-    log.photodiodes.push_back({t, Eigen::Vector3d(0.5, 0.25 * k, 1.0)});
-  }
-  return log;
 }
 
 Image view_picture(std::size_t k, PixelFormat format = PixelFormat::bgr) {

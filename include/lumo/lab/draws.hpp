@@ -2,6 +2,7 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
+#include "lumo/lab/rig.hpp"
 
 #include <cmath>
 #include <cstdint>
@@ -45,6 +46,22 @@ class SlowNoise {
  private:
   Draws draws_;
   double time_s_, value_, t_s_ = 0.0;
+};
+
+/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as the rig has them. Takes the streams `first`
+/// and `first` + 2.
+class LampNoise {
+ public:
+  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first) : drift_(rig.lamp_drift), white_(rig.lamp_white), slow_(Draws(seed, first), rig.lamp_drift_s), fast_(seed, first + 2) {}
+  double at(double t_s) {
+    const double slow = drift_ * slow_.at(t_s);
+    return slow + white_ * fast_.normal();
+  }
+
+ private:
+  double drift_, white_;
+  SlowNoise slow_;
+  Draws fast_;
 };
 
 }  // namespace lumo

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/read_whole.hpp"
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_responses.hpp"
@@ -8,8 +9,6 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -136,10 +135,9 @@ template <class = void>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
-  std::ifstream in(path, std::ios::binary);
-  const std::string text((std::istreambuf_iterator<char>(in)), {});
-  if (!in) throw InputError(detail::text(path, ": cannot be read"));
-  return pad_responses_from_text(text, key, path);
+  const auto text = detail::read_whole(path);
+  if (!text) throw InputError(detail::text(path, ": cannot be read"));
+  return pad_responses_from_text(*text, key, path);
 }
 
 /// The whole file or none. Throws InputError.

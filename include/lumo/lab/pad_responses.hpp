@@ -64,6 +64,14 @@ class PadLight {
   const PadResponses& responses() const { return r_; }
   double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
+  /// What the light must be multiplied by for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
+  double scale_to(double level) const {
+    double sum = 0.0;
+    int bins = 0;
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
+      if (std::abs(r_.position_m[b]) <= 25e-3) sum += r_.unloaded[b], ++bins;
+    return level * bins / sum;
+  }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.

@@ -4,11 +4,13 @@
 #include "lumo/core/units.hpp"
 
 #include <array>
+#include <cmath>
+#include <cstdint>
 
 namespace lumo {
 
 // Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does). They were fixed before any decoder, localiser
-// or force estimator was run on a log of the lab; `noise` in LabRun multiplies all that is marked σ.
+// or force estimator was run on a log of the lab; the lab's `noise` multiplies all that is marked σ.
 
 /// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is recorded. The picture is its green plane.
 struct CameraRig {
@@ -64,8 +66,10 @@ struct SiliconeRig {
   std::array<double, 3> time_s{0.1, 1.0, 10.0};
 };
 
-/// One joint under local position control, with current for torque.
+/// The joints under local position control, with current for torque: one, or a second one alike before it.
 struct MotorRig {
+  int joints = 1;
+  double joint_to_joint_m = 45.0_mm;        ///< from the first of two to the second; assumed
   double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
   double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
@@ -80,8 +84,15 @@ struct MotorRig {
   double hz = 250.0;
 };
 
+/// How the pad at hand differs from the computed one.
+struct SpecimenRig {
+  double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;                 ///< power of its LEDs, relative
+};
+
 /// All of it.
 struct Rig {
+  SpecimenRig specimen;
   CameraRig camera;
   LightRig light;
   ContactRig contact;
@@ -89,8 +100,13 @@ struct Rig {
   MotorRig motor;
 };
 
+/// The lab's clock.
+inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
+
 /// Throws InvalidArgument for numbers that make no sense.
 inline void validate(const Rig& r) {
+  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
+  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
   require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
   require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
   require_positive("focal length", r.camera.focal_px, "px");
@@ -98,6 +114,8 @@ inline void validate(const Rig& r) {
   require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
+  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
   require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
   require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/colour.hpp"
 #include "lumo/mechanics/contact_surface.hpp"
 #include "lumo/mechanics/first_touch.hpp"
 #include "lumo/mechanics/state.hpp"
@@ -49,12 +50,9 @@ inline std::string moved_colour(double part) {
   constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
   const double t = 3.0 * std::clamp(part, 0.0, 1.0);
   const std::size_t low = std::min<std::size_t>(2, std::size_t(t));
-  std::string colour = "#";
-  for (std::size_t k = 0; k < 3; ++k) {
-    const int c = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
-    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
-  }
-  return colour;
+  std::array<int, 3> rgb{};
+  for (std::size_t k = 0; k < 3; ++k) rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+  return hex_colour(rgb);
 }
 
 }  // namespace detail

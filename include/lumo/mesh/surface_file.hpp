@@ -1,6 +1,8 @@
 #pragma once
 
+#include "lumo/core/byte_order.hpp"
 #include "lumo/core/error.hpp"
+#include "lumo/core/read_whole.hpp"
 #include "lumo/mesh/polygon_triangles.hpp"
 #include "lumo/mesh/triangle_surface.hpp"
 
@@ -11,8 +13,6 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <string>
 #include <string_view>
@@ -146,16 +146,11 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
 // 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
-  const auto word = [&](std::size_t at) {
-    std::uint32_t value = 0;
-    for (std::size_t k = 0; k < 4; ++k) value |= std::uint32_t(static_cast<unsigned char>(bytes[at + k])) << (8 * k);
-    return value;
-  };
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
     const int first = int(s.vertices.size());
     for (std::size_t k = 0; k < 3; ++k) {
       Vec3 p;
-      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(word(at + 12 + 12 * k + 4 * std::size_t(i))));
+      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(number_at<std::uint32_t>(&bytes[at + 12 + 12 * k + 4 * std::size_t(i)], ByteOrder::little)));
       s.vertices.push_back(p);
     }
     s.triangles.push_back({first, first + 1, first + 2});
@@ -185,8 +180,7 @@ inline TriangleSurface surface_of(std::string_view kind, const std::string& byte
     s = read_obj({bytes, name});
   } else {
     // A text, too, may begin with any 80 bytes; only the length tells.
-    std::uint64_t count = 0;
-    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
+    const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
     if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
     else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
     else throw InputError(text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
@@ -210,16 +204,13 @@ inline TriangleSurface read_surface(const std::filesystem::path& path, double un
   for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
   if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
   std::error_code none;
-  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));   // a pipe would wait
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));
   constexpr std::uintmax_t most = 500'000'000;
   if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
     throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
-  if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
-
-  return detail::surface_of(kind, bytes, name, unit_m);
+  const auto bytes = detail::read_whole(path);
+  if (!bytes) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  return detail::surface_of(kind, *bytes, name, unit_m);
 }
 
 }  // namespace lumo

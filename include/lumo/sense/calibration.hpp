@@ -135,7 +135,7 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
   if (n < 100 || !(high > 1.5 * low + 5.0)) throw InvalidArgument("photon transfer: signals are all alike, they tell no slope");
   // Variance of a variance is 2 σ⁴/pairs: weights by the signal, from a first look.
   Vector2d line(0.5, 0.02);
-  Identification fit;
+  Matrix2d covariance = Matrix2d::Zero();
   for (int k = 0; k < 4; ++k) {
     MatrixXd a(n, 2);
     VectorXd b(n);
@@ -148,9 +148,9 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
     const Matrix2d normal = a.transpose() * a;
     const Matrix2d inverse = normal.inverse();
     line = inverse * (a.transpose() * b);
-    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
+    covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
   }
-  const double sigma = std::sqrt(fit.covariance(1, 1));
+  const double sigma = std::sqrt(covariance(1, 1));
   return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};
 }
 

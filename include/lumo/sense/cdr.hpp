@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/byte_order.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -19,8 +20,6 @@ namespace lumo {
 // bytes; a sequence its length, then its items.
 //
 // A message is a struct with `static void fields(self, archive)`, which hands its members to the archive in order: CdrReader fills them, CdrWriter takes them.
-
-enum class ByteOrder : std::uint8_t { big = 0, little = 1 };
 
 namespace detail {
 
@@ -68,10 +67,7 @@ class CdrReader {
   }
   template <class Bits>
   Bits bits() {
-    const auto b = take(sizeof(Bits), sizeof(Bits));
-    Bits v = 0;
-    for (std::size_t i = 0; i < sizeof(Bits); ++i) v = Bits(v | Bits(b[i]) << 8 * (order_ == ByteOrder::little ? i : sizeof(Bits) - 1 - i));
-    return v;
+    return detail::number_at<Bits>(take(sizeof(Bits), sizeof(Bits)).data(), order_);
   }
   /// Length of a sequence whose items have at least `least` bytes each.
   std::size_t length(std::size_t least) {

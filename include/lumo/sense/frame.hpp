@@ -27,6 +27,14 @@ struct ImageView {
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
+inline constexpr int max_image_side = 32768;               ///< [px]
+inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
+
+/// Whether an image from outside may be this large [px].
+constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
+  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side && width * height <= max_image_area;
+}
+
 /// An image that owns its pixels; rows without padding.
 struct Image {
   int width = 0;
@@ -34,10 +42,10 @@ struct Image {
   PixelFormat format = PixelFormat::bgr;
   std::vector<std::uint8_t> pixels;
 
-  /// Black. Throws InvalidArgument for sizes outside 1 … 32768.
+  /// Black. Throws InvalidArgument for sizes outside 1 … max_image_side.
   static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
-    require_in_range("image width", width, 1, 32768, "px");
-    require_in_range("image height", height, 1, 32768, "px");
+    require_in_range("image width", width, 1, max_image_side, "px");
+    require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }

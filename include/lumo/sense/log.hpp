@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <fstream>
 #include <optional>
@@ -34,6 +35,12 @@ struct FrameRecord {
   double exposure_s = 0.0;  ///< 0: not known
   double gain = 0.0;        ///< 0: not known
 };
+
+/// Name of a log's picture by its number: 000042.png.
+inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
+  const std::string digits = std::to_string(number);
+  return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
+}
 
 /// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
 struct WrenchSample {

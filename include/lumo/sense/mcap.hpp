@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/byte_order.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>
@@ -98,10 +99,7 @@ class McapFields {
 
   template <std::unsigned_integral T>
   T number() {
-    const auto b = bytes(sizeof(T));
-    T v = 0;
-    for (std::size_t i = 0; i < sizeof(T); ++i) v = T(v | T(b[i]) << 8 * i);
-    return v;
+    return detail::number_at<T>(bytes(sizeof(T)).data(), ByteOrder::little);
   }
   std::string string() {
     const auto b = bytes(number<std::uint32_t>());

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
 #include <initializer_list>
 #include <map>
 #include <optional>
@@ -57,8 +56,8 @@ inline ImageView view_of(const RosImage& m) {
     throw InputError(text("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
   if (m.width == 0 && m.height == 0) return {};
   const PixelFormat format = m.encoding == "mono8" ? PixelFormat::grey : PixelFormat::bgr;
-  if (m.width < 1 || m.height < 1 || m.width > 32768 || m.height > 32768)
-    throw InputError(text("a picture has ", m.width, " x ", m.height, " px, must have 1 to 32768 each way"));
+  if (m.width < 1 || m.height < 1 || m.width > max_image_side || m.height > max_image_side)
+    throw InputError(text("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
   const std::uint64_t row = std::uint64_t(m.width) * std::uint64_t(channels(format)), needed = std::uint64_t(m.step) * (m.height - 1) + row;
   if (m.step < row) throw InputError(text("a picture's rows have ", m.step, " bytes, must have ", row));
   if (m.data.size() < needed) throw InputError(text("a picture has ", m.data.size(), " bytes, must have ", needed));
@@ -167,9 +166,7 @@ class McapTables {
     return last->second = t;
   }
   void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture, std::string_view ending) {
-    char number[24];
-    std::snprintf(number, sizeof number, "%06zu", found.pictures.size());
-    found.log.frames.push_back({ascending(h, at, topic), std::string(number) + std::string(ending), 0.0, 0.0});
+    found.log.frames.push_back({ascending(h, at, topic), frame_file(found.pictures.size(), ending), 0.0, 0.0});
     found.pictures.push_back(picture);
   }
 

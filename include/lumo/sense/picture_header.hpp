@@ -1,7 +1,11 @@
 #pragma once
 
+#include "lumo/core/byte_order.hpp"
+#include "lumo/sense/frame.hpp"
+
 #include <algorithm>
 #include <array>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -21,31 +25,18 @@ struct PictureHeader {
 /// a decoder would take into memory for a picture is then not known.
 std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file);
 
-/// Whether a picture is worth decoding: at most 32768 px each way and 100 million in all, so that a few bytes cannot ask for gigabytes.
-inline bool is_decodable(const std::optional<PictureHeader>& h) {
-  constexpr std::uint32_t side = 32768;
-  return h && h->width >= 1 && h->height >= 1 && h->width <= side && h->height <= side && std::uint64_t(h->width) * h->height <= 100'000'000;
-}
+/// Whether a picture is worth decoding: a few bytes must not ask for gigabytes.
+inline bool is_decodable(const std::optional<PictureHeader>& h) { return h && is_image_size(h->width, h->height); }
 
 namespace detail {
 
-/// `count` bytes as a number, the most significant first.
-inline std::uint32_t big_endian(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t count) {
-  std::uint32_t v = 0;
-  for (std::size_t k = 0; k < count; ++k) v = v << 8 | bytes[at + k];
-  return v;
-}
-
-inline std::uint32_t little_endian(std::span<const std::uint8_t> bytes, std::size_t at, std::size_t count) {
-  std::uint32_t v = 0;
-  for (std::size_t k = count; k-- > 0;) v = v << 8 | bytes[at + k];
-  return v;
-}
+template <std::unsigned_integral T>
+T number_in(std::span<const std::uint8_t> bytes, std::size_t at, ByteOrder order) { return number_at<T>(bytes.data() + at, order); }
 
 inline std::optional<PictureHeader> png_header(std::span<const std::uint8_t> f) {
   constexpr std::array<std::uint8_t, 16> head{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R'};
   if (f.size() < 26 || !std::equal(head.begin(), head.end(), f.begin())) return std::nullopt;
-  return PictureHeader{PictureHeader::Format::png, big_endian(f, 16, 4), big_endian(f, 20, 4), f[24]};
+  return PictureHeader{PictureHeader::Format::png, number_in<std::uint32_t>(f, 16, ByteOrder::big), number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
 }
 
 /// From marker to marker up to the frame's.
@@ -64,12 +55,12 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
       continue;
     }
     if (marker == 0xd9 || marker == 0xda) return std::nullopt;   // end, or pixels, before a frame
-    const std::size_t length = big_endian(f, at + 2, 2);
+    const std::size_t length = number_in<std::uint16_t>(f, at + 2, ByteOrder::big);
     const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
     if (length < 2 || (frame && length < 8)) return std::nullopt;
     if (frame) {
       if (at + 9 > f.size()) return std::nullopt;
-      return PictureHeader{PictureHeader::Format::jpeg, big_endian(f, at + 7, 2), big_endian(f, at + 5, 2), f[at + 4]};
+      return PictureHeader{PictureHeader::Format::jpeg, number_in<std::uint16_t>(f, at + 7, ByteOrder::big), number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
     }
     at += 2 + length;
   }
@@ -77,10 +68,10 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
 }
 
 inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) {
-  if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || little_endian(f, 14, 4) < 40) return std::nullopt;
+  if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || number_in<std::uint32_t>(f, 14, ByteOrder::little) < 40) return std::nullopt;
   // Rows may run from top to bottom, which a negative height says.
-  const std::uint32_t height = little_endian(f, 22, 4);
-  return PictureHeader{PictureHeader::Format::bmp, little_endian(f, 18, 4), height >> 31 ? ~height + 1 : height, int(little_endian(f, 28, 2))};
+  const std::uint32_t height = number_in<std::uint32_t>(f, 22, ByteOrder::little);
+  return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little), height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
 }
 
 }  // namespace detail

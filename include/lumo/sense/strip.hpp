@@ -48,8 +48,8 @@ class Strip {
 
 inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
-  require_in_range("frame width", width, 1, 32768, "px");
-  require_in_range("frame height", height, 1, 32768, "px");
+  require_in_range("frame width", width, 1, max_image_side, "px");
+  require_in_range("frame height", height, 1, max_image_side, "px");
   require_in_range("row step", row_step, 1, height, "");
   require_in_range("band's upper limit", high_m, low_m, 10.0, "m");
   validate(bins);

@@ -4,6 +4,7 @@
 // V4l2Camera has not met hardware yet: there was no camera where it was written. What is tested of it is that it does not open what is no camera.
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/read_whole.hpp"
 #include "lumo/sense/camera.hpp"
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/picture_decoder.hpp"
@@ -22,8 +23,6 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -63,11 +62,8 @@ inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, PixelFormat form
 }
 
 inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) return {};
-  std::ifstream in(path, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
-  return in.bad() ? cv::Mat{} : decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()}, format);
+  const auto bytes = read_whole(path);
+  return bytes ? decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()}, format) : cv::Mat{};
 }
 
 inline void require_file(const std::string& path, const char* what) {
@@ -254,8 +250,8 @@ class V4l2Camera {
 
   /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure locked.
   explicit V4l2Camera(const Config& config) : config_(config) {
-    require_in_range("width of the camera's pictures", config.width, 1, 32768, "px");
-    require_in_range("height of the camera's pictures", config.height, 1, 32768, "px");
+    require_in_range("width of the camera's pictures", config.width, 1, max_image_side, "px");
+    require_in_range("height of the camera's pictures", config.height, 1, max_image_side, "px");
     require_in_range("exposure of the camera", config.exposure_s, 1e-4, 100.0, "s");
     require_in_range("gain of the camera", config.gain, 0.0, 1e9, "");
     require_in_range("wait for a frame", config.wait_s, 0.0, 10.0, "s");

@@ -61,10 +61,10 @@ class VideoProcess {
     const char ask = 'n';
     bool good = send_all(socket_, &ask, 1, deadline) == Transfer::done && receive_all(socket_, &reply, sizeof reply, deadline) == Transfer::done;
     if (good && reply.kind == Reply::end) return Got::end;
-    good = good && reply.kind == Reply::frame && reply.width >= 0 && reply.height >= 0 && reply.width <= 32768 && reply.height <= 32768 &&
-           std::int64_t(reply.width) * reply.height <= 100'000'000;
+    const bool blank = reply.width == 0 && reply.height == 0;
+    good = good && reply.kind == Reply::frame && (blank || is_image_size(reply.width, reply.height));
     if (good) {
-      image = reply.width == 0 || reply.height == 0 ? Image{} : Image::black(reply.width, reply.height, reply.grey != 0 ? PixelFormat::grey : PixelFormat::bgr);
+      image = blank ? Image{} : Image::black(reply.width, reply.height, reply.grey != 0 ? PixelFormat::grey : PixelFormat::bgr);
       good = receive_all(socket_, image.pixels.data(), image.pixels.size(), deadline) == Transfer::done;
     }
     if (good) return Got::frame;
