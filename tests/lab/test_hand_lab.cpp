@@ -2,23 +2,11 @@
 
 #include "lab/plain_pad.hpp"
 #include "lumo/lab/hand_lab.hpp"
-#include "lumo/sense/hand_observer.hpp"
+#include "lumo/sense/hand_log.hpp"
 
 #include <algorithm>
 
 using namespace lumo;
-
-namespace {
-
-/// An observer as a log's session describes its hand.
-HandObserver observer_of(const Session& s) {
-  std::vector<HandLink> links;
-  std::vector<LinkMap> first;
-  for (const SessionLink& l : s.links) links.push_back(l.link), first.push_back(LinkMap::fit<Eigen::Matrix2Xd>(l.link.hole_m, l.hole_px, l.link.z_clockwise));
-  return {links, first, {}};
-}
-
-}  // namespace
 
 TEST_CASE("a virtual hand is seen where its joints put it, and tells the same twice", "[lab]") {
   const PadLight light(plain_pad());
@@ -39,6 +27,10 @@ TEST_CASE("a virtual hand is seen where its joints put it, and tells the same tw
   CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
   far.grasps[0].touches = {{0, 0.5, 5.0}};
   CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
+  far.grasps[0].touches.clear();
+  CHECK_NOTHROW(HandLab(light, far));
+  far.grasps[0].joints_rad[2] = -1.2;   // outwards, beyond the picture's edge
+  CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
 }
 
 TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and nothing where nothing does", "[lab]") {
@@ -48,7 +40,7 @@ TEST_CASE("grasps of a virtual hand: what presses is found on its link and place
   HandPlan plan = hand_plan(1, 5);
   plan.sweep_steps = 5;
   const HandLab lab(light, plan, 1, 1.0, rig);
-  HandObserver hand = observer_of(lab.session());
+  HandObserver hand = hand_observer(lab.session());
   const std::int64_t free_ns = lab.session().segments.front().to_ns;
   int touched = 0, found = 0, false_alarms = 0, unloaded = 0, seen = 0, links = 0;
   double worst = 0.0;

@@ -1,10 +1,14 @@
 #include "../catch.hpp"
 
-#include "lumo/sense/hand_observer.hpp"
+#include "lumo/sense/hand_log.hpp"
 #include "synthetic.hpp"
 
 #include <cmath>
 #include <numbers>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <utility>
 #include <vector>
 
 using namespace lumo;
@@ -199,4 +203,103 @@ TEST_CASE("two contacts on one link are two, and what cannot be seen or compared
   HandLink loose = HandScene::link(0);
   loose.hole_m = Eigen::Matrix2Xd(2, 1);
   CHECK_THROWS_AS(HandObserver({loose}, {LinkMap{}}, {}), InvalidArgument);
+}
+
+namespace {
+
+/// Pictures of a hand in motion, made as they are asked for.
+class SceneCamera {
+ public:
+  explicit SceneCamera(std::vector<HandScene> scenes) : scenes_(std::move(scenes)) {}
+  std::optional<Frame> next() {
+    if (next_ == scenes_.size()) return std::nullopt;
+    image_ = scenes_[next_].paint();
+    return Frame{image_.view(), stamp(next_), 0.0, 0.0, std::int64_t(next_++)};
+  }
+  StreamState state() const { return next_ == scenes_.size() ? StreamState::ended : StreamState::open; }
+  static std::int64_t stamp(std::size_t k) { return 1'000'000'000 + 33'000'000 * std::int64_t(k); }
+
+ private:
+  std::vector<HandScene> scenes_;
+  std::size_t next_ = 0;
+  Image image_;
+};
+
+static_assert(Camera<SceneCamera>);
+
+}  // namespace
+
+TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock", "[hand]") {
+  std::vector<HandScene> scenes;
+  Session session;
+  for (int l = 0; l < 4; ++l) {
+    SessionLink link{HandScene::link(l), Eigen::Matrix2Xd(2, 2)};
+    for (int k = 0; k < 2; ++k) link.hole_px.col(k) = HandScene{}.map(l).pixel(link.link.hole_m(0, k), link.link.hole_m(1, k)).array().round();
+    session.links.push_back(link);
+  }
+  for (int i = 0; i < 24; ++i) {
+    HandScene s;
+    const double q = 0.02 * (i < 12 ? i : 23 - i);   // there and back
+    s.joints = {q, q, -q, -q};
+    s.seed = std::uint64_t(900 + i);
+    if (i == 20) s.touches = {{0, -9.0, 26.0}, {3, 12.0, 30.0}};
+    scenes.push_back(s);
+  }
+  Segment free;
+  free.kind = "free", free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
+  session.segments = {free};
+  session.joint_clock = {0, -5.0, 0.0, 0.0};   // the joints' clock is 5 s ahead
+  session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;
+  std::vector<JointSample> joints;
+  for (std::size_t i = 0; i < scenes.size(); ++i) {
+    JointVector zero = JointVector::Zero(4);
+    joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero, Effort::torque_Nm});
+  }
+  const TimeSeries positions = joint_positions(joints, session);
+  CHECK((*positions.at(SceneCamera::stamp(7) - 10'000'000, 0.1) - Eigen::VectorXd(scenes[7].sample())).norm() < 1e-12);
+
+  HandObserver hand = hand_observer(session);
+  SceneCamera camera(scenes);
+  std::vector<HandEstimate> estimates;
+  int pictures = 0;
+  const int references = observe_hand(camera, hand, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
+    CHECK_FALSE(image.empty());
+    ++pictures;
+    if (e) estimates.push_back(*e);
+  });
+  CHECK(pictures == 24);
+  CHECK(references == 16);
+  REQUIRE(estimates.size() == 8);
+  const std::string table = "link,stamp_ns,force_N,y_mm\n0," + std::to_string(SceneCamera::stamp(20)) + ",8,-9\n3," + std::to_string(SceneCamera::stamp(20)) + ",9,12\n1," +
+                            std::to_string(SceneCamera::stamp(21)) + ",1,0\n";
+  std::istringstream in(table);
+  const HandTouches truth = HandTouches::from_table(in, "truth.csv");
+  CHECK(truth.at(SceneCamera::stamp(20)).size() == 2);
+  CHECK(truth.at(SceneCamera::stamp(19)).empty());
+  HandScore score;
+  for (const HandEstimate& e : estimates) {
+    CHECK(e.seen == std::vector<bool>(4, true));
+    score.add(e, truth.at(e.stamp_ns));
+  }
+  CHECK((score.touches == 2 && score.found == 2));   // that of 1 N does not count
+  CHECK((score.contacts == 2 && score.unfounded == 0));
+  CHECK(score.mae_m < 2e-3);
+  HandScore wrong;
+  wrong.add(estimates[4], {{2, -9.0e-3, 8.0}});   // another link is touched
+  CHECK((wrong.touches == 1 && wrong.found == 0 && wrong.contacts == 2 && wrong.unfounded == 2));
+
+  // Without joints near a picture nothing is said of it.
+  HandObserver blind = hand_observer(session);
+  SceneCamera again(scenes);
+  joints.erase(joints.begin() + 17, joints.end());
+  int unseen = 0;
+  observe_hand(again, blind, joint_positions(joints, session), session, [&](const std::optional<HandEstimate>& e, const ImageView&) {
+    if (e) unseen += e->seen == std::vector<bool>(4, false) && e->contacts.empty();
+  });
+  CHECK(unseen == 7);
+  CHECK_THROWS_AS(hand_observer(Session{}), InvalidArgument);
+  joints[3].position_rad = JointVector::Zero(2);
+  CHECK_THROWS_AS(joint_positions(joints, session), InvalidArgument);
+  std::istringstream none("stamp_ns,link,y_mm\n1,2,3\n");
+  CHECK_THROWS_AS(HandTouches::from_table(none, "truth.csv"), InputError);
 }

@@ -17,15 +17,14 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <string>
 #include <utility>
 #include <vector>
 
 namespace lumo {
 
-/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed, and was
-/// fixed before any hand was observed with it.
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
+/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
 struct HandRig {
   int width = 640, height = 480;                     ///< of the picture [px]
   double scale_m_per_px = 0.55_mm;
@@ -62,16 +61,20 @@ struct HandPlan {
   std::vector<HandGrasp> grasps;
 };
 
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12) {
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where `step_m` is not 0, at its nearest multiple.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
   require_in_range("number of grasps", count, 1, 1000, "");
+  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
   HandPlan plan;
   Draws draws(seed, 40);
   for (int g = 0; g < count; ++g) {
     HandGrasp grasp;
     for (double& q : grasp.joints_rad) q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
     const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
-    for (int k = 0; k < links; ++k) grasp.touches.push_back({(first + k) % 4, (2.0 * draws.uniform() - 1.0) * 22.0_mm, 5.0 + 10.0 * draws.uniform()});
+    for (int k = 0; k < links; ++k) {
+      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      grasp.touches.push_back({(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+    }
     std::sort(grasp.touches.begin(), grasp.touches.end(), [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
     plan.grasps.push_back(std::move(grasp));
   }
@@ -97,7 +100,7 @@ inline std::string truth_text(const std::vector<HandTruth>& truth) {
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
 class HandLab {
  public:
-  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a link that leaves the picture.
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
   template <class = void>
   HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
@@ -126,12 +129,21 @@ class HandLab {
     keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
   }
   HandTruth at(double t_s) const;
-  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+  template <class = void>
+  void require_seen(const HandJoints& joints) const {
+    for (int l = 0; l < 4; ++l)
+      for (const double y : {-side_.half_length_m, side_.half_length_m})
+        for (const double z : {-hand_.carrier_m, side_.high_m}) {
+          const auto p = map(l, joints).pixel(y, z);
+          if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
+            throw InvalidArgument(detail::text("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
+        }
+  }
 
   const PadLight* light_;
   HandPlan plan_;
   std::uint64_t seed_;
-  double noise_, per_DN_ = 1.0;
+  double noise_, DN_per_power_ = 1.0;
   Rig rig_;
   HandRig hand_;
   SideGeometry side_;
@@ -168,18 +180,16 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
   require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
-  for (const HandGrasp& g : plan_.grasps)
+  for (const HandGrasp& g : plan_.grasps) {
+    require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
       require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, light.max_load_N(), "N");
+      require_in_range("load of a touch", c.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
     }
+  }
   const PadResponses& r = light.responses();
-  double sum = 0.0;
-  int bins = 0;
-  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
-    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
-  per_DN_ = rig_.camera.level_DN * bins / sum;
+  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
 
   // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
   const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
@@ -227,7 +237,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
   const auto segment = [&](double from_s, double to_s, const char* kind) {
     Segment s;
-    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
     session_.segments.push_back(s);
   };
   segment(0.0, free_s, "free");
@@ -235,22 +245,21 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
 
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
-  SlowNoise lamp(Draws(seed_, 48), l.lamp_drift_s), room(Draws(seed_, 49), l.ambient_drift_s);
-  Draws white(seed_, 50), jitter(seed_, 51), read(seed_, 52);
+  LampNoise lamps(l, seed_, 48);
+  SlowNoise room(Draws(seed_, 49), l.ambient_drift_s);
+  Draws jitter(seed_, 51), read(seed_, 52);
   for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
     HandTruth truth = at(t);
-    truth.stamp_ns = stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
-    char name[32];
-    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
-    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
+    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(std::move(truth));
-    lamps_.push_back(1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal()));
+    lamps_.push_back(rig_.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
   }
   HandJoints before = keys_.front().joints;
   for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
     const HandTruth now = at(t);
-    JointSample s{stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
+    JointSample s{lab_stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
@@ -285,10 +294,10 @@ inline Image HandLab::image(std::size_t k) const {
   for (int l = 0; l < 4; ++l) {
     VectorXd light = light_->responses().unloaded;
     for (const HandTouch& c : truth.touches)
-      if (c.link == l) light += light_->change(c.y_m, c.load_N, 0.0);
+      if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
     const LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
-    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, DN_per_power_ * lamps_[k] * light});
   }
   const VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];

@@ -6,10 +6,14 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
+#include <vector>
 
 namespace lumo {
 
@@ -68,11 +72,17 @@ class HandObserver {
   const std::vector<HandLink>& links() const { return links_; }
   const Config& config() const { return config_; }
   int references(int link) const { return int(library_[std::size_t(link)].size()); }
+  /// Of a cell, along and across the link.
+  std::pair<double, double> cell_m(int link) const {
+    const HandLink& l = links_[std::size_t(link)];
+    const auto& g = grid_[std::size_t(link)];
+    return {(l.y_high_m - l.y_low_m) / g[0], (l.z_high_m - l.z_low_m) / g[1]};
+  }
   /// Middle of a cell in the link's plane [m].
   std::pair<double, double> place(int link, int along, int across) const {
     const HandLink& l = links_[std::size_t(link)];
-    const auto& g = grid_[std::size_t(link)];
-    return {l.y_low_m + (along + 0.5) * (l.y_high_m - l.y_low_m) / g[0], l.z_low_m + (across + 0.5) * (l.z_high_m - l.z_low_m) / g[1]};
+    const auto [length, height] = cell_m(link);
+    return {l.y_low_m + (along + 0.5) * length, l.z_low_m + (across + 0.5) * height};
   }
 
   /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
@@ -82,6 +92,11 @@ class HandObserver {
   /// Causal: what it says depends on this frame, the references, and where links were seen before.
   template <class = void>
   HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
+  /// What can be said without a picture or joints.
+  template <class = void>
+  HandEstimate unseen(std::int64_t stamp_ns) const {
+    return {stamp_ns, std::vector<bool>(links_.size(), false), std::vector<int>(links_.size(), -1), last_, {}};
+  }
 
  private:
   using Grid = Eigen::MatrixXd;   ///< along × across [DN]
@@ -95,7 +110,7 @@ class HandObserver {
   std::vector<double> joints_of(int link, const JointVector& all) const;
   std::pair<int, double> nearest(int link, const std::vector<double>& joints) const;
   template <class = void>
-  std::optional<LinkMap> find(int link, const std::vector<double>& joints, const ImageView& image);
+  std::optional<LinkMap> find(int link, int nearest, const ImageView& image);
   template <class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d>
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
   template <class MatrixXd = Eigen::MatrixXd>
@@ -137,13 +152,13 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
   return best;
 }
 
-/// About where it was last and about where it was at the nearest reference: the one whose holes stand out more.
+/// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
 template <class>
-inline std::optional<LinkMap> HandObserver::find(int link, const std::vector<double>& joints, const ImageView& image) {
+inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const ImageView& image) {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
-  if (const auto near = nearest(link, joints); near.first >= 0) {
-    const auto other = register_link(image, l, library_[std::size_t(link)][std::size_t(near.first)].map, config_.holes);
+  if (nearest >= 0) {
+    const auto other = register_link(image, l, library_[std::size_t(link)][std::size_t(nearest)].map, config_.holes);
     if (other && (!found || other->contrast_DN > found->contrast_DN)) found = other;
   }
   if (found) last_[std::size_t(link)] = *found;
@@ -214,11 +229,12 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
   int count = 0;
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
-    const auto map = find(l, own, image);
+    const auto near = nearest(l, own);
+    const auto map = find(l, near.first, image);
     if (!map) continue;
     const Grid green = read(l, *map, image);
     auto& all = library_[std::size_t(l)];
-    if (const auto near = nearest(l, own); near.first >= 0) {
+    if (near.first >= 0) {
       steps_[std::size_t(l)].push_back(levelled(green - all[std::size_t(near.first)].green).cwiseAbs());
       noise_[std::size_t(l)].resize(0, 0);
     }
@@ -250,8 +266,8 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
-    const auto map = find(l, own, image);
     const auto near = nearest(l, own);
+    const auto map = find(l, near.first, image);
     const bool known = map && near.first >= 0 && near.second <= config_.max_joint_step_rad;
     e.seen.push_back(known);
     e.reference.push_back(known ? near.first : -1);
@@ -264,8 +280,7 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
 template <class Vector2d>
 inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
-  const HandLink& l = links_[std::size_t(link)];
-  const double cell = (l.y_high_m - l.y_low_m) / along * (l.z_high_m - l.z_low_m) / across;
+  const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
   const auto index = [&, n = across](int i, int j) { return std::size_t(i) * std::size_t(n) + std::size_t(j); };
   const auto strong = [&](int i, int j) { return std::abs(residual(i, j)) > config_.edge * sigma(i, j); };   // false for NaN
@@ -292,7 +307,7 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
             c.cells.emplace_back(p, q);
           }
       }
-      c.area_m2 = cell * double(c.cells.size());
+      c.area_m2 = cell_length * cell_height * double(c.cells.size());
       if (noises < config_.threshold || c.area_m2 < config_.min_area_m2) continue;
       c.y_m /= weight, c.z_m /= weight;
       c.mean_DN = weight / double(c.cells.size());
