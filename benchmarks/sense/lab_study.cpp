@@ -137,7 +137,7 @@ void print(const char* name, double noise, const Totals& t) {
   std::fflush(stdout);
 }
 
-double bias_m = 1.2_mm;
+double bias_m = 1.3_mm;
 
 BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m)); }
 PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }

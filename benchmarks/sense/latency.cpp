@@ -15,6 +15,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
+#include <mutex>
+#include <thread>
 
 using namespace lumo;
 
@@ -117,6 +119,49 @@ void run(const Setup& setup, const char* what, int frames, Make make) {
   print("whole step (frame + 33 samples)", whole);
 }
 
+/// Thirty pictures a second, stamped as they come, and a thousand torque samples, read by a loop that wakes once a millisecond as a controller's does: from a
+/// picture's stamp to the first estimate that contains it.
+void paced(const Setup& setup, int frames) {
+  using clock = std::chrono::steady_clock;
+  GreenProfile readout = setup.readout();
+  UnloadedReference reference;
+  Profile p;
+  for (const Image& i : setup.untouched) readout.read(Frame{i.view()}, p), reference.add(p);
+  BayesLocalizer::Config c;
+  c.position_m = readout.positions_m(), c.noise = reference.noise(), c.unloaded = reference.mean();
+  FedCamera camera;
+  FedActuator actuator;
+  using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
+  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference, typename Estimator::Config{});
+  std::mutex lock;
+  std::deque<Frame> arriving;
+  const auto begin = clock::now();
+  const auto stamp = [&] { return std::chrono::duration_cast<std::chrono::nanoseconds>(clock::now() - begin).count(); };
+  std::thread source([&] {
+    for (int k = 0; k < frames; ++k) {
+      std::this_thread::sleep_until(begin + std::chrono::microseconds(33333) * k);
+      const std::lock_guard hold(lock);
+      const auto& pictures = k > 30 ? setup.touched : setup.untouched;
+      arriving.push_back({pictures[std::size_t(k) % pictures.size()].view(), stamp(), 0.0, 0.0, k});
+    }
+  });
+  std::vector<double> microseconds;
+  for (std::int64_t tick = 0; int(microseconds.size()) < frames; ++tick) {
+    std::this_thread::sleep_until(begin + std::chrono::milliseconds(tick));
+    std::vector<std::int64_t> taken;
+    {
+      const std::lock_guard hold(lock);
+      for (; !arriving.empty(); arriving.pop_front()) taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
+    }
+    const std::int64_t now = stamp();
+    actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5 + 0.01 * noise(std::uint64_t(tick)))});
+    estimator.step(now);
+    for (const std::int64_t t : taken) microseconds.push_back(1e-3 * double(stamp() - t));
+  }
+  source.join();
+  print("stamp to estimate, 1 kHz loop", microseconds);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -130,5 +175,6 @@ int main(int argc, char** argv) {
       c.position_m = at, c.noise = r.noise(), c.unloaded = r.mean();
       return BayesLocalizer(c);
     });
+    paced(setup, 300);
   }
 }

@@ -220,6 +220,28 @@ TEST_CASE("after a gap a contact must begin anew", "[localizer]") {
   CHECK(l.update(bump(0.0, 5.0, 4e-3, 0.0, none, 2'000'000'000)).contacts == 0);
 }
 
+TEST_CASE("a contact near a clear end, which throws its light back, is found where it is", "[localizer]") {
+  synthetic::Normal normal(31);
+  const auto mean_error = [&](bool knows_of_ends) {
+    double error = 0.0;
+    for (int k = 0; k < 40; ++k) {
+      const double y = (k % 2 == 0 ? 1.0 : -1.0) * (23.0e-3 + 0.1e-3 * k);
+      Profile p = bump(y, 20.0, 4e-3, 0.3, normal);
+      const Profile image = bump(std::copysign(60e-3, y) - y, 10.0, 4e-3, 0.0, normal);   // the pad ends at ±30 mm, half of the light comes back
+      p.value += image.value;
+      auto c = bayes(0.3);
+      c.from_m = -27.5e-3, c.to_m = 27.5e-3;
+      if (knows_of_ends) c.end_m = 30e-3, c.end_share = 0.5;
+      const auto e = BayesLocalizer(c).update(p);
+      REQUIRE(e.contacts == 1);
+      error += std::abs(e.contact[0].y_m - y) / 40.0;
+    }
+    return error;
+  };
+  CHECK(mean_error(true) < 0.4e-3);
+  CHECK(mean_error(false) > 2.0 * mean_error(true));
+}
+
 TEST_CASE("configurations that make no sense are refused", "[localizer]") {
   const auto refuses = [](auto change) {
     auto c = bayes(0.3);
@@ -231,6 +253,8 @@ TEST_CASE("configurations that make no sense are refused", "[localizer]") {
   refuses([](auto& c) { c.lamp_sigma = -1.0; });
   refuses([](auto& c) { c.bias_sigma_m = std::nan(""); });
   refuses([](auto& c) { c.gap_s = 0.0; });
+  refuses([](auto& c) { c.end_m = -1.0; });
+  refuses([](auto& c) { c.end_share = 1.5; });
   refuses([](auto& c) { c.position_m[3] = c.position_m[2]; });
   refuses([](auto& c) { c.spacing_m = 60e-3 / 4000.0; });
   Eigen::VectorXd wrong = places;

@@ -28,6 +28,8 @@ class BayesLocalizer {
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
     std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
+    double end_m = 0.0;                 ///< the pad ends at ± this place in clear faces, which throw a bump's light back as a mirror image would; 0: no ends near
+    double end_share = 1.0;             ///< of that light; assumed: what meets a clear end at less than 45° to the finger's axis leaves, the rest is reflected totally
     double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
     double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
@@ -104,6 +106,8 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
   require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
+  require_in_range("end of the pad", config_.end_m, 0.0, 10.0, "m");
+  require_in_range("share of the light that the pad's ends throw back", config_.end_share, 0.0, 1.0, "");
   require_positive("height of a bump", config_.amplitude_sigma, "");
   require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
@@ -121,8 +125,13 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
-    for (Eigen::Index j = 0; j < cells; ++j)
-      bumps_.col(w * cells + j) = (-0.5 * ((config_.position_m.array() - grid_[j]) / config_.width_m[std::size_t(w)]).square()).exp();
+    for (Eigen::Index j = 0; j < cells; ++j) {
+      const auto bump_at = [&](double y) { return VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
+      auto bump = bumps_.col(w * cells + j);
+      bump = bump_at(grid_[j]);
+      if (config_.end_m > 0.0)
+        for (const double end : {-config_.end_m, config_.end_m}) bump += config_.end_share * bump_at(2.0 * end - grid_[j]);
+    }
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);

@@ -99,7 +99,8 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 template <class = void>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
-  if (!unloaded.empty()) leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(unloaded);
+  const double parallax = led_parallax(session);
+  if (!unloaded.empty()) leds = LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}.find(unloaded);
   if (!leds) throw InputError(detail::text(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
   const auto [low, high] = lit_band(unloaded, leds->map);
   return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};

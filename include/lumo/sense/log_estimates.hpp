@@ -38,14 +38,15 @@ struct LogReference {
   std::vector<double> standstill_Nm;         ///< what may stick unseen
 };
 
-/// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
-/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
+/// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
+/// the ends' mirror images were, by seeds 1 to 10 of the virtual lab, so these do not judge it.
 template <class = void>
-inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
+inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.3_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
   c.from_m = -27.5_mm, c.to_m = 27.5_mm;
   c.bias_sigma_m = bias_m;
+  c.end_m = 30.0_mm;
   return c;
 }
 
@@ -87,7 +88,7 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
 /// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
 template <class MakeCamera, LocationEstimator L, ContactJacobian J>
 std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
-                                         const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0) {
+                                         const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
   if (samples.size() < 2 || reference.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
   Replay<Source> camera(make_camera());
@@ -95,6 +96,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
   using Estimator = ForceEstimator<Replay<Source>, Replay<RecordedActuator>, L, GreenProfile, J>;
   typename Estimator::Config config;
   config.torque = reference.torque;
+  config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
   config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
@@ -158,7 +160,7 @@ struct ForceScore {
 };
 
 template <ContactJacobian J>
-ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5) {
+ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -175,7 +177,7 @@ ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth
   }
   ForceScore score;
   score.samples = int(samples.size());
-  if (!samples.empty()) score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), 0, from_m, to_m, torque_sigma_Nm);
+  if (!samples.empty()) score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), link, from_m, to_m, torque_sigma_Nm);
   score.coverage_90 = given > 0 ? double(covered) / given : 0.0;
   return score;
 }
