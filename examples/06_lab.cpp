@@ -1,5 +1,6 @@
-// 06 Lab: the log of a virtual rig in a folder; its light comes from pressed and traced states, here five places on a coarse mesh.
+// 06 Lab: logs of a virtual rig and of a virtual hand in two folders; their light comes from pressed and traced states, here five places on a coarse mesh.
 #include "lumo/campaign/observe_pad.hpp"
+#include "lumo/lab/hand_lab.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/morphology/finger.hpp"
@@ -42,10 +43,19 @@ int main(int argc, char** argv) {
   rig.camera.frames_per_s = 10.0;
   const VirtualRig lab(light, plan, 1, 1.0, rig, side_geometry(pad));
 
-  std::filesystem::create_directories(folder + "/frames");
-  for (std::size_t k = 0; k < lab.frames().size(); ++k) write_image(folder + "/frames/" + lab.frames()[k].file, lab.image(k).view());
-  write_log_folder({folder, lab.session(), lab.frames(), lab.joints(), lab.wrenches(), lab.markers(), {}});
-  std::ofstream(folder + "/truth.csv") << truth_text(lab.truth());  // no estimator opens it
-  std::printf("%s: %zu pictures, %zu joint samples, %zu contacts\n", folder.c_str(), lab.frames().size(), lab.joints().size(), lab.plan().contacts.size());
+  // And a hand of two fingers that carries the same pad on each of its four links, fifteen pictures a second; touched where light was computed, 13 mm apart.
+  rig.camera.frames_per_s = 15.0;
+  const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, rig, {}, side_geometry(pad));
+
+  const auto leave = [](const auto& recorded, RecordedLog log) {
+    std::filesystem::create_directories(log.path + "/frames");
+    log.session = recorded.session(), log.frames = recorded.frames(), log.joints = recorded.joints();
+    for (std::size_t k = 0; k < log.frames.size(); ++k) write_image(log.path + "/frames/" + log.frames[k].file, recorded.image(k).view());
+    write_log_folder(log);
+    std::ofstream(log.path + "/truth.csv") << truth_text(recorded.truth());  // no estimator opens it
+    std::printf("%s: %zu pictures, %zu joint samples\n", log.path.c_str(), log.frames.size(), log.joints.size());
+  };
+  leave(lab, {folder, {}, {}, {}, lab.wrenches(), lab.markers(), {}});
+  leave(hand, {folder + "_hand", {}, {}, {}, {}, {}, {}});
   return 0;
 }

@@ -50,6 +50,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <ios>
 #include <istream>
 #include <iterator>
 #include <limits>
@@ -1757,6 +1758,46 @@ inline Body focused(Body body, In<std::vector<Vec3>> points, const Focus& focus 
 
 }  // namespace lumo
 
+// ---- lumo/core/byte_order.hpp
+
+namespace lumo {
+
+enum class ByteOrder : std::uint8_t { big = 0, little = 1 };
+
+namespace detail {
+
+/// The number whose first byte is at `bytes`.
+template <std::unsigned_integral T, class Byte>
+constexpr T number_at(const Byte* bytes, ByteOrder order) {
+  T v = 0;
+  for (std::size_t i = 0; i < sizeof(T); ++i) v = T(v | T(static_cast<std::uint8_t>(bytes[i])) << 8 * (order == ByteOrder::little ? i : sizeof(T) - 1 - i));
+  return v;
+}
+
+}  // namespace detail
+
+}  // namespace lumo
+
+// ---- lumo/core/read_whole.hpp
+
+namespace lumo::detail {
+
+/// All bytes of a regular file; nothing where there is none, or it cannot be read. (A pipe would wait, a folder reads as empty.)
+inline std::optional<std::string> read_whole(const std::filesystem::path& path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
+  const auto size = std::filesystem::file_size(path, error);
+  std::ifstream in(path, std::ios::binary);
+  if (error || !in) return std::nullopt;
+  std::string bytes(std::size_t(size), '\0');
+  in.read(bytes.data(), std::streamsize(bytes.size()));
+  if (in.bad()) return std::nullopt;
+  bytes.resize(std::size_t(in.gcount()));
+  return bytes;
+}
+
+}  // namespace lumo::detail
+
 // ---- lumo/mesh/predicates.hpp
 
 // Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close to call is
@@ -2026,6 +2067,116 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vecto
   }
   if (orient2d(points[left[0]], points[left[1]], points[left[2]]) <= 0) return std::nullopt;
   triangles.push_back({{loop[left[0]], loop[left[1]], loop[left[2]]}, facet});
+  return triangles;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mesh/polygon_triangles.hpp
+
+namespace lumo::detail {
+
+/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
+/// are exact. Corners on straight edges are allowed.
+class PolygonTriangles {
+ public:
+  using Triangle = std::array<int, 3>;
+
+  template <class Vec3 = Vec3>
+  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+    const Projection project(normal);
+    for (const Vec3& v : vertices) points_.push_back(project(v));
+  }
+
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
+
+ private:
+  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
+  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  bool crosses(int a, int b, const std::vector<int>& loop) const;
+  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
+
+  std::vector<Point2> points_;
+};
+
+/// Whether the segment a b meets an edge of the loop that does not end in a or b.
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int p = loop[i], q = loop[(i + 1) % loop.size()];
+    const bool shared = p == a || p == b || q == a || q == b;
+    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
+  }
+  return false;
+}
+
+/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
+  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
+}
+
+inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+  const int from = hole[start];
+  std::vector<std::pair<double, std::size_t>> nearest;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
+    nearest.emplace_back(dx * dx + dy * dy, i);
+  }
+  std::sort(nearest.begin(), nearest.end());
+  for (const auto& candidate : nearest) {
+    const std::size_t corner = candidate.second;
+    const int to = loop[corner];
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
+    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    std::vector<int> detour{to};
+    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
+    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
+    return true;
+  }
+  return false;
+}
+
+/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
+  if (a == c || turn(a, b, c) <= 0) return 0.0;
+  for (const int p : loop)
+    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
+  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
+  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
+}
+
+inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
+  while (!holes.empty()) {
+    const std::vector<int> hole = std::move(holes.back());
+    holes.pop_back();
+    if (!bridge(loop, hole, holes)) return std::nullopt;
+  }
+  std::vector<Triangle> triangles;
+  std::vector<double> shape;   // of the ear at each corner
+  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
+  while (loop.size() > 3) {
+    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
+    if (!(shape[ear] > 0.0)) return std::nullopt;
+    const std::size_t n = loop.size();
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+    shape.erase(shape.begin() + std::ptrdiff_t(ear));
+    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+  }
+  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
+  triangles.push_back({loop[0], loop[1], loop[2]});
   return triangles;
 }
 
@@ -2560,6 +2711,235 @@ inline SurfaceReport validate_surface(const MeshInput& input) {
 
 }  // namespace lumo
 
+// ---- lumo/mesh/triangle_surface.hpp
+
+namespace lumo {
+
+/// A surface of triangles, counter-clockwise seen from outside.
+struct TriangleSurface {
+  std::vector<Vec3> vertices;                  ///< [m]
+  std::vector<std::array<int, 3>> triangles;
+};
+
+/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+template <class = void>
+inline SurfaceReport validate_surface(const TriangleSurface& surface) {
+  MeshInput input;
+  input.vertices = surface.vertices;
+  for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
+  return validate_surface(input);
+}
+
+/// How often the surface winds around a point: 1 inside, 0 outside.
+template <class Vec3 = Vec3>
+inline double winding_number(const TriangleSurface& surface, In<Vec3> point) {
+  double angle = 0.0;
+  const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
+  for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
+  return angle / (4.0 * std::numbers::pi);
+}
+
+}  // namespace lumo
+
+// ---- lumo/mesh/surface_file.hpp
+
+namespace lumo {
+
+/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
+/// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
+/// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+template <class Vec3 = Vec3>
+TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
+
+namespace detail {
+
+// Words of a text, line by line.
+class SurfaceText {
+ public:
+  SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
+
+  /// The words of the next line that has any, without a comment; none at the end.
+  std::vector<std::string_view> next() {
+    std::vector<std::string_view> words;
+    while (words.empty() && !rest_.empty()) {
+      const std::size_t end = std::min(rest_.find('\n'), rest_.size());
+      std::string_view line = rest_.substr(0, end);
+      rest_.remove_prefix(std::min(end + 1, rest_.size()));
+      ++line_;
+      line = line.substr(0, std::min(line.find('#'), line.size()));
+      for (;;) {
+        const std::size_t begin = line.find_first_not_of(" \t\r");
+        if (begin == std::string_view::npos) break;
+        line.remove_prefix(begin);
+        const std::size_t stop = std::min(line.find_first_of(" \t\r"), line.size());
+        words.push_back(line.substr(0, stop));
+        line.remove_prefix(stop);
+      }
+    }
+    return words;
+  }
+
+  [[noreturn]] void refuse(const std::string& what) const { throw InputError(text("surface file '", name_, "', line ", line_, ": ", what)); }
+
+  template <class Number>
+  Number number(std::string_view word) const {
+    Number value{};
+    if (!word.empty() && word.front() == '+') word.remove_prefix(1);
+    const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
+    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
+    return value;
+  }
+  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
+    if (words.size() < first + 3) refuse("a point needs three coordinates");
+    return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
+  }
+
+ private:
+  std::string_view rest_;
+  std::string name_;
+  int line_ = 0;
+};
+
+// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
+template <class Vec3 = Vec3>
+inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
+  std::vector<Vec3> corners;
+  std::vector<int> order;
+  for (const int vertex : loop) {
+    order.push_back(int(order.size()));
+    corners.push_back(surface.vertices[std::size_t(vertex)]);
+  }
+  auto triangles = PolygonTriangles(corners, polygon_normal(corners, order)).cut(order, {});
+  if (!triangles) {
+    triangles.emplace();
+    for (std::size_t k = 1; k + 1 < order.size(); ++k) triangles->push_back({0, order[k], order[k + 1]});
+  }
+  for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
+}
+
+template <class = void>
+inline TriangleSurface read_obj(SurfaceText text) {
+  TriangleSurface s;
+  for (auto words = text.next(); !words.empty(); words = text.next()) {
+    if (words[0] == "v") {
+      if (words.size() != 4 && words.size() != 5 && words.size() != 7) text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
+      s.vertices.push_back(text.point(words, 1));
+    } else if (words[0] == "f") {
+      if (words.size() < 4) text.refuse("a face needs at least 3 corners");
+      std::vector<int> loop;
+      for (std::size_t k = 1; k < words.size(); ++k) {
+        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()), at = n < 0 ? count + n : n - 1;
+        if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
+        loop.push_back(at);
+      }
+      add_polygon(s, loop);
+    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
+      text.refuse(detail::text("'", printable(words[0]), "' is no statement of a polygon surface"));
+    }
+  }
+  return s;
+}
+
+inline TriangleSurface read_stl_text(SurfaceText text) {
+  TriangleSurface s;
+  const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
+    std::size_t k = 0;
+    for (std::string_view w : wanted)
+      if (k >= words.size() || words[k++] != w) text.refuse(detail::text("'", w, "' was expected"));
+  };
+  expect(text.next(), {"solid"});
+  for (;;) {
+    const auto words = text.next();
+    if (!words.empty() && words[0] == "endsolid") break;
+    expect(words, {"facet", "normal"});
+    expect(text.next(), {"outer", "loop"});
+    const int first = int(s.vertices.size());
+    for (int k = 0; k < 3; ++k) {
+      const auto corner = text.next();
+      expect(corner, {"vertex"});
+      if (corner.size() != 4) text.refuse("a vertex has 3 coordinates");
+      s.vertices.push_back(text.point(corner, 1));
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+    expect(text.next(), {"endloop"});
+    expect(text.next(), {"endfacet"});
+  }
+  if (!text.next().empty()) text.refuse("there is more after 'endsolid'; one solid a file");
+  return s;
+}
+
+// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+inline TriangleSurface read_stl_binary(std::string_view bytes) {
+  TriangleSurface s;
+  for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
+    const int first = int(s.vertices.size());
+    for (std::size_t k = 0; k < 3; ++k) {
+      Vec3 p;
+      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(number_at<std::uint32_t>(&bytes[at + 12 + 12 * k + 4 * std::size_t(i)], ByteOrder::little)));
+      s.vertices.push_back(p);
+    }
+    s.triangles.push_back({first, first + 1, first + 2});
+  }
+  return s;
+}
+
+// One vertex for each place, in order of first mention.
+inline TriangleSurface welded(const TriangleSurface& loose) {
+  TriangleSurface s;
+  std::map<std::array<double, 3>, int> known;
+  std::vector<int> number;
+  for (const Vec3& v : loose.vertices) {
+    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    if (fresh) s.vertices.push_back(v);
+    number.push_back(it->second);
+  }
+  for (const auto& t : loose.triangles) s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
+  return s;
+}
+
+/// `kind`: ".obj" or ".stl".
+template <class Vec3 = Vec3>
+inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
+  TriangleSurface s;
+  if (kind == ".obj") {
+    s = read_obj({bytes, name});
+  } else {
+    // A text, too, may begin with any 80 bytes; only the length tells.
+    const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
+    else throw InputError(text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+  }
+  for (Vec3& v : s.vertices) {
+    if (!v.allFinite()) throw InputError(text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    v *= unit_m;
+  }
+  s = welded(s);
+  validate_surface(s);
+  return s;
+}
+
+}  // namespace detail
+
+template <class Vec3>
+inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
+  require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
+  const std::string name = path.string();
+  std::string kind = path.extension().string();
+  for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
+  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
+  std::error_code none;
+  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));
+  constexpr std::uintmax_t most = 500'000'000;
+  if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
+    throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
+  const auto bytes = detail::read_whole(path);
+  if (!bytes) throw InputError(detail::text("cannot read surface file '", name, "'"));
+  return detail::surface_of(kind, *bytes, name, unit_m);
+}
+
+}  // namespace lumo
+
 // ---- lumo/mesh/fill_check.hpp
 
 namespace lumo::detail {
@@ -2675,116 +3055,6 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
   compare("volume", volume, surface.volume, "^3");
   compare("area", area, surface.area, "^2");
   return mesh;
-}
-
-}  // namespace lumo::detail
-
-// ---- lumo/mesh/polygon_triangles.hpp
-
-namespace lumo::detail {
-
-/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
-/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
-/// are exact. Corners on straight edges are allowed.
-class PolygonTriangles {
- public:
-  using Triangle = std::array<int, 3>;
-
-  template <class Vec3 = Vec3>
-  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
-    const Projection project(normal);
-    for (const Vec3& v : vertices) points_.push_back(project(v));
-  }
-
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
-  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
-
- private:
-  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
-  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
-  bool crosses(int a, int b, const std::vector<int>& loop) const;
-  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
-  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
-
-  std::vector<Point2> points_;
-};
-
-/// Whether the segment a b meets an edge of the loop that does not end in a or b.
-inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const int p = loop[i], q = loop[(i + 1) % loop.size()];
-    const bool shared = p == a || p == b || q == a || q == b;
-    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
-  }
-  return false;
-}
-
-/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
-  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
-  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
-  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
-}
-
-inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
-  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
-  const int from = hole[start];
-  std::vector<std::pair<double, std::size_t>> nearest;
-  for (std::size_t i = 0; i < loop.size(); ++i) {
-    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
-    nearest.emplace_back(dx * dx + dy * dy, i);
-  }
-  std::sort(nearest.begin(), nearest.end());
-  for (const auto& candidate : nearest) {
-    const std::size_t corner = candidate.second;
-    const int to = loop[corner];
-    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
-    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
-    std::vector<int> detour{to};
-    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
-    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
-    return true;
-  }
-  return false;
-}
-
-/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
-  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
-  if (a == c || turn(a, b, c) <= 0) return 0.0;
-  for (const int p : loop)
-    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
-  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
-  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
-  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
-}
-
-inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
-  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
-  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
-  while (!holes.empty()) {
-    const std::vector<int> hole = std::move(holes.back());
-    holes.pop_back();
-    if (!bridge(loop, hole, holes)) return std::nullopt;
-  }
-  std::vector<Triangle> triangles;
-  std::vector<double> shape;   // of the ear at each corner
-  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
-  while (loop.size() > 3) {
-    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
-    if (!(shape[ear] > 0.0)) return std::nullopt;
-    const std::size_t n = loop.size();
-    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
-    loop.erase(loop.begin() + std::ptrdiff_t(ear));
-    shape.erase(shape.begin() + std::ptrdiff_t(ear));
-    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
-  }
-  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
-  triangles.push_back({loop[0], loop[1], loop[2]});
-  return triangles;
 }
 
 }  // namespace lumo::detail
@@ -3250,244 +3520,6 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
     name({at(layers - 1, t.corners[0]), at(layers - 1, t.corners[1]), at(layers - 1, t.corners[2])}, prism.high_end);
   }
   return detail::checked_fill(input, surface, coordinates, 1.0, tets, faces, facets);
-}
-
-}  // namespace lumo
-
-// ---- lumo/mesh/triangle_surface.hpp
-
-namespace lumo {
-
-/// A surface of triangles, counter-clockwise seen from outside.
-struct TriangleSurface {
-  std::vector<Vec3> vertices;                  ///< [m]
-  std::vector<std::array<int, 3>> triangles;
-};
-
-/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
-template <class = void>
-inline SurfaceReport validate_surface(const TriangleSurface& surface) {
-  MeshInput input;
-  input.vertices = surface.vertices;
-  for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
-  return validate_surface(input);
-}
-
-/// How often the surface winds around a point: 1 inside, 0 outside.
-template <class Vec3 = Vec3>
-inline double winding_number(const TriangleSurface& surface, In<Vec3> point) {
-  double angle = 0.0;
-  const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
-  for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
-  return angle / (4.0 * std::numbers::pi);
-}
-
-}  // namespace lumo
-
-// ---- lumo/mesh/surface_file.hpp
-
-namespace lumo {
-
-/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
-/// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
-/// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
-template <class Vec3 = Vec3>
-TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
-
-namespace detail {
-
-// Words of a text, line by line.
-class SurfaceText {
- public:
-  SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
-
-  /// The words of the next line that has any, without a comment; none at the end.
-  std::vector<std::string_view> next() {
-    std::vector<std::string_view> words;
-    while (words.empty() && !rest_.empty()) {
-      const std::size_t end = std::min(rest_.find('\n'), rest_.size());
-      std::string_view line = rest_.substr(0, end);
-      rest_.remove_prefix(std::min(end + 1, rest_.size()));
-      ++line_;
-      line = line.substr(0, std::min(line.find('#'), line.size()));
-      for (;;) {
-        const std::size_t begin = line.find_first_not_of(" \t\r");
-        if (begin == std::string_view::npos) break;
-        line.remove_prefix(begin);
-        const std::size_t stop = std::min(line.find_first_of(" \t\r"), line.size());
-        words.push_back(line.substr(0, stop));
-        line.remove_prefix(stop);
-      }
-    }
-    return words;
-  }
-
-  [[noreturn]] void refuse(const std::string& what) const { throw InputError(text("surface file '", name_, "', line ", line_, ": ", what)); }
-
-  template <class Number>
-  Number number(std::string_view word) const {
-    Number value{};
-    if (!word.empty() && word.front() == '+') word.remove_prefix(1);
-    const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
-    return value;
-  }
-  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
-    if (words.size() < first + 3) refuse("a point needs three coordinates");
-    return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
-  }
-
- private:
-  std::string_view rest_;
-  std::string name_;
-  int line_ = 0;
-};
-
-// Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
-template <class Vec3 = Vec3>
-inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
-  std::vector<Vec3> corners;
-  std::vector<int> order;
-  for (const int vertex : loop) {
-    order.push_back(int(order.size()));
-    corners.push_back(surface.vertices[std::size_t(vertex)]);
-  }
-  auto triangles = PolygonTriangles(corners, polygon_normal(corners, order)).cut(order, {});
-  if (!triangles) {
-    triangles.emplace();
-    for (std::size_t k = 1; k + 1 < order.size(); ++k) triangles->push_back({0, order[k], order[k + 1]});
-  }
-  for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
-}
-
-template <class = void>
-inline TriangleSurface read_obj(SurfaceText text) {
-  TriangleSurface s;
-  for (auto words = text.next(); !words.empty(); words = text.next()) {
-    if (words[0] == "v") {
-      if (words.size() != 4 && words.size() != 5 && words.size() != 7) text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
-      s.vertices.push_back(text.point(words, 1));
-    } else if (words[0] == "f") {
-      if (words.size() < 4) text.refuse("a face needs at least 3 corners");
-      std::vector<int> loop;
-      for (std::size_t k = 1; k < words.size(); ++k) {
-        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()), at = n < 0 ? count + n : n - 1;
-        if (n == 0 || at < 0 || at >= count) text.refuse(detail::text("a face names vertex ", n, " of ", count));
-        loop.push_back(at);
-      }
-      add_polygon(s, loop);
-    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
-      text.refuse(detail::text("'", printable(words[0]), "' is no statement of a polygon surface"));
-    }
-  }
-  return s;
-}
-
-inline TriangleSurface read_stl_text(SurfaceText text) {
-  TriangleSurface s;
-  const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
-    std::size_t k = 0;
-    for (std::string_view w : wanted)
-      if (k >= words.size() || words[k++] != w) text.refuse(detail::text("'", w, "' was expected"));
-  };
-  expect(text.next(), {"solid"});
-  for (;;) {
-    const auto words = text.next();
-    if (!words.empty() && words[0] == "endsolid") break;
-    expect(words, {"facet", "normal"});
-    expect(text.next(), {"outer", "loop"});
-    const int first = int(s.vertices.size());
-    for (int k = 0; k < 3; ++k) {
-      const auto corner = text.next();
-      expect(corner, {"vertex"});
-      if (corner.size() != 4) text.refuse("a vertex has 3 coordinates");
-      s.vertices.push_back(text.point(corner, 1));
-    }
-    s.triangles.push_back({first, first + 1, first + 2});
-    expect(text.next(), {"endloop"});
-    expect(text.next(), {"endfacet"});
-  }
-  if (!text.next().empty()) text.refuse("there is more after 'endsolid'; one solid a file");
-  return s;
-}
-
-// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
-inline TriangleSurface read_stl_binary(std::string_view bytes) {
-  TriangleSurface s;
-  const auto word = [&](std::size_t at) {
-    std::uint32_t value = 0;
-    for (std::size_t k = 0; k < 4; ++k) value |= std::uint32_t(static_cast<unsigned char>(bytes[at + k])) << (8 * k);
-    return value;
-  };
-  for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
-    const int first = int(s.vertices.size());
-    for (std::size_t k = 0; k < 3; ++k) {
-      Vec3 p;
-      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(word(at + 12 + 12 * k + 4 * std::size_t(i))));
-      s.vertices.push_back(p);
-    }
-    s.triangles.push_back({first, first + 1, first + 2});
-  }
-  return s;
-}
-
-// One vertex for each place, in order of first mention.
-inline TriangleSurface welded(const TriangleSurface& loose) {
-  TriangleSurface s;
-  std::map<std::array<double, 3>, int> known;
-  std::vector<int> number;
-  for (const Vec3& v : loose.vertices) {
-    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
-    if (fresh) s.vertices.push_back(v);
-    number.push_back(it->second);
-  }
-  for (const auto& t : loose.triangles) s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
-  return s;
-}
-
-/// `kind`: ".obj" or ".stl".
-template <class Vec3 = Vec3>
-inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
-  TriangleSurface s;
-  if (kind == ".obj") {
-    s = read_obj({bytes, name});
-  } else {
-    // A text, too, may begin with any 80 bytes; only the length tells.
-    std::uint64_t count = 0;
-    for (std::size_t k = 0; k < 4 && bytes.size() >= 84; ++k) count |= std::uint64_t(static_cast<unsigned char>(bytes[80 + k])) << (8 * k);
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
-    else throw InputError(text("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
-  }
-  for (Vec3& v : s.vertices) {
-    if (!v.allFinite()) throw InputError(text("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
-    v *= unit_m;
-  }
-  s = welded(s);
-  validate_surface(s);
-  return s;
-}
-
-}  // namespace detail
-
-template <class Vec3>
-inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
-  require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
-  const std::string name = path.string();
-  std::string kind = path.extension().string();
-  for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
-  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
-  std::error_code none;
-  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));   // a pipe would wait
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(detail::text("cannot read surface file '", name, "'"));
-  constexpr std::uintmax_t most = 500'000'000;
-  if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
-    throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
-  if (in.bad()) throw InputError(detail::text("cannot read surface file '", name, "'"));
-
-  return detail::surface_of(kind, bytes, name, unit_m);
 }
 
 }  // namespace lumo
@@ -7619,164 +7651,6 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
 
 }  // namespace lumo
 
-// ---- lumo/mechanics/press_svg.hpp
-
-namespace lumo {
-
-/// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the material has moved, over its undeformed
-/// outline, with carrier and indenter; axes x and z in mm. Throws InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by;
-/// InputError when the stream fails.
-template <Indenter Tool, class Vec3 = Vec3>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state);
-
-namespace detail {
-
-/// A point of a cut in mm, with how far it has moved.
-struct CutPoint {
-  double x, z, moved_mm;
-};
-
-/// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the plane counts as beyond it.
-template <std::size_t N, class Vec3 = Vec3>
-inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, const std::array<double, N>& moved_mm, double at) {
-  std::vector<CutPoint> points;
-  for (std::size_t i = 0; i < N; ++i)
-    for (std::size_t j = 0; j < N; ++j) {
-      if (!(corners[i].y() < at) || corners[j].y() < at) continue;
-      const double t = (at - corners[i].y()) / (corners[j].y() - corners[i].y());
-      const Vec3 p = corners[i] + t * (corners[j] - corners[i]);
-      points.push_back({1e3 * p.x(), 1e3 * p.z(), moved_mm[i] + t * (moved_mm[j] - moved_mm[i])});
-    }
-  if (points.size() == 4) std::swap(points[2], points[3]);   // edges come as ac, ad, bc, bd
-  return points;
-}
-
-/// Straight parts of a quadratic tetrahedron, between all its nodes.
-inline constexpr std::array<std::array<int, 4>, 8> tet_parts{{{0, 4, 6, 7}, {1, 5, 4, 8}, {2, 6, 5, 9}, {3, 7, 8, 9}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}}};
-
-/// Lightness falls with the value, which survives greyscale print; the hue is the same for any colour vision.
-inline std::string moved_colour(double part) {
-  constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
-  const double t = 3.0 * std::clamp(part, 0.0, 1.0);
-  const std::size_t low = std::min<std::size_t>(2, std::size_t(t));
-  std::string colour = "#";
-  for (std::size_t k = 0; k < 3; ++k) {
-    const int c = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
-    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
-  }
-  return colour;
-}
-
-}  // namespace detail
-
-template <Indenter Tool, class Vec3>
-void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state) {
-  if (state.displacement.size() != mesh.nodes.size())
-    throw InvalidArgument(detail::text("picture: the state has ", state.displacement.size(), " displacements, the mesh ", mesh.nodes.size(), " nodes"));
-  const Touch touch = first_touch(body, mesh, scenario);
-  const Vec3 tool = touch.origin + state.depth_m * scenario.direction();
-  const auto cut = [&]<std::size_t N>(const auto& nodes, const std::array<int, N>& part, bool pressed) {
-    std::array<Vec3, N> p;
-    std::array<double, N> moved;
-    for (std::size_t k = 0; k < N; ++k) {
-      const auto n = std::size_t(nodes[std::size_t(part[k])]);
-      p[k] = pressed ? Vec3(mesh.nodes[n] + state.displacement[n]) : mesh.nodes[n];
-      moved[k] = 1e3 * state.displacement[n].norm();
-    }
-    return detail::cut_across(p, moved, touch.point.y());
-  };
-  const bool quadratic = mesh.order == 2;
-  std::vector<std::vector<detail::CutPoint>> areas;
-  double most = 0.0, x_low = 0.0, x_high = 0.0, z_low = 0.0, z_high = 0.0;
-  const auto cover = [&](double x, double z) { x_low = std::min(x_low, x), x_high = std::max(x_high, x), z_low = std::min(z_low, z), z_high = std::max(z_high, z); };
-  for (const auto& t : mesh.tets)
-    for (std::size_t part = 0; part < (quadratic ? 8 : 1); ++part)
-      if (auto area = cut(t, quadratic ? detail::tet_parts[part] : std::array{0, 1, 2, 3}, true); area.size() >= 3) {
-        for (const auto& p : area) most = std::max(most, p.moved_mm), cover(p.x, p.z);
-        areas.push_back(std::move(area));
-      }
-  std::vector<std::vector<detail::CutPoint>> outline;
-  for (const BoundaryFace& f : mesh.faces)
-    for (std::size_t part = 0; part < (quadratic ? 4 : 1); ++part)
-      if (auto line = cut(f.nodes, quadratic ? face_parts()[part] : std::array{0, 1, 2}, false); line.size() == 2) outline.push_back(std::move(line));
-  for (const auto& line : outline)
-    for (const auto& p : line) cover(p.x, p.z);
-  // Room to the next 5 mm, and for what of the indenter is near.
-  x_low = 5.0 * std::floor(x_low / 5.0 - 0.2), x_high = 5.0 * std::ceil(x_high / 5.0 + 0.2), z_low = -5.0, z_high = 5.0 * std::ceil(z_high / 5.0 + 0.2) + 5.0;
-  const double scale = 560.0 / std::max(x_high - x_low, z_high - z_low), left = 64.0, top = 56.0;
-  const double right = left + scale * (x_high - x_low), bottom = top + scale * (z_high - z_low);
-  const auto px = [&](double x) { return detail::text(std::round(100.0 * (left + scale * (x - x_low))) / 100.0); };
-  const auto pz = [&](double z) { return detail::text(std::round(100.0 * (bottom - scale * (z - z_low))) / 100.0); };
-  const auto path = [&](const auto& points) {
-    std::string d;
-    for (const auto& p : points) d += (d.empty() ? "M" : "L") + px(p.x) + " " + pz(p.z);
-    return d;
-  };
-  const auto words = [&](double x, double y, const std::string& style, const std::string& what) {
-    out << "<text x=\"" << x << "\" y=\"" << y << "\" " << style << ">" << what << "</text>\n";
-  };
-
-  const double width = right + 130.0, height = bottom + 60.0;
-  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" << width << "\" height=\"" << height << "\" viewBox=\"0 0 " << width << " " << height
-      << "\" font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\" font-size=\"12\" fill=\"#222222\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
-      << "<clipPath id=\"plot\"><rect x=\"" << left << "\" y=\"" << top << "\" width=\"" << right - left << "\" height=\"" << bottom - top << "\"/></clipPath>\n";
-  const auto rounded = [](double v, double step) { return detail::text(std::round(v / step) * step); };
-  words(left, 24, "font-size=\"15\" font-weight=\"bold\"", detail::text("Pressed to ", rounded(state.force_N, 0.1), " N: ", rounded(1e3 * state.depth_m, 0.01), " mm deep, ",
-                                                                       rounded(1e6 * state.contact_area_m2, 0.1), " mm² of contact"));
-  words(left, 43, "fill=\"#666666\"", detail::text("cut at y = ", rounded(1e3 * touch.point.y(), 0.01), " mm; dashed: the surface before"));
-  for (double x = x_low; x <= x_high; x += 5.0) {
-    out << "<path stroke=\"#dddddd\" d=\"M" << px(x) << " " << top << "V" << bottom << "\"/>\n";
-    words(left + scale * (x - x_low), bottom + 18, "text-anchor=\"middle\"", detail::text(x < 0 ? "−" : "", std::abs(x)));
-  }
-  for (double z = z_low; z <= z_high; z += 5.0) {
-    out << "<path stroke=\"#dddddd\" d=\"M" << left << " " << pz(z) << "H" << right << "\"/>\n";
-    words(left - 8, bottom - scale * (z - z_low) + 4, "text-anchor=\"end\"", detail::text(z < 0 ? "−" : "", std::abs(z)));
-  }
-  words(0.5 * (left + right), bottom + 42, "font-size=\"13\" text-anchor=\"middle\"", "across x [mm]");
-  out << "<text transform=\"translate(22 " << 0.5 * (top + bottom) << ") rotate(-90)\" font-size=\"13\" text-anchor=\"middle\">height z [mm]</text>\n<g clip-path=\"url(#plot)\">\n";
-  for (const RigidBox& box : body.carrier)
-    if (std::abs(touch.point.y() - box.center.y()) <= box.half.y()) {
-      const Vec3 low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
-      out << "<path fill=\"#8c8c8c\" d=\"M" << px(low.x()) << " " << pz(low.z()) << "H" << px(high.x()) << "V" << pz(high.z()) << "H" << px(low.x()) << "Z\"/>\n";
-    }
-  for (const auto& area : areas) {
-    double moved = 0.0;
-    for (const auto& p : area) moved += p.moved_mm / double(area.size());
-    const std::string colour = detail::moved_colour(most > 0.0 ? moved / most : 0.0);
-    out << "<path fill=\"" << colour << "\" stroke=\"" << colour << "\" stroke-width=\"0.6\" d=\"" << path(area) << "Z\"/>\n";
-  }
-  // The indenter's outline where its distance changes sign, on a grid of triangles.
-  const double step = 0.25;
-  const auto distance = [&](double x, double z) { return scenario.indenter.distance(1e-3 * Vec3(x, 0.0, z) + Vec3(0.0, touch.point.y(), 0.0) - tool); };
-  out << "<path fill=\"none\" stroke=\"#d55e00\" stroke-width=\"2\" stroke-linecap=\"round\" d=\"";
-  for (double x = x_low; x < x_high; x += step)
-    for (double z = z_low; z < z_high; z += step)
-      for (const double upper : {0.0, 1.0}) {
-        const std::array<std::array<double, 2>, 3> corner{{{x + upper * step, z + upper * step}, {x + step, z}, {x, z + step}}};
-        std::vector<detail::CutPoint> line;
-        for (std::size_t i = 0; i < 3; ++i) {
-          const auto &a = corner[i], &b = corner[(i + 1) % 3];
-          const double da = distance(a[0], a[1]), db = distance(b[0], b[1]);
-          if ((da < 0.0) == (db < 0.0)) continue;
-          const double t = da / (da - db);
-          line.push_back({a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0});
-        }
-        if (line.size() == 2) out << path(line);
-      }
-  out << "\"/>\n<path fill=\"none\" stroke=\"#444444\" stroke-dasharray=\"5 4\" d=\"";
-  for (const auto& line : outline) out << path(line);
-  out << "\"/>\n</g>\n";
-  const double bar = right + 24.0, bar_height = std::min(220.0, bottom - top);
-  for (int k = 0; k < 40; ++k)
-    out << "<rect x=\"" << bar << "\" y=\"" << top + bar_height * (39 - k) / 40.0 << "\" width=\"18\" height=\"" << bar_height / 40.0 + 0.5 << "\" fill=\"" << detail::moved_colour((k + 0.5) / 40.0) << "\"/>\n";
-  for (const double part : {0.0, 0.5, 1.0}) words(bar + 24, top + bar_height * (1.0 - part) + 4, "", rounded(part * most, 0.01));
-  words(bar, top + bar_height + 22, "", "moved by [mm]");
-  out << "</svg>\n";
-  if (!out) throw InputError("writing an .svg file failed");
-}
-
-}  // namespace lumo
-
 // ---- lumo/mechanics/certify.hpp
 
 namespace lumo {
@@ -7951,6 +7825,175 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
     s.certified = s.status == Status::converged;
   }
   return states;
+}
+
+}  // namespace lumo
+
+// ---- lumo/core/colour.hpp
+
+namespace lumo::detail {
+
+/// "#rrggbb" of red, green and blue, each 0 … 255.
+inline std::string hex_colour(const std::array<int, 3>& rgb) {
+  std::string colour = "#";
+  for (const int c : rgb)
+    for (const int digit : {c / 16, c % 16}) colour += "0123456789abcdef"[digit];
+  return colour;
+}
+
+}  // namespace lumo::detail
+
+// ---- lumo/mechanics/press_svg.hpp
+
+namespace lumo {
+
+/// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the material has moved, over its undeformed
+/// outline, with carrier and indenter; axes x and z in mm. Throws InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by;
+/// InputError when the stream fails.
+template <Indenter Tool, class Vec3 = Vec3>
+void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state);
+
+namespace detail {
+
+/// A point of a cut in mm, with how far it has moved.
+struct CutPoint {
+  double x, z, moved_mm;
+};
+
+/// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the plane counts as beyond it.
+template <std::size_t N, class Vec3 = Vec3>
+inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, const std::array<double, N>& moved_mm, double at) {
+  std::vector<CutPoint> points;
+  for (std::size_t i = 0; i < N; ++i)
+    for (std::size_t j = 0; j < N; ++j) {
+      if (!(corners[i].y() < at) || corners[j].y() < at) continue;
+      const double t = (at - corners[i].y()) / (corners[j].y() - corners[i].y());
+      const Vec3 p = corners[i] + t * (corners[j] - corners[i]);
+      points.push_back({1e3 * p.x(), 1e3 * p.z(), moved_mm[i] + t * (moved_mm[j] - moved_mm[i])});
+    }
+  if (points.size() == 4) std::swap(points[2], points[3]);   // edges come as ac, ad, bc, bd
+  return points;
+}
+
+/// Straight parts of a quadratic tetrahedron, between all its nodes.
+inline constexpr std::array<std::array<int, 4>, 8> tet_parts{{{0, 4, 6, 7}, {1, 5, 4, 8}, {2, 6, 5, 9}, {3, 7, 8, 9}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}}};
+
+/// Lightness falls with the value, which survives greyscale print; the hue is the same for any colour vision.
+inline std::string moved_colour(double part) {
+  constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
+  const double t = 3.0 * std::clamp(part, 0.0, 1.0);
+  const std::size_t low = std::min<std::size_t>(2, std::size_t(t));
+  std::array<int, 3> rgb{};
+  for (std::size_t k = 0; k < 3; ++k) rgb[k] = int(std::lround(stops[low][k] + (t - double(low)) * (stops[low + 1][k] - stops[low][k])));
+  return hex_colour(rgb);
+}
+
+}  // namespace detail
+
+template <Indenter Tool, class Vec3>
+void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state) {
+  if (state.displacement.size() != mesh.nodes.size())
+    throw InvalidArgument(detail::text("picture: the state has ", state.displacement.size(), " displacements, the mesh ", mesh.nodes.size(), " nodes"));
+  const Touch touch = first_touch(body, mesh, scenario);
+  const Vec3 tool = touch.origin + state.depth_m * scenario.direction();
+  const auto cut = [&]<std::size_t N>(const auto& nodes, const std::array<int, N>& part, bool pressed) {
+    std::array<Vec3, N> p;
+    std::array<double, N> moved;
+    for (std::size_t k = 0; k < N; ++k) {
+      const auto n = std::size_t(nodes[std::size_t(part[k])]);
+      p[k] = pressed ? Vec3(mesh.nodes[n] + state.displacement[n]) : mesh.nodes[n];
+      moved[k] = 1e3 * state.displacement[n].norm();
+    }
+    return detail::cut_across(p, moved, touch.point.y());
+  };
+  const bool quadratic = mesh.order == 2;
+  std::vector<std::vector<detail::CutPoint>> areas;
+  double most = 0.0, x_low = 0.0, x_high = 0.0, z_low = 0.0, z_high = 0.0;
+  const auto cover = [&](double x, double z) { x_low = std::min(x_low, x), x_high = std::max(x_high, x), z_low = std::min(z_low, z), z_high = std::max(z_high, z); };
+  for (const auto& t : mesh.tets)
+    for (std::size_t part = 0; part < (quadratic ? 8 : 1); ++part)
+      if (auto area = cut(t, quadratic ? detail::tet_parts[part] : std::array{0, 1, 2, 3}, true); area.size() >= 3) {
+        for (const auto& p : area) most = std::max(most, p.moved_mm), cover(p.x, p.z);
+        areas.push_back(std::move(area));
+      }
+  std::vector<std::vector<detail::CutPoint>> outline;
+  for (const BoundaryFace& f : mesh.faces)
+    for (std::size_t part = 0; part < (quadratic ? 4 : 1); ++part)
+      if (auto line = cut(f.nodes, quadratic ? face_parts()[part] : std::array{0, 1, 2}, false); line.size() == 2) outline.push_back(std::move(line));
+  for (const auto& line : outline)
+    for (const auto& p : line) cover(p.x, p.z);
+  // Room to the next 5 mm, and for what of the indenter is near.
+  x_low = 5.0 * std::floor(x_low / 5.0 - 0.2), x_high = 5.0 * std::ceil(x_high / 5.0 + 0.2), z_low = -5.0, z_high = 5.0 * std::ceil(z_high / 5.0 + 0.2) + 5.0;
+  const double scale = 560.0 / std::max(x_high - x_low, z_high - z_low), left = 64.0, top = 56.0;
+  const double right = left + scale * (x_high - x_low), bottom = top + scale * (z_high - z_low);
+  const auto px = [&](double x) { return detail::text(std::round(100.0 * (left + scale * (x - x_low))) / 100.0); };
+  const auto pz = [&](double z) { return detail::text(std::round(100.0 * (bottom - scale * (z - z_low))) / 100.0); };
+  const auto path = [&](const auto& points) {
+    std::string d;
+    for (const auto& p : points) d += (d.empty() ? "M" : "L") + px(p.x) + " " + pz(p.z);
+    return d;
+  };
+  const auto words = [&](double x, double y, const std::string& style, const std::string& what) {
+    out << "<text x=\"" << x << "\" y=\"" << y << "\" " << style << ">" << what << "</text>\n";
+  };
+
+  const double width = right + 130.0, height = bottom + 60.0;
+  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" << width << "\" height=\"" << height << "\" viewBox=\"0 0 " << width << " " << height
+      << "\" font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\" font-size=\"12\" fill=\"#222222\">\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n"
+      << "<clipPath id=\"plot\"><rect x=\"" << left << "\" y=\"" << top << "\" width=\"" << right - left << "\" height=\"" << bottom - top << "\"/></clipPath>\n";
+  const auto rounded = [](double v, double step) { return detail::text(std::round(v / step) * step); };
+  words(left, 24, "font-size=\"15\" font-weight=\"bold\"", detail::text("Pressed to ", rounded(state.force_N, 0.1), " N: ", rounded(1e3 * state.depth_m, 0.01), " mm deep, ",
+                                                                       rounded(1e6 * state.contact_area_m2, 0.1), " mm² of contact"));
+  words(left, 43, "fill=\"#666666\"", detail::text("cut at y = ", rounded(1e3 * touch.point.y(), 0.01), " mm; dashed: the surface before"));
+  for (double x = x_low; x <= x_high; x += 5.0) {
+    out << "<path stroke=\"#dddddd\" d=\"M" << px(x) << " " << top << "V" << bottom << "\"/>\n";
+    words(left + scale * (x - x_low), bottom + 18, "text-anchor=\"middle\"", detail::text(x < 0 ? "−" : "", std::abs(x)));
+  }
+  for (double z = z_low; z <= z_high; z += 5.0) {
+    out << "<path stroke=\"#dddddd\" d=\"M" << left << " " << pz(z) << "H" << right << "\"/>\n";
+    words(left - 8, bottom - scale * (z - z_low) + 4, "text-anchor=\"end\"", detail::text(z < 0 ? "−" : "", std::abs(z)));
+  }
+  words(0.5 * (left + right), bottom + 42, "font-size=\"13\" text-anchor=\"middle\"", "across x [mm]");
+  out << "<text transform=\"translate(22 " << 0.5 * (top + bottom) << ") rotate(-90)\" font-size=\"13\" text-anchor=\"middle\">height z [mm]</text>\n<g clip-path=\"url(#plot)\">\n";
+  for (const RigidBox& box : body.carrier)
+    if (std::abs(touch.point.y() - box.center.y()) <= box.half.y()) {
+      const Vec3 low = 1e3 * (box.center - box.half), high = 1e3 * (box.center + box.half);
+      out << "<path fill=\"#8c8c8c\" d=\"M" << px(low.x()) << " " << pz(low.z()) << "H" << px(high.x()) << "V" << pz(high.z()) << "H" << px(low.x()) << "Z\"/>\n";
+    }
+  for (const auto& area : areas) {
+    double moved = 0.0;
+    for (const auto& p : area) moved += p.moved_mm / double(area.size());
+    const std::string colour = detail::moved_colour(most > 0.0 ? moved / most : 0.0);
+    out << "<path fill=\"" << colour << "\" stroke=\"" << colour << "\" stroke-width=\"0.6\" d=\"" << path(area) << "Z\"/>\n";
+  }
+  // The indenter's outline where its distance changes sign, on a grid of triangles.
+  const double step = 0.25;
+  const auto distance = [&](double x, double z) { return scenario.indenter.distance(1e-3 * Vec3(x, 0.0, z) + Vec3(0.0, touch.point.y(), 0.0) - tool); };
+  out << "<path fill=\"none\" stroke=\"#d55e00\" stroke-width=\"2\" stroke-linecap=\"round\" d=\"";
+  for (double x = x_low; x < x_high; x += step)
+    for (double z = z_low; z < z_high; z += step)
+      for (const double upper : {0.0, 1.0}) {
+        const std::array<std::array<double, 2>, 3> corner{{{x + upper * step, z + upper * step}, {x + step, z}, {x, z + step}}};
+        std::vector<detail::CutPoint> line;
+        for (std::size_t i = 0; i < 3; ++i) {
+          const auto &a = corner[i], &b = corner[(i + 1) % 3];
+          const double da = distance(a[0], a[1]), db = distance(b[0], b[1]);
+          if ((da < 0.0) == (db < 0.0)) continue;
+          const double t = da / (da - db);
+          line.push_back({a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), 0.0});
+        }
+        if (line.size() == 2) out << path(line);
+      }
+  out << "\"/>\n<path fill=\"none\" stroke=\"#444444\" stroke-dasharray=\"5 4\" d=\"";
+  for (const auto& line : outline) out << path(line);
+  out << "\"/>\n</g>\n";
+  const double bar = right + 24.0, bar_height = std::min(220.0, bottom - top);
+  for (int k = 0; k < 40; ++k)
+    out << "<rect x=\"" << bar << "\" y=\"" << top + bar_height * (39 - k) / 40.0 << "\" width=\"18\" height=\"" << bar_height / 40.0 + 0.5 << "\" fill=\"" << detail::moved_colour((k + 0.5) / 40.0) << "\"/>\n";
+  for (const double part : {0.0, 0.5, 1.0}) words(bar + 24, top + bar_height * (1.0 - part) + 4, "", rounded(part * most, 0.01));
+  words(bar, top + bar_height + 22, "", "moved by [mm]");
+  out << "</svg>\n";
+  if (!out) throw InputError("writing an .svg file failed");
 }
 
 }  // namespace lumo
@@ -13106,6 +13149,14 @@ struct ImageView {
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
+inline constexpr int max_image_side = 32768;               ///< [px]
+inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
+
+/// Whether an image from outside may be this large [px].
+constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
+  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side && width * height <= max_image_area;
+}
+
 /// An image that owns its pixels; rows without padding.
 struct Image {
   int width = 0;
@@ -13113,10 +13164,10 @@ struct Image {
   PixelFormat format = PixelFormat::bgr;
   std::vector<std::uint8_t> pixels;
 
-  /// Black. Throws InvalidArgument for sizes outside 1 … 32768.
+  /// Black. Throws InvalidArgument for sizes outside 1 … max_image_side.
   static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
-    require_in_range("image width", width, 1, 32768, "px");
-    require_in_range("image height", height, 1, 32768, "px");
+    require_in_range("image width", width, 1, max_image_side, "px");
+    require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
@@ -13504,6 +13555,12 @@ struct FrameRecord {
   double exposure_s = 0.0;  ///< 0: not known
   double gain = 0.0;        ///< 0: not known
 };
+
+/// Name of a log's picture by its number: 000042.png.
+inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
+  const std::string digits = std::to_string(number);
+  return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
+}
 
 /// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
 struct WrenchSample {
@@ -14877,14 +14934,21 @@ struct Session {
   std::string video;                ///< file name beside session.json; empty: frames/
   int led_count = 5;
   double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  double led_depth_m = 0.0;            ///< of the LEDs behind the side that the camera sees, in silicone
+  double camera_distance_m = 0.0;      ///< from that side to the camera's lens; 0: not known, which leaves the parallax of the LEDs as it is
   Eigen::Vector2d distal{1.0, 0.0};    ///< direction of the tip in the image
-  double joint_to_origin_m = 0.05;     ///< from the joint's axis to the finger's origin
+  double joint_to_origin_m = 0.05;     ///< from the axis of the last joint to the finger's origin
+  std::vector<double> joint_to_joint_m;  ///< from each joint's axis to the next one's, along the finger; empty: one joint
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
   double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
   ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
   std::vector<SessionLink> links;      ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
+
+/// How much closer together the LEDs appear than the same length on the side before them: perspective on their apparent depth, which is the true one over the
+/// refractive index of silicone (1.41).
+inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
 template <class = void>
@@ -14894,12 +14958,17 @@ inline void validate(const Session& s, const std::string& name) {
   };
   require(s.led_count >= 3 && s.led_count <= 64, detail::text("led count is ", s.led_count, ", must lie in [3, 64]"));
   require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, detail::text("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+  require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, detail::text("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+  require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
+          detail::text("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
   require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, detail::text("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
   require(std::abs(s.joint_to_origin_m) <= 10.0, detail::text("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+  require(s.joint_to_joint_m.size() < std::size_t(max_joints), detail::text("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+  for (const double l : s.joint_to_joint_m) require(l > 0.0 && l <= 10.0, detail::text("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
   for (const double k : s.torque_constant_Nm_per_A)
     require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, detail::text("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
@@ -15638,6 +15707,8 @@ class BayesLocalizer {
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
     std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
+    double end_m = 0.0;                 ///< the pad ends at ± this place in clear faces, which throw a bump's light back as a mirror image would; 0: no ends near
+    double end_share = 1.0;             ///< of that light; assumed: what meets a clear end at less than 45° to the finger's axis leaves, the rest is reflected totally
     double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
     double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
@@ -15714,6 +15785,8 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
   require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
+  require_in_range("end of the pad", config_.end_m, 0.0, 10.0, "m");
+  require_in_range("share of the light that the pad's ends throw back", config_.end_share, 0.0, 1.0, "");
   require_positive("height of a bump", config_.amplitude_sigma, "");
   require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
   require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
@@ -15731,8 +15804,13 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
-    for (Eigen::Index j = 0; j < cells; ++j)
-      bumps_.col(w * cells + j) = (-0.5 * ((config_.position_m.array() - grid_[j]) / config_.width_m[std::size_t(w)]).square()).exp();
+    for (Eigen::Index j = 0; j < cells; ++j) {
+      const auto bump_at = [&](double y) { return VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
+      auto bump = bumps_.col(w * cells + j);
+      bump = bump_at(grid_[j]);
+      if (config_.end_m > 0.0)
+        for (const double end : {-config_.end_m, config_.end_m}) bump += config_.end_share * bump_at(2.0 * end - grid_[j]);
+    }
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
@@ -15987,11 +16065,17 @@ class HandObserver {
   const std::vector<HandLink>& links() const { return links_; }
   const Config& config() const { return config_; }
   int references(int link) const { return int(library_[std::size_t(link)].size()); }
+  /// Of a cell, along and across the link.
+  std::pair<double, double> cell_m(int link) const {
+    const HandLink& l = links_[std::size_t(link)];
+    const auto& g = grid_[std::size_t(link)];
+    return {(l.y_high_m - l.y_low_m) / g[0], (l.z_high_m - l.z_low_m) / g[1]};
+  }
   /// Middle of a cell in the link's plane [m].
   std::pair<double, double> place(int link, int along, int across) const {
     const HandLink& l = links_[std::size_t(link)];
-    const auto& g = grid_[std::size_t(link)];
-    return {l.y_low_m + (along + 0.5) * (l.y_high_m - l.y_low_m) / g[0], l.z_low_m + (across + 0.5) * (l.z_high_m - l.z_low_m) / g[1]};
+    const auto [length, height] = cell_m(link);
+    return {l.y_low_m + (along + 0.5) * length, l.z_low_m + (across + 0.5) * height};
   }
 
   /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
@@ -16001,6 +16085,11 @@ class HandObserver {
   /// Causal: what it says depends on this frame, the references, and where links were seen before.
   template <class = void>
   HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
+  /// What can be said without a picture or joints.
+  template <class = void>
+  HandEstimate unseen(std::int64_t stamp_ns) const {
+    return {stamp_ns, std::vector<bool>(links_.size(), false), std::vector<int>(links_.size(), -1), last_, {}};
+  }
 
  private:
   using Grid = Eigen::MatrixXd;   ///< along × across [DN]
@@ -16014,7 +16103,7 @@ class HandObserver {
   std::vector<double> joints_of(int link, const JointVector& all) const;
   std::pair<int, double> nearest(int link, const std::vector<double>& joints) const;
   template <class = void>
-  std::optional<LinkMap> find(int link, const std::vector<double>& joints, const ImageView& image);
+  std::optional<LinkMap> find(int link, int nearest, const ImageView& image);
   template <class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d>
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
   template <class MatrixXd = Eigen::MatrixXd>
@@ -16056,13 +16145,13 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
   return best;
 }
 
-/// About where it was last and about where it was at the nearest reference: the one whose holes stand out more.
+/// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
 template <class>
-inline std::optional<LinkMap> HandObserver::find(int link, const std::vector<double>& joints, const ImageView& image) {
+inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const ImageView& image) {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
-  if (const auto near = nearest(link, joints); near.first >= 0) {
-    const auto other = register_link(image, l, library_[std::size_t(link)][std::size_t(near.first)].map, config_.holes);
+  if (nearest >= 0) {
+    const auto other = register_link(image, l, library_[std::size_t(link)][std::size_t(nearest)].map, config_.holes);
     if (other && (!found || other->contrast_DN > found->contrast_DN)) found = other;
   }
   if (found) last_[std::size_t(link)] = *found;
@@ -16133,11 +16222,12 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
   int count = 0;
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
-    const auto map = find(l, own, image);
+    const auto near = nearest(l, own);
+    const auto map = find(l, near.first, image);
     if (!map) continue;
     const Grid green = read(l, *map, image);
     auto& all = library_[std::size_t(l)];
-    if (const auto near = nearest(l, own); near.first >= 0) {
+    if (near.first >= 0) {
       steps_[std::size_t(l)].push_back(levelled(green - all[std::size_t(near.first)].green).cwiseAbs());
       noise_[std::size_t(l)].resize(0, 0);
     }
@@ -16169,8 +16259,8 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
-    const auto map = find(l, own, image);
     const auto near = nearest(l, own);
+    const auto map = find(l, near.first, image);
     const bool known = map && near.first >= 0 && near.second <= config_.max_joint_step_rad;
     e.seen.push_back(known);
     e.reference.push_back(known ? near.first : -1);
@@ -16183,8 +16273,7 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
 template <class Vector2d>
 inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
-  const HandLink& l = links_[std::size_t(link)];
-  const double cell = (l.y_high_m - l.y_low_m) / along * (l.z_high_m - l.z_low_m) / across;
+  const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
   const auto index = [&, n = across](int i, int j) { return std::size_t(i) * std::size_t(n) + std::size_t(j); };
   const auto strong = [&](int i, int j) { return std::abs(residual(i, j)) > config_.edge * sigma(i, j); };   // false for NaN
@@ -16211,7 +16300,7 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
             c.cells.emplace_back(p, q);
           }
       }
-      c.area_m2 = cell * double(c.cells.size());
+      c.area_m2 = cell_length * cell_height * double(c.cells.size());
       if (noises < config_.threshold || c.area_m2 < config_.min_area_m2) continue;
       c.y_m /= weight, c.z_m /= weight;
       c.mean_DN = weight / double(c.cells.size());
@@ -16220,6 +16309,112 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
       contacts.push_back(std::move(c));
     }
 }
+
+}  // namespace lumo
+
+// ---- lumo/sense/hand_log.hpp
+
+namespace lumo {
+
+/// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
+template <class Matrix2Xd = Eigen::Matrix2Xd>
+inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
+  std::vector<HandLink> links;
+  std::vector<LinkMap> first;
+  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit<Matrix2Xd>(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  return {std::move(links), std::move(first), std::move(config)};
+}
+
+/// Positions of all joints over time, on the frames' clock, delay taken off. Throws InvalidArgument for samples of different size or order.
+template <class MatrixXd = Eigen::MatrixXd>
+inline TimeSeries joint_positions(std::span<const JointSample> samples, const Session& session) {
+  std::vector<std::int64_t> stamp;
+  MatrixXd position(samples.empty() ? 0 : samples.front().position_rad.size(), Eigen::Index(samples.size()));
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    const JointSample& s = samples[i];
+    if (s.position_rad.size() != position.rows()) throw InvalidArgument(detail::text("joint sample ", i, " has ", s.position_rad.size(), " joints, the first one has ", position.rows()));
+    stamp.push_back(session.joint_clock(s.stamp_ns) - std::llround(1e9 * session.joint_delay_s));
+    position.col(Eigen::Index(i)) = s.position_rad;
+  }
+  return {std::move(stamp), std::move(position)};
+}
+
+/// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a std::optional<HandEstimate>: nothing where the frame lies in a
+/// segment of kind "free" or "unloaded", and becomes a reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more than
+/// `max_gap_s` apart say nothing in between.
+template <Camera C, class Each>
+int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each, double max_gap_s = 0.1) {
+  int references = 0;
+  for (auto frame = camera.next(); frame; frame = camera.next()) {
+    const std::int64_t at = frame->stamp_ns - std::llround(1e9 * session.frame_delay_s);
+    const auto joints = positions.at(at, max_gap_s);
+    const bool free = std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
+      return (s.kind == "free" || s.kind == "unloaded") && frame->stamp_ns >= s.from_ns && frame->stamp_ns <= s.to_ns;
+    });
+    std::optional<HandEstimate> estimate;
+    if (free) references += joints && hand.add_reference(*joints, frame->image) > 0;
+    else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
+    each(estimate, frame->image);
+  }
+  return references;
+}
+
+/// What really pressed on a hand, frame by frame, as a lab's truth.csv tells: stamp_ns, link, y_mm, force_N, one row for each contact of a frame. Only whoever compares
+/// reads it.
+class HandTouches {
+ public:
+  struct Touch {
+    int link;
+    double y_m, force_N;
+  };
+
+  /// Throws InputError.
+  static HandTouches from_table(std::istream& in, const std::string& name) {
+    CsvReader csv(in, name);
+    const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
+    HandTouches t;
+    while (csv.next()) t.rows_.push_back({csv.integer(stamp), {int(csv.integer(link)), 1e-3 * csv.number(y), csv.number(force)}});
+    std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+    return t;
+  }
+  std::vector<Touch> at(std::int64_t stamp_ns) const {
+    std::vector<Touch> touches;
+    for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; }); row != rows_.end() && row->first == stamp_ns; ++row)
+      touches.push_back(row->second);
+    return touches;
+  }
+
+ private:
+  std::vector<std::pair<std::int64_t, Touch>> rows_;
+};
+
+/// How well a hand's contacts agree with the truth.
+struct HandScore {
+  int touches = 0;         ///< in all frames, of at least the least force
+  int found = 0;           ///< of them, those with a contact on their link within 8 mm, `near_m`
+  double mae_m = 0.0;      ///< along the link, over those found
+  int contacts = 0;        ///< that were told
+  int unfounded = 0;       ///< of them, those with no touch, however weak, so near on their link
+
+  static constexpr double near_m = 8.0_mm;
+
+  /// One frame.
+  void add(const HandEstimate& e, const std::vector<HandTouches::Touch>& truth, double least_N = 5.0) {
+    for (const auto& t : truth) {
+      if (t.force_N < least_N) continue;
+      ++touches;
+      double off = near_m;
+      bool hit = false;
+      for (const HandContact& c : e.contacts)
+        if (c.link == t.link && std::abs(c.y_m - t.y_m) <= off) off = std::abs(c.y_m - t.y_m), hit = true;
+      if (hit) mae_m += (off - mae_m) / double(++found);
+    }
+    for (const HandContact& c : e.contacts) {
+      ++contacts;
+      unfounded += std::none_of(truth.begin(), truth.end(), [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
+    }
+  }
+};
 
 }  // namespace lumo
 
@@ -16250,6 +16445,56 @@ Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::sp
   for (std::size_t i = 0; i < contacts.size(); ++i) a.col(Eigen::Index(i)) = jacobian.column(q, contacts[i]);
   return a;
 }
+
+}  // namespace lumo
+
+// ---- lumo/sense/planar_finger.hpp
+
+namespace lumo {
+
+/// A finger whose joints have parallel axes across it, its pad on the last link; at angle 0 all lie on one line along y, and positive angles turn the tip towards the
+/// pad's outward normal. With one joint it is the moment arm. Lengths in m.
+class PlanarFinger {
+ public:
+  /// `joint_to_joint_m`: from each joint's axis to the next one's; `joint_to_origin_m`: from the last one's to the pad's origin. Throws InvalidArgument.
+  PlanarFinger(std::vector<double> joint_to_joint_m, double joint_to_origin_m) : way_m_(std::move(joint_to_joint_m)), last_m_(joint_to_origin_m) {
+    if (way_m_.size() >= std::size_t(max_joints)) throw InvalidArgument(detail::text("planar finger has ", way_m_.size() + 1, " joints, must have at most ", max_joints));
+    for (const double l : way_m_) require_in_range("way from joint to joint", 1e3 * l, 0.0, 10000.0, "mm");
+    require_in_range("way from joint to origin", 1e3 * std::abs(last_m_), 0.0, 10000.0, "mm");
+  }
+
+  int joints() const { return int(way_m_.size()) + 1; }
+  int pad_link() const { return joints() - 1; }
+
+  /// Seen from a joint, the normal force at y acts on the way along the pad's link to y, and on that part of each link between which lies along the pad's.
+  template <class = void>
+  JointVector column(const JointVector& q, const ContactPoint& c) const {
+    check(q, c);
+    JointVector torque = JointVector::Constant(joints(), last_m_ + c.y_m);
+    double turn = 0.0;   // of the pad's link against the one looked at
+    for (int j = joints() - 2; j >= 0; --j) {
+      turn += q[j + 1];
+      torque.head(j + 1).array() += way_m_[std::size_t(j)] * std::cos(turn);
+    }
+    return torque;
+  }
+  template <class = void>
+  JointVector slope(const JointVector& q, const ContactPoint& c) const {
+    check(q, c);
+    return JointVector::Ones(joints());
+  }
+
+ private:
+  template <class = void>
+  void check(const JointVector& q, const ContactPoint& c) const {
+    if (c.link != pad_link()) throw InvalidArgument(detail::text("contact lies on link ", c.link, ", the planar finger's pad on link ", pad_link()));
+    if (q.size() != joints()) throw InvalidArgument(detail::text("planar finger has ", joints(), " joints, got ", q.size(), " angles"));
+  }
+  std::vector<double> way_m_;
+  double last_m_;
+};
+
+static_assert(ContactJacobian<PlanarFinger>);
 
 }  // namespace lumo
 
@@ -16944,8 +17189,8 @@ class Strip {
 
 inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
-  require_in_range("frame width", width, 1, 32768, "px");
-  require_in_range("frame height", height, 1, 32768, "px");
+  require_in_range("frame width", width, 1, max_image_side, "px");
+  require_in_range("frame height", height, 1, max_image_side, "px");
   require_in_range("row step", row_step, 1, height, "");
   require_in_range("band's upper limit", high_m, low_m, 10.0, "m");
   validate(bins);
@@ -17820,7 +18065,7 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
   if (n < 100 || !(high > 1.5 * low + 5.0)) throw InvalidArgument("photon transfer: signals are all alike, they tell no slope");
   // Variance of a variance is 2 σ⁴/pairs: weights by the signal, from a first look.
   Vector2d line(0.5, 0.02);
-  Identification fit;
+  Matrix2d covariance = Matrix2d::Zero();
   for (int k = 0; k < 4; ++k) {
     MatrixXd a(n, 2);
     VectorXd b(n);
@@ -17833,9 +18078,9 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
     const Matrix2d normal = a.transpose() * a;
     const Matrix2d inverse = normal.inverse();
     line = inverse * (a.transpose() * b);
-    fit.covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
+    covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
   }
-  const double sigma = std::sqrt(fit.covariance(1, 1));
+  const double sigma = std::sqrt(covariance(1, 1));
   return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};
 }
 
@@ -17928,7 +18173,8 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 template <class = void>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
-  if (!unloaded.empty()) leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(unloaded);
+  const double parallax = led_parallax(session);
+  if (!unloaded.empty()) leds = LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}.find(unloaded);
   if (!leds) throw InputError(detail::text(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
   const auto [low, high] = lit_band(unloaded, leds->map);
   return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
@@ -18130,14 +18376,15 @@ struct LogReference {
   std::vector<double> standstill_Nm;         ///< what may stick unseen
 };
 
-/// The probabilistic localiser for a whole finger. Contacts are sought on the pad's regions only: one near a free end lights the pad up to its end, and a bump that may lie
-/// beyond it would be put there. `bias_m`: how far bumps lie from contacts; chosen after seeds 1 to 10 of the virtual lab were seen, so these do not judge it.
+/// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
+/// the ends' mirror images were, by seeds 1 to 10 of the virtual lab, so these do not judge it.
 template <class = void>
-inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.2_mm) {
+inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.3_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
   c.from_m = -27.5_mm, c.to_m = 27.5_mm;
   c.bias_sigma_m = bias_m;
+  c.end_m = 30.0_mm;
   return c;
 }
 
@@ -18179,7 +18426,7 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
 /// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
 template <class MakeCamera, LocationEstimator L, ContactJacobian J>
 std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
-                                         const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0) {
+                                         const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
   if (samples.size() < 2 || reference.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
   Replay<Source> camera(make_camera());
@@ -18187,6 +18434,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
   using Estimator = ForceEstimator<Replay<Source>, Replay<RecordedActuator>, L, GreenProfile, J>;
   typename Estimator::Config config;
   config.torque = reference.torque;
+  config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
   config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
@@ -18250,7 +18498,7 @@ struct ForceScore {
 };
 
 template <ContactJacobian J>
-ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5) {
+ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -18267,7 +18515,7 @@ ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth
   }
   ForceScore score;
   score.samples = int(samples.size());
-  if (!samples.empty()) score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), 0, from_m, to_m, torque_sigma_Nm);
+  if (!samples.empty()) score.errors = force_errors(jacobian, std::span<const ForceSample>(samples), link, from_m, to_m, torque_sigma_Nm);
   score.coverage_90 = given > 0 ? double(covered) / given : 0.0;
   return score;
 }
@@ -19673,6 +19921,14 @@ class PadLight {
   const PadResponses& responses() const { return r_; }
   double reach_m() const { return r_.place_m[r_.place_m.size() - 1]; }
   double max_load_N() const { return r_.load_N[r_.load_N.size() - 1]; }
+  /// What the light must be multiplied by for a mean of `level` on the unloaded side over |y| ≤ 25 mm.
+  double scale_to(double level) const {
+    double sum = 0.0;
+    int bins = 0;
+    for (Eigen::Index b = 0; b < r_.position_m.size(); ++b)
+      if (std::abs(r_.position_m[b]) <= 25e-3) sum += r_.unloaded[b], ++bins;
+    return level * bins / sum;
+  }
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
@@ -20884,57 +21140,12 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
 
 }  // namespace lumo
 
-// ---- lumo/lab/draws.hpp
-
-namespace lumo {
-
-/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
-/// up to its mathematical functions' last bit.
-class Draws {
- public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
-
-  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
-  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
-  double normal() {
-    if (spare_) return spare_ = false, second_;
-    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
-    second_ = r * std::sin(a);
-    spare_ = true;
-    return r * std::cos(a);
-  }
-
- private:
-  std::uint64_t key_, count_ = 0;
-  double second_ = 0.0;
-  bool spare_ = false;
-};
-
-/// First-order Gauss–Markov noise of standard deviation 1.
-class SlowNoise {
- public:
-  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
-  /// At a time not before the last one.
-  double at(double t_s) {
-    const double keep = std::exp(-(t_s - t_s_) / time_s_);
-    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
-    t_s_ = t_s;
-    return value_;
-  }
-
- private:
-  Draws draws_;
-  double time_s_, value_, t_s_ = 0.0;
-};
-
-}  // namespace lumo
-
 // ---- lumo/lab/rig.hpp
 
 namespace lumo {
 
 // Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does). They were fixed before any decoder, localiser
-// or force estimator was run on a log of the lab; `noise` in LabRun multiplies all that is marked σ.
+// or force estimator was run on a log of the lab; the lab's `noise` multiplies all that is marked σ.
 
 /// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is recorded. The picture is its green plane.
 struct CameraRig {
@@ -20990,8 +21201,10 @@ struct SiliconeRig {
   std::array<double, 3> time_s{0.1, 1.0, 10.0};
 };
 
-/// One joint under local position control, with current for torque.
+/// The joints under local position control, with current for torque: one, or a second one alike before it.
 struct MotorRig {
+  int joints = 1;
+  double joint_to_joint_m = 45.0_mm;        ///< from the first of two to the second; assumed
   double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
   double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
@@ -21006,8 +21219,15 @@ struct MotorRig {
   double hz = 250.0;
 };
 
+/// How the pad at hand differs from the computed one.
+struct SpecimenRig {
+  double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;                 ///< power of its LEDs, relative
+};
+
 /// All of it.
 struct Rig {
+  SpecimenRig specimen;
   CameraRig camera;
   LightRig light;
   ContactRig contact;
@@ -21015,8 +21235,13 @@ struct Rig {
   MotorRig motor;
 };
 
+/// The lab's clock.
+inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
+
 /// Throws InvalidArgument for numbers that make no sense.
 inline void validate(const Rig& r) {
+  require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
+  require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
   require_in_range("width of the camera's window", r.camera.width, 32, 4096, "px");
   require_in_range("height of the camera's window", r.camera.height, 32, 4096, "px");
   require_positive("focal length", r.camera.focal_px, "px");
@@ -21024,6 +21249,8 @@ inline void validate(const Rig& r) {
   require_in_range("frame rate", r.camera.frames_per_s, 1.0, 1000.0, "1/s");
   require_in_range("gamma", r.camera.gamma, 0.2, 5.0, "");
   require_in_range("level of the unloaded side", r.camera.level_DN, 1.0, 250.0, "DN");
+  require_in_range("number of the rig's joints", r.motor.joints, 1, 2, "");
+  require_in_range("way from joint to joint", 1e3 * r.motor.joint_to_joint_m, 1.0, 1000.0, "mm");
   require_in_range("rate of the joint samples", r.motor.hz, 10.0, 10000.0, "1/s");
   require_in_range("rate of the force sensor", r.contact.sensor_hz, 1.0, 10000.0, "1/s");
   require_positive("torque constant", r.motor.torque_constant_Nm_per_A, "N·m/A");
@@ -21036,6 +21263,67 @@ inline void validate(const Rig& r) {
   }
   require_in_range("sum of the relaxing parts", sum, 0.0, 0.9, "");
 }
+
+}  // namespace lumo
+
+// ---- lumo/lab/draws.hpp
+
+namespace lumo {
+
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
+/// up to its mathematical functions' last bit.
+class Draws {
+ public:
+  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
+
+  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
+  /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
+  double normal() {
+    if (spare_) return spare_ = false, second_;
+    const double r = std::sqrt(-2.0 * std::log(uniform())), a = 2.0 * pi * uniform();
+    second_ = r * std::sin(a);
+    spare_ = true;
+    return r * std::cos(a);
+  }
+
+ private:
+  std::uint64_t key_, count_ = 0;
+  double second_ = 0.0;
+  bool spare_ = false;
+};
+
+/// First-order Gauss–Markov noise of standard deviation 1.
+class SlowNoise {
+ public:
+  SlowNoise(Draws draws, double time_s) : draws_(draws), time_s_(time_s), value_(draws_.normal()) {}
+  /// At a time not before the last one.
+  double at(double t_s) {
+    const double keep = std::exp(-(t_s - t_s_) / time_s_);
+    value_ = keep * value_ + std::sqrt(1.0 - keep * keep) * draws_.normal();
+    t_s_ = t_s;
+    return value_;
+  }
+
+ private:
+  Draws draws_;
+  double time_s_, value_, t_s_ = 0.0;
+};
+
+/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as the rig has them. Takes the streams `first`
+/// and `first` + 2.
+class LampNoise {
+ public:
+  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first) : drift_(rig.lamp_drift), white_(rig.lamp_white), slow_(Draws(seed, first), rig.lamp_drift_s), fast_(seed, first + 2) {}
+  double at(double t_s) {
+    const double slow = drift_ * slow_.at(t_s);
+    return slow + white_ * fast_.normal();
+  }
+
+ private:
+  double drift_, white_;
+  SlowNoise slow_;
+  Draws fast_;
+};
 
 }  // namespace lumo
 
@@ -21411,7 +21699,7 @@ class VirtualRig {
   void lay_out_time();
   void add_segment(double from_s, double to_s, const char* kind) {
     Segment s;
-    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
     session_.segments.push_back(s);
   }
   void deform();
@@ -21422,7 +21710,6 @@ class VirtualRig {
   template <class = void>
   void record_frames();
   Sampled at(double t_s) const;
-  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
 
   const PadLight* light_;
   LabPlan plan_;
@@ -21442,7 +21729,7 @@ class VirtualRig {
   std::vector<JointSample> joints_;
   std::vector<WrenchSample> wrenches_;
   std::vector<MarkerSample> markers_;
-  double end_s_ = 0.0, per_DN_ = 1.0;
+  double end_s_ = 0.0, DN_per_power_ = 1.0;
 };
 
 /// The rig's camera as frames come from it. The rig stays the caller's.
@@ -21477,23 +21764,21 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
-      require_in_range("load of a contact", s.load_N, 0.0, light.max_load_N(), "N");
+      require_in_range("load of a contact", s.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
       require_positive("time to reach a load", s.ramp_s, "s");
     }
   }
   const PadResponses& r = light.responses();
-  double sum = 0.0;
-  int bins = 0;
-  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
-    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
-  per_DN_ = rig_.camera.level_DN * bins / sum;
+  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
-  session_.torque_constant_Nm_per_A = {rig_.motor.torque_constant_Nm_per_A};
+  session_.led_depth_m = side_.half_width_m, session_.camera_distance_m = rig_.camera.distance_m;
+  session_.torque_constant_Nm_per_A.assign(std::size_t(rig_.motor.joints), rig_.motor.torque_constant_Nm_per_A);
+  if (rig_.motor.joints == 2) session_.joint_to_joint_m = {rig_.motor.joint_to_joint_m};
   draw_contacts();
   lay_out_time();
   deform();
@@ -21508,7 +21793,7 @@ inline void VirtualRig::draw_contacts() {
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(std::min(1.0, rig_.specimen.stiffness) * light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -21529,7 +21814,7 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
       Segment g;
-      g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
+      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
       g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
       t += s.hold_s;
@@ -21554,7 +21839,7 @@ inline void VirtualRig::deform() {
       s = {p.from_N + (p.to_N - p.from_N) * std::clamp((t - p.from_s) / (p.to_s - p.from_s), 0.0, 1.0), 0.0, p.contact};
     const int place = s.contact < 0 ? -1 : plan_.contacts[std::size_t(s.contact)].place;
     for (int k = 0; k < places; ++k) {
-      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N : 0.0, dt);
+      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N / rig_.specimen.stiffness : 0.0, dt);
       if (k == place) s.equivalent_N = equivalent;
     }
     sampled_.push_back(s);
@@ -21570,34 +21855,46 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
   return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+/// Joint by joint: what sticks and errs is each one's own.
 template <class>
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
-  Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
-  const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
   const double dt = 1.0 / m.hz;
-  double rest_stick = 0.0, last_load = 0.0;
-  int last = -1;
-  bool moving = false;
-  for (std::size_t i = 0; i < sampled_.size(); ++i) {
-    const double t = double(i) * dt;
-    const Sampled& s = sampled_[i];
-    if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
-    last = s.contact;
-    const double arm = s.contact < 0 ? 0.0 : m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
-    double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : contacts_[std::size_t(s.contact)].stick_Nm;
-    if (i == 0) v = 0.0;
-    last_load = load;
-    if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
-      const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-      q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
-      if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
-      moving = phase < 1.0;
-      friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
+  for (int joint = 0; joint < m.joints; ++joint) {
+    const bool last_joint = joint + 1 == m.joints;
+    const std::uint64_t stream = last_joint ? 2 : 60;
+    Draws once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
+    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+    // Both hold the same angle, so that the pad's link is turned against the one before it.
+    const double before = last_joint ? 0.0 : m.joint_to_joint_m * std::cos(m.hold_rad);
+    std::vector<double> sticks;   // under each contact
+    for (const Contact& c : contacts_) sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    double rest_stick = 0.0, last_load = 0.0;
+    int last = -1;
+    bool moving = false;
+    for (std::size_t i = 0; i < sampled_.size(); ++i) {
+      const double t = double(i) * dt;
+      const Sampled& s = sampled_[i];
+      if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+      last = s.contact;
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
+      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
+      if (i == 0) v = 0.0;
+      last_load = load;
+      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
+        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+        q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+        if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+        moving = phase < 1.0;
+        friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+      }
+      const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      JointSample& sample = joints_[i];
+      sample.position_rad[joint] = q;
+      sample.velocity_rad_per_s[joint] = v + noise_ * m.velocity_sigma_rad_per_s * draws.normal();
+      sample.effort[joint] = torque / constant;
     }
-    const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
-    joints_.push_back({stamp(t), JointVector::Constant(1, q), JointVector::Constant(1, v + noise_ * m.velocity_sigma_rad_per_s * draws.normal()), JointVector::Constant(1, torque / constant),
-                       Effort::current_A});
   }
 }
 
@@ -21611,9 +21908,9 @@ inline void VirtualRig::record_forces() {
     const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
     const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
     const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
-    wrenches_.push_back({stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
+    wrenches_.push_back({lab_stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
     const double sunk = s.contact < 0 ? 0.0 : light_->depth_m(y, s.equivalent_N);
-    markers_.push_back({stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
+    markers_.push_back({lab_stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
   }
 }
 
@@ -21627,8 +21924,8 @@ inline void VirtualRig::record_frames() {
   for (const LabView& v : plan_.views)
     painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
                            light_->responses().position_m, seed_);
-  SlowNoise lamp(Draws(seed_, 8), l.lamp_drift_s), room(Draws(seed_, 9), l.ambient_drift_s);
-  Draws white(seed_, 10);
+  LampNoise lamps(l, seed_, 8);
+  SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
   for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
@@ -21639,17 +21936,15 @@ inline void VirtualRig::record_frames() {
         view = plan_.contacts[std::size_t(p.contact)].view;
         break;
       }
-    TruthSample truth{stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
+    TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
       truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
     }
-    char name[32];
-    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
-    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
-    lamps_.push_back(plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal())));
+    lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
@@ -21659,7 +21954,7 @@ inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
-  light *= per_DN_ * lamps_[k];
+  light *= DN_per_power_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
 }
 
@@ -21669,8 +21964,8 @@ inline Image VirtualRig::image(std::size_t k) const {
 
 namespace lumo {
 
-/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed, and was
-/// fixed before any hand was observed with it.
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
+/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
 struct HandRig {
   int width = 640, height = 480;                     ///< of the picture [px]
   double scale_m_per_px = 0.55_mm;
@@ -21707,16 +22002,20 @@ struct HandPlan {
   std::vector<HandGrasp> grasps;
 };
 
-/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm.
-inline HandPlan hand_plan(std::uint64_t seed, int count = 12) {
+/// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where `step_m` is not 0, at its nearest multiple.
+inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
   require_in_range("number of grasps", count, 1, 1000, "");
+  require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
   HandPlan plan;
   Draws draws(seed, 40);
   for (int g = 0; g < count; ++g) {
     HandGrasp grasp;
     for (double& q : grasp.joints_rad) q = plan.low_rad + (plan.high_rad - plan.low_rad) * (0.1 + 0.8 * draws.uniform());
     const int links = 1 + g % 4, first = int(4.0 * draws.uniform());
-    for (int k = 0; k < links; ++k) grasp.touches.push_back({(first + k) % 4, (2.0 * draws.uniform() - 1.0) * 22.0_mm, 5.0 + 10.0 * draws.uniform()});
+    for (int k = 0; k < links; ++k) {
+      const double y = (2.0 * draws.uniform() - 1.0) * 22.0_mm;
+      grasp.touches.push_back({(first + k) % 4, step_m > 0.0 ? step_m * std::round(y / step_m) : y, 5.0 + 10.0 * draws.uniform()});
+    }
     std::sort(grasp.touches.begin(), grasp.touches.end(), [](const HandTouch& a, const HandTouch& b) { return a.link < b.link; });
     plan.grasps.push_back(std::move(grasp));
   }
@@ -21742,7 +22041,7 @@ inline std::string truth_text(const std::vector<HandTruth>& truth) {
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
 class HandLab {
  public:
-  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a link that leaves the picture.
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
   template <class = void>
   HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
@@ -21771,12 +22070,21 @@ class HandLab {
     keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
   }
   HandTruth at(double t_s) const;
-  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
+  template <class = void>
+  void require_seen(const HandJoints& joints) const {
+    for (int l = 0; l < 4; ++l)
+      for (const double y : {-side_.half_length_m, side_.half_length_m})
+        for (const double z : {-hand_.carrier_m, side_.high_m}) {
+          const auto p = map(l, joints).pixel(y, z);
+          if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
+            throw InvalidArgument(detail::text("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
+        }
+  }
 
   const PadLight* light_;
   HandPlan plan_;
   std::uint64_t seed_;
-  double noise_, per_DN_ = 1.0;
+  double noise_, DN_per_power_ = 1.0;
   Rig rig_;
   HandRig hand_;
   SideGeometry side_;
@@ -21813,18 +22121,16 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
   require_positive("speed of the hand's joints", plan_.speed_rad_per_s, "rad/s");
-  for (const HandGrasp& g : plan_.grasps)
+  for (const HandGrasp& g : plan_.grasps) {
+    require_seen(g.joints_rad);
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
       require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, light.max_load_N(), "N");
+      require_in_range("load of a touch", c.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
     }
+  }
   const PadResponses& r = light.responses();
-  double sum = 0.0;
-  int bins = 0;
-  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
-    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
-  per_DN_ = rig_.camera.level_DN * bins / sum;
+  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
 
   // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
   const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
@@ -21872,7 +22178,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
   const auto segment = [&](double from_s, double to_s, const char* kind) {
     Segment s;
-    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
     session_.segments.push_back(s);
   };
   segment(0.0, free_s, "free");
@@ -21880,22 +22186,21 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
 
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
-  SlowNoise lamp(Draws(seed_, 48), l.lamp_drift_s), room(Draws(seed_, 49), l.ambient_drift_s);
-  Draws white(seed_, 50), jitter(seed_, 51), read(seed_, 52);
+  LampNoise lamps(l, seed_, 48);
+  SlowNoise room(Draws(seed_, 49), l.ambient_drift_s);
+  Draws jitter(seed_, 51), read(seed_, 52);
   for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
     HandTruth truth = at(t);
-    truth.stamp_ns = stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
-    char name[32];
-    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
-    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
+    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(std::move(truth));
-    lamps_.push_back(1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal()));
+    lamps_.push_back(rig_.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
   }
   HandJoints before = keys_.front().joints;
   for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
     const HandTruth now = at(t);
-    JointSample s{stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
+    JointSample s{lab_stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
@@ -21930,10 +22235,10 @@ inline Image HandLab::image(std::size_t k) const {
   for (int l = 0; l < 4; ++l) {
     VectorXd light = light_->responses().unloaded;
     for (const HandTouch& c : truth.touches)
-      if (c.link == l) light += light_->change(c.y_m, c.load_N, 0.0);
+      if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
     const LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
-    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, DN_per_power_ * lamps_[k] * light});
   }
   const VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
@@ -22120,10 +22425,9 @@ template <class = void>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
-  std::ifstream in(path, std::ios::binary);
-  const std::string text((std::istreambuf_iterator<char>(in)), {});
-  if (!in) throw InputError(detail::text(path, ": cannot be read"));
-  return pad_responses_from_text(text, key, path);
+  const auto text = detail::read_whole(path);
+  if (!text) throw InputError(detail::text(path, ": cannot be read"));
+  return pad_responses_from_text(*text, key, path);
 }
 
 /// The whole file or none. Throws InputError.

@@ -1,6 +1,7 @@
 #include "program/lab.hpp"
 
 #include "lumo/core/write_whole.hpp"
+#include "lumo/lab/hand_lab.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/morphology/finger.hpp"
@@ -97,6 +98,9 @@ PressCurve press_curve(const RecordedLog& log) {
   return curve;
 }
 
+bool in_contact(const TruthSample& s) { return s.contact >= 0; }
+bool in_contact(const HandTruth& s) { return !s.touches.empty(); }
+
 Json interval(const Interval& i) { return {{"value", number(i.value)}, {"low", number(i.low)}, {"high", number(i.high)}}; }
 
 }  // namespace
@@ -133,27 +137,51 @@ std::string calibrate(const Options& typed, Progress& progress) {
   }
 }
 
-std::string lab(const Options& o, Progress& progress) {
-  NewFolder folder(o.log);
-  const PadLight light(responses(o, progress));
-  const VirtualRig rig(light, plan_of(o.command), std::uint64_t(o.seed), o.noise, {}, side_geometry(finger(FingerDesign::from(o.theta_mm), silicone(o.material))));
+namespace {
+
+/// The log that a virtual rig or hand leaves, and its truth beside it.
+template <class Lab>
+void leave(const Lab& rig, RecordedLog log, NewFolder& folder, Progress& progress) {
   progress.stage("pictures", int(rig.frames().size()));
   for (std::size_t k = 0; k < rig.frames().size(); ++k) {
     write_image((folder.path() / "frames" / rig.frames()[k].file).string(), rig.image(k).view());
     progress.step();
   }
-  write_log_folder({folder.path().string(), rig.session(), rig.frames(), rig.joints(), rig.wrenches(), rig.markers(), {}});
+  log.path = folder.path().string();
+  log.session = rig.session(), log.frames = rig.frames(), log.joints = rig.joints();
+  write_log_folder(log);
   lumo::detail::write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
   folder.keep();
   progress.finish();
+}
 
-  int touched = 0;
-  for (const TruthSample& s : rig.truth()) touched += s.contact >= 0;
-  if (o.json)
-    return Json{{"out", o.log}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {"contacts", rig.plan().contacts.size()}, {"joint_samples", rig.joints().size()},
-                {"seed", o.seed}, {"noise", o.noise}}.dump(2) + "\n";
-  return lumo::detail::text(o.log, ": ", rig.plan().title, "; ", rig.plan().contacts.size(), " contacts, ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
-                            " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
+}  // namespace
+
+std::string lab(const Options& o, Progress& progress) {
+  NewFolder folder(o.log);
+  const PadLight light(responses(o, progress));
+  const SideGeometry side = side_geometry(finger(FingerDesign::from(o.theta_mm), silicone(o.material)));
+  const auto seed = std::uint64_t(o.seed);
+  Rig instruments;
+  instruments.specimen = {o.stiffness, o.lamps};
+  instruments.motor.joints = o.joints;
+  const auto told = [&](const auto& rig, const char* what, std::size_t count) {
+    const auto touched = std::count_if(rig.truth().begin(), rig.truth().end(), [](const auto& t) { return in_contact(t); });
+    if (o.json)
+      return Json{{"out", o.log}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {what, count}, {"joint_samples", rig.joints().size()}, {"seed", o.seed}, {"noise", o.noise}}.dump(2) + "\n";
+    return lumo::detail::text(o.log, ": ", rig.plan().title, "; ", count, " ", what, ", ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
+                              " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
+  };
+  if (o.command == Command::lab_hand) {
+    const HandLab hand(light, hand_plan(seed, 12, o.coarse ? 13.0_mm : 0.0), seed, o.noise, instruments, {}, side);
+    leave(hand, {}, folder, progress);
+    return told(hand, "grasps", hand.plan().grasps.size());
+  }
+  const VirtualRig rig(light, plan_of(o.command), seed, o.noise, instruments, side);
+  RecordedLog log;
+  log.wrenches = rig.wrenches(), log.markers = rig.markers();
+  leave(rig, std::move(log), folder, progress);
+  return told(rig, "contacts", rig.plan().contacts.size());
 }
 
 }  // namespace lumo::program

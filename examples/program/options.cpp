@@ -21,7 +21,7 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, cache, camera, compression;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, joints, stiffness, lamps, cache, camera, compression;
   std::string clearance, plate, wall, strip_width, strip_height, gate, vent;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
@@ -149,7 +149,7 @@ CastingOptions read_casting(const Typed& t) {
   return o;
 }
 
-bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::calibrate || c == Command::convert; }
+bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::hand || c == Command::calibrate || c == Command::convert; }
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
@@ -168,6 +168,10 @@ void read(Options& o, const Typed& t) {
   if (!t.decoder.empty()) o.decoder = one_of("--decoder", t.decoder, {"nearest", "linear", "gp", "bayes"});
   if (!t.localizer.empty()) o.localizer = one_of("--localizer", t.localizer, {"bayes", "peak"});
   if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
+  if (!t.joints.empty()) o.joints = whole_number("--joints", t.joints, 1, 2);
+  if (!t.stiffness.empty()) o.stiffness = in_range("--stiffness", t.stiffness, {0.8, 2.0}, "");
+  if (o.stiffness < 1.0 && o.command == Command::lab_force) throw UsageError(lumo::detail::text("--stiffness is ", o.stiffness, ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
+  if (!t.lamps.empty()) o.lamps = in_range("--lamps", t.lamps, {0.1, 3.0}, "");
   if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
   if (!t.cache.empty()) o.cache = t.cache;
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
@@ -248,12 +252,12 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 28> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
+  static constexpr std::array<std::string_view, 30> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
                                                              "campaign select", "campaign report", "study carrier",   "study void",      "study readings",
                                                              "study solver",    "doctor",          "lab recontact",   "lab cycle",       "lab imaging",
-                                                             "lab force",       "decode",          "metrics",         "locate",          "force",
-                                                             "calibrate",       "convert"};
+                                                             "lab force",       "lab hand",        "decode",          "metrics",         "locate",
+                                                             "force",           "hand",            "calibrate",       "convert"};
   return names[std::size_t(command)];
 }
 
@@ -368,11 +372,14 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     threads(c);
     common(c);
   };
-  const auto lab = [&](CLI::App* c) {
+  const auto lab = [&](CLI::App* c, Command command) {
     theta(c);
     text_option(c, "--material", t.material, "Silicone: Sol (Solaris, default) or DS (Dragon Skin)", "NAME");
     text_option(c, "--seed", t.seed, "Of everything random, default 1", "N");
     text_option(c, "--noise", t.noise, "Times the rig's noises, default 1", "N");
+    if (command == Command::lab_force) text_option(c, "--joints", t.joints, "Of the finger: 1 (default), or 2, whose torques alone tell the place, too", "N");
+    text_option(c, "--stiffness", t.stiffness, "Of this specimen's silicone, times the nominal one, 0.8 to 2, default 1", "N");
+    text_option(c, "--lamps", t.lamps, "Power of this specimen's LEDs, times the nominal one, 0.1 to 3, default 1", "N");
     text_option(c, "--cache", t.cache, "Folder that keeps computed responses, default: beside DIR", "DIR");
     c->add_flag("--coarse", o.coarse, "Coarse mesh, few places, few rays: seconds instead of minutes, for trying out")->disable_flag_override();
     text_option(c, "--out", t.out, "Folder of the log; must not be there, or be empty", "DIR");
@@ -415,7 +422,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
                          Entry{Command::decode, "Place from regional responses, one repetition left out"},
                          Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
-                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
+                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::hand, "Contacts on all links of a hand at once"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
                          Entry{Command::convert, "A log's folder as an MCAP file, as ROS 2 has them, or the other way round"},
                          Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
@@ -446,7 +453,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::campaign_report, "One HTML page with charts and the chosen pad in 3-D"},
                          Entry{Command::lab_recontact, "Six places, five re-contacts each, up to 15 N"},
                          Entry{Command::lab_cycle, "Cycles within contact at three places"}, Entry{Command::lab_imaging, "Other camera places, other room light, LEDs off"},
-                         Entry{Command::lab_force, "Six sequences up to 20 N, with joint torque"},
+                         Entry{Command::lab_force, "Six sequences up to 20 N, with joint torque"}, Entry{Command::lab_hand, "Grasps of two fingers with two links each, seen from beside"},
                          Entry{Command::study_carrier, "Each design against pads without a carrier in them"}, Entry{Command::study_void, "Each design against itself without lateral voids"},
                          Entry{Command::study_readings, "How far results move with each reading of what the paper leaves open (some 10 min a design on two cores)"},
                          Entry{Command::study_solver, "One press by the paper's solver and by equilibrium: depth, residual, distance (1 mm, five loads: some 20 min of one processor)"}}) {
@@ -454,7 +461,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     CLI::App* const g = whole.starts_with("campaign") ? campaigns : whole.starts_with("lab") ? labs : studies;
     CLI::App* c = g->add_subcommand(std::string(whole.substr(g->get_name().size() + 1)), e.help);
     if (g == campaigns) campaign(c, e.command);
-    else if (g == labs) lab(c);
+    else if (g == labs) lab(c, e.command);
     else if (e.command == Command::study_solver) {
       design(c);
       scenario(c);

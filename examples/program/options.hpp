@@ -16,7 +16,7 @@
 namespace lumo::program {
 
 enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_readings, study_solver, doctor,
-                     lab_recontact, lab_cycle, lab_imaging, lab_force, decode, metrics, locate, force, calibrate, convert };
+                     lab_recontact, lab_cycle, lab_imaging, lab_force, lab_hand, decode, metrics, locate, force, hand, calibrate, convert };
 enum class Ensemble { flat, curved };
 
 inline constexpr int most_designs = 500;   ///< of a study
@@ -58,6 +58,8 @@ struct Options {
   std::string localizer = "bayes";
   double from_N = 5.0;                   ///< force from which a location counts
   double noise = 1.0;                    ///< of the virtual lab, times the rig's
+  int joints = 1;                        ///< of the virtual lab's rig
+  double stiffness = 1.0, lamps = 1.0;   ///< of the virtual lab's specimen, times the computed pad's
   bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
   std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
   std::optional<int> camera;             ///< number of a live one

@@ -5,13 +5,14 @@
 #include "lumo/sense/cross_validation.hpp"
 #include "lumo/sense/bayes_decoder.hpp"
 #include "lumo/sense/linear_decoder.hpp"
-#include "lumo/sense/moment_arm.hpp"
 #include "lumo/sense/nearest_template.hpp"
 #include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/planar_finger.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
 #include "program/convert.hpp"
+#include "program/hand.hpp"
 #include "program/json.hpp"
 #include "program/lab.hpp"
 #include "program/sensing_log.hpp"
@@ -53,18 +54,6 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
 }
 
 namespace {
-
-Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
-
-/// A command's words on InvalidArgument are about the log, not about the command line.
-template <class Work>
-auto about(const std::string& path, Work work) {
-  try {
-    return work();
-  } catch (const InvalidArgument& e) {
-    throw InputError(path + ": " + e.what());
-  }
-}
 
 /// The truth where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
 LogTruth truth_of(const OpenLog& log) {
@@ -232,16 +221,21 @@ std::string force(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
   identify_joints(reference, s.joints, s.log.session, s.stretch.to_ns);
-  if (reference.torque.size() > 1) throw InputError(o.log + ": lumo force reads logs of one joint, this one has " + std::to_string(reference.torque.size()));
-  const MomentArm arm{s.log.session.joint_to_origin_m};
+  const PlanarFinger finger(s.log.session.joint_to_joint_m, s.log.session.joint_to_origin_m);
+  if (!reference.torque.empty() && int(reference.torque.size()) != finger.joints())
+    throw InputError(lumo::detail::text(s.log.session_place(), ": joint_to_joint_mm tells of ", finger.joints(), finger.joints() == 1 ? " joint" : " joints", ", the samples have ", reference.torque.size()));
   const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
   const auto estimates = about(o.log, [&] {
     return with_localizer(o, s, reference.unloaded, [&](const auto& l) {
-      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, arm, s.log.session, map_sigma);
+      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, finger, s.log.session, map_sigma, finger.pad_link());
     });
   });
+  const Eigen::VectorXd residual = ContactTorques(s.joints, reference.torque).residual();   // positions, torques
+  const Eigen::Index joints = residual.size() / 2;
+  const double off_rad = residual.head(joints).maxCoeff(), off_Nm = residual.tail(joints).maxCoeff();
+  const double clock_s = s.log.session.joint_clock.residual_s;
   const LogTruth truth = truth_of(s.log);
-  const ForceScore score = force_score(estimates, truth, arm, -25.0_mm, 25.0_mm, reference.torque.front().noise_Nm);
+  const ForceScore score = force_score(estimates, truth, finger, -25.0_mm, 25.0_mm, reference.torque.front().noise_Nm, 0.5, finger.pad_link());
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
   std::vector<Point> line, points;
   std::vector<double> times;
@@ -269,10 +263,12 @@ std::string force(const Options& o, Output& files, Progress& progress) {
     return Json{{"samples", score.samples},
                 {"mae_N", {{"fused", number(mae(e.fused))}, {"optical", number(mae(e.optical))}, {"fixed_arm", number(mae(e.fixed_arm))}, {"known_location", number(mae(e.known_location))}, {"torque_only", number(mae(e.torque_only))}}},
                 {"coverage_90", score.samples > 0 ? number(score.coverage_90) : Json(nullptr)},
-                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}}}.dump(2) + "\n";
+                {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
+                {"alignment", {{"clock_s", number(clock_s)}, {"position_rad", number(off_rad)}, {"torque_Nm", number(off_Nm)}}}}.dump(2) + "\n";
   return lumo::detail::text(score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
                             cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2), "\n90 % interval holds the truth in ",
-                            cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\n");
+                            cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\nalignment    joints at the pictures' times are off by ", cell(1e3 * off_rad, 2), " mrad, ",
+                            cell(1e3 * off_Nm, 1), " mN·m (what interpolation leaves)", clock_s > 0.0 ? lumo::detail::text(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
 }
 
 // doctor --camera
@@ -313,7 +309,9 @@ std::string sense(const Options& o, Output& files, Progress& progress, char**) {
     case Command::lab_recontact:
     case Command::lab_cycle:
     case Command::lab_imaging:
-    case Command::lab_force: return lab(o, progress);
+    case Command::lab_force:
+    case Command::lab_hand: return lab(o, progress);
+    case Command::hand: return hand(o, files, progress);
     case Command::calibrate: return calibrate(o, progress);
     case Command::convert: return convert(o, progress);
     default: break;

@@ -8,7 +8,7 @@
 
 namespace lumo::program {
 
-/// The commands that need OpenCV: decode, metrics, locate, force and calibrate on a log's folder, lab, which makes one, and doctor with a camera, looked
+/// The commands that need OpenCV: decode, metrics, locate, force, hand and calibrate on a log's folder, lab, which makes one, and doctor with a camera, looked
 /// through for two seconds. Returns what is to be printed; tables and pictures go into `files`.
 ///
 /// OpenCV and the fifty libraries below it take a quarter of a second to load. So they are in a program of their own, lumo-sensing: there this runs the

@@ -68,6 +68,16 @@ struct SensedLog {
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };
 
+/// A command's words on InvalidArgument are about the log, not about the command line.
+template <class Work>
+auto about(const std::string& path, Work work) {
+  try {
+    return work();
+  } catch (const InvalidArgument& e) {
+    throw InputError(path + ": " + e.what());
+  }
+}
+
 /// Throws InputError.
 SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress);
 

@@ -32,7 +32,7 @@ class Lab(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
         cls.folder = pathlib.Path(tempfile.mkdtemp())
-        for kind in ["recontact", "cycle", "imaging", "force"]:
+        for kind in ["recontact", "cycle", "imaging", "force", "hand"]:
             done = run("lab", kind, "--coarse", "--quiet", "--json", "--seed", 1, "--out", cls.folder / kind, "--cache", cls.folder / "cache")
             assert done.returncode == 0, done.stderr
             setattr(cls, kind, json.loads(done.stdout))
@@ -136,7 +136,9 @@ class Lab(unittest.TestCase):
     def test_force(self):
         out = self.folder / "f"
         r = self.result("force", self.folder / "force", "--out", out)
-        self.assertEqual(list(r), ["samples", "mae_N", "coverage_90", "frame_ms"])
+        self.assertEqual(list(r), ["samples", "mae_N", "coverage_90", "frame_ms", "alignment"])
+        self.assertGreater(r["alignment"]["torque_Nm"], 0.05)   # what the rig's current sensor scatters by, and more
+        self.assertLess(r["alignment"]["torque_Nm"], 0.15)
         self.assertEqual(list(r["mae_N"]), ["fused", "optical", "fixed_arm", "known_location", "torque_only"])
         self.assertIsNone(r["mae_N"]["torque_only"])   # one joint does not tell
         self.assertGreater(r["mae_N"]["fixed_arm"], r["mae_N"]["known_location"])
@@ -145,12 +147,78 @@ class Lab(unittest.TestCase):
             for key in ["force_N", "force_sigma_N", "y_mm"]:
                 self.assertTrue(row[key] == "" or math.isfinite(float(row[key])))
 
+    def test_two_joints_tell_the_place_by_their_torques(self):
+        log = self.folder / "two"
+        done = run("lab", "force", "--coarse", "--quiet", "--joints", 2, "--noise", 0.5, "--out", log, "--cache", self.folder / "cache")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(json.loads((log / "session.json").read_text())["joint_to_joint_mm"], [45.0])
+        r = self.result("force", log)
+        self.assertIsNotNone(r["mae_N"]["torque_only"])
+        self.assertGreater(r["mae_N"]["torque_only"], r["mae_N"]["known_location"])   # a quotient of two noisy torques
+        self.assertLess(r["mae_N"]["known_location"], r["mae_N"]["fixed_arm"])
+        session = json.loads((log / "session.json").read_text())
+        session["joint_to_joint_mm"] = []
+        (log / "session.json").write_text(json.dumps(session))
+        self.refused(BAD_FILE, ["joint_to_joint_mm", "1 joint", "2"], "force", log, "--quiet")
+
+    def test_hand(self):
+        log, out = self.folder / "hand", self.folder / "h"
+        self.assertEqual(sorted(p.name for p in log.iterdir()), ["frames", "frames.csv", "joint.csv", "session.json", "truth.csv"])
+        r = self.result("hand", log, "--out", out)
+        self.assertEqual(list(r), ["frames", "references", "links", "score", "contacts"])
+        self.assertEqual(r["frames"] + r["references"], self.hand["frames"])
+        self.assertEqual([link["name"] for link in r["links"]], ["left proximal", "left distal", "right proximal", "right distal"])
+        self.assertTrue(all(link["seen"] > 0.98 * r["frames"] for link in r["links"]))
+        rows = rows_of(out / "contacts.csv")
+        self.assertEqual([(row["stamp_ns"], row["link"]) for row in rows], [(str(c["stamp_ns"]), str(c["link"])) for c in r["contacts"]])
+        truth, found, errors = {}, 0, []
+        for row in rows_of(log / "truth.csv"):
+            truth.setdefault(row["stamp_ns"], []).append(row)
+        touches = [t for rows in truth.values() for t in rows if float(t["force_N"]) >= 5 and int(t["stamp_ns"]) >= min(int(c["stamp_ns"]) for c in r["contacts"])]
+        for t in touches:
+            off = [abs(float(row["y_mm"]) - float(t["y_mm"])) for row in rows if (row["stamp_ns"], row["link"]) == (t["stamp_ns"], t["link"])]
+            if off and min(off) <= 8:
+                errors.append(min(off))
+        self.assertEqual((r["score"]["touches"], r["score"]["found"]), (len(touches), len(errors)))   # by another hand
+        self.assertAlmostEqual(r["score"]["mae_mm"], sum(errors) / len(errors), places=9)
+        self.assertGreater(len(errors), 0.9 * len(touches))
+        near = lambda row: any(row["link"] == t["link"] and abs(float(row["y_mm"]) - float(t["y_mm"])) <= 8 for t in truth.get(row["stamp_ns"], []))
+        self.assertEqual(r["score"]["unfounded"], sum(not near(row) for row in rows))   # coarse light has bumps of its own: nothing is said of how many
+        pictures = sorted(p.name for p in out.iterdir())
+        self.assertEqual(pictures[-2:], ["contacts.csv", "contacts.svg"])
+        self.assertEqual(pictures[:-2], [f"contact_{k:03d}.png" for k in range(len(pictures) - 2)])
+        self.assertGreaterEqual(len(pictures) - 2, 12)   # twelve grasps
+        self.result("convert", log, self.folder / "hand.mcap")
+        self.assertEqual(self.result("hand", self.folder / "hand.mcap"), r)
+        bare = self.folder / "no_truth"
+        shutil.copytree(log, bare)
+        os.remove(bare / "truth.csv")
+        blind = self.result("hand", bare)
+        self.assertIsNone(blind["score"])
+        self.assertEqual(blind["contacts"], r["contacts"])
+        session = json.loads((bare / "session.json").read_text())
+        session["segments"] = [s for s in session["segments"] if s["kind"] != "free"]
+        (bare / "session.json").write_text(json.dumps(session))
+        self.refused(BAD_FILE, ["no_truth", "unloaded hand"], "hand", bare, "--quiet")
+        os.remove(bare / "joint.csv")
+        self.refused(BAD_FILE, ["no_truth", "joint"], "hand", bare, "--quiet")
+        self.refused(BAD_FILE, ["session.json", "links"], "hand", self.folder / "force", "--quiet")
+
     def test_calibrate(self):
         r = self.result("calibrate", self.folder / "imaging", "--coarse", "--cache", self.folder / "cache")
         self.assertEqual(list(r), ["mu_Pa", "onset_mm", "residual_N", "gain_DN_per_electron", "lamps_DN", "lamps_electrons"])
         self.assertAlmostEqual(r["mu_Pa"]["value"] / 98500, 1.0, delta=0.08)   # the rig presses the nominal pad; it creeps, and its place scatters
         self.assertLess(r["mu_Pa"]["low"], r["mu_Pa"]["value"])
         self.assertAlmostEqual(r["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
+        other = self.folder / "specimen"
+        done = run("lab", "imaging", "--coarse", "--quiet", "--stiffness", 1.15, "--lamps", 0.8, "--out", other, "--cache", self.folder / "cache")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        s = self.result("calibrate", other, "--coarse", "--cache", self.folder / "cache")   # the same noise, another pad
+        self.assertAlmostEqual(s["mu_Pa"]["value"] / r["mu_Pa"]["value"], 1.15, delta=0.02)
+        self.assertAlmostEqual(s["lamps_DN"] / r["lamps_DN"], 0.8, delta=0.01)
+        self.assertAlmostEqual(s["gain_DN_per_electron"]["value"], 0.03, delta=0.006)
+        self.refused(USAGE, ["--stiffness", "[0.8, 2]"], "lab", "imaging", "--stiffness", 3, "--out", self.folder / "x")
+        self.refused(USAGE, ["--stiffness", "20 N"], "lab", "force", "--stiffness", 0.9, "--out", self.folder / "x")
         self.refused(BAD_FILE, ["force", '"dark"'], "calibrate", self.folder / "force", "--coarse", "--quiet", "--cache", self.folder / "cache")
 
     def test_an_mcap_file_is_the_same_log(self):
@@ -218,7 +286,7 @@ class Lab(unittest.TestCase):
         self.refused(USAGE, ["unknown command", "'everything'"], "lab", "everything")
         self.refused(INFEASIBLE, [], "lab", "force", "--out", self.folder / "x", "--theta", "1,1,1,1,1")
         self.refused(BAD_FILE, ["not empty"], "lab", "force", "--coarse", "--out", self.folder / "force", "--cache", self.folder / "cache")
-        for command in ["decode", "metrics", "locate", "force"]:
+        for command in ["decode", "metrics", "locate", "force", "hand"]:
             self.refused(USAGE, ["log is missing"], command)
             self.refused(BAD_FILE, ["session.json"], command, self.folder / "nothing", "--quiet")
         self.refused(USAGE, ["--decoder"], "decode", self.folder / "force", "--decoder", "best")

@@ -41,6 +41,21 @@ TEST_CASE("stiffness of a specimen comes back from its press curve, with an inte
   }
 }
 
+TEST_CASE("a stiffer specimen with weaker lamps is one: less depth and less light under the same loads", "[lab]") {
+  const PadLight light(plain_pad());
+  Rig rig, other;
+  other.specimen = {1.25, 0.7};
+  const VirtualRig nominal(light, press_plan(), 4, 0.0, rig), lab(light, press_plan(), 4, 0.0, other);
+  for (std::size_t k = 0; k < lab.truth().size(); ++k) {
+    const TruthSample &a = nominal.truth()[k], &b = lab.truth()[k];
+    CHECK(b.force_N == a.force_N);
+    CHECK(b.equivalent_N == Approx(a.equivalent_N / 1.25).margin(1e-12));
+    if (b.contact >= 0) CHECK(b.depth_m == light.depth_m(b.y_m, b.equivalent_N));
+  }
+  rig.specimen.stiffness = 0.9;   // 20 N on it are 22 N on the computed pad
+  CHECK_THROWS_AS(VirtualRig(light, press_plan(), 4, 0.0, rig), InvalidArgument);
+}
+
 TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]") {
   const PadLight light(plain_pad());
   for (const double shot : {0.02, 0.03, 0.06}) {

@@ -5,6 +5,7 @@
 #include "lumo/sense/force_solution.hpp"
 #include "lumo/sense/mini_cheetah.hpp"
 #include "lumo/sense/moment_arm.hpp"
+#include "lumo/sense/planar_finger.hpp"
 #include "lumo/sense/serial_chain.hpp"
 #include "lumo/sense/torque_model.hpp"
 #include "synthetic.hpp"
@@ -285,4 +286,28 @@ TEST_CASE("contact torques are motor minus model, on the frames' clock", "[torqu
   CHECK((*v)[1] == Approx(0.5 * 2.5 - 0.1));
   CHECK_FALSE(torques.at(0));
   CHECK_THROWS_AS(ContactTorques({}, {m}), InvalidArgument);
+}
+
+TEST_CASE("a planar finger is the serial chain of the same joints, and the moment arm with one", "[jacobian]") {
+  synthetic::Normal normal(77);
+  for (int joints = 1; joints <= 4; ++joints) {
+    std::vector<double> ways;
+    for (int k = 1; k < joints; ++k) ways.push_back(0.03 + 0.01 * k);
+    const PlanarFinger finger(ways, 0.05);
+    std::vector<SerialChain::Link> links(static_cast<std::size_t>(joints));
+    for (int k = 1; k < joints; ++k) links[std::size_t(k)].joint.translation() = Vec3(0.0, ways[std::size_t(k - 1)], 0.0);
+    links.back().finger.translation() = Vec3(0.0, 0.05, 0.0);
+    const SerialChain chain(links);
+    for (int trial = 0; trial < 20; ++trial) {
+      JointVector q(joints);
+      for (int k = 0; k < joints; ++k) q[k] = 0.5 * normal();
+      const ContactPoint at{joints - 1, 0.02 * normal()};
+      CHECK((finger.column(q, at) - chain.column(q, at)).norm() < 1e-12);
+      CHECK((finger.slope(q, at) - chain.slope(q, at)).norm() < 1e-12);
+      if (joints == 1) CHECK(finger.column(q, at)[0] == MomentArm{0.05}.column(q, at)[0]);
+    }
+  }
+  CHECK_THROWS_AS(PlanarFinger({-0.1}, 0.05), InvalidArgument);
+  CHECK_THROWS_AS(PlanarFinger({0.1}, 0.05).column(JointVector::Zero(1), {1, 0.0}), InvalidArgument);
+  CHECK_THROWS_AS(PlanarFinger({0.1}, 0.05).column(JointVector::Zero(2), {0, 0.0}), InvalidArgument);
 }

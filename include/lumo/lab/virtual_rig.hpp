@@ -15,7 +15,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
@@ -82,7 +81,7 @@ class VirtualRig {
   void lay_out_time();
   void add_segment(double from_s, double to_s, const char* kind) {
     Segment s;
-    s.from_ns = stamp(from_s), s.to_ns = stamp(to_s), s.kind = kind;
+    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
     session_.segments.push_back(s);
   }
   void deform();
@@ -93,7 +92,6 @@ class VirtualRig {
   template <class = void>
   void record_frames();
   Sampled at(double t_s) const;
-  static std::int64_t stamp(double t_s) { return std::llround(1e9 * t_s); }
 
   const PadLight* light_;
   LabPlan plan_;
@@ -113,7 +111,7 @@ class VirtualRig {
   std::vector<JointSample> joints_;
   std::vector<WrenchSample> wrenches_;
   std::vector<MarkerSample> markers_;
-  double end_s_ = 0.0, per_DN_ = 1.0;
+  double end_s_ = 0.0, DN_per_power_ = 1.0;
 };
 
 /// The rig's camera as frames come from it. The rig stays the caller's.
@@ -148,23 +146,21 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
-      require_in_range("load of a contact", s.load_N, 0.0, light.max_load_N(), "N");
+      require_in_range("load of a contact", s.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
       require_positive("time to reach a load", s.ramp_s, "s");
     }
   }
   const PadResponses& r = light.responses();
-  double sum = 0.0;
-  int bins = 0;
-  for (Eigen::Index b = 0; b < r.position_m.size(); ++b)
-    if (std::abs(r.position_m[b]) <= 25.0_mm) sum += r.unloaded[b], ++bins;
-  per_DN_ = rig_.camera.level_DN * bins / sum;
+  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.joint_to_origin_m = rig_.motor.joint_to_origin_m;
-  session_.torque_constant_Nm_per_A = {rig_.motor.torque_constant_Nm_per_A};
+  session_.led_depth_m = side_.half_width_m, session_.camera_distance_m = rig_.camera.distance_m;
+  session_.torque_constant_Nm_per_A.assign(std::size_t(rig_.motor.joints), rig_.motor.torque_constant_Nm_per_A);
+  if (rig_.motor.joints == 2) session_.joint_to_joint_m = {rig_.motor.joint_to_joint_m};
   draw_contacts();
   lay_out_time();
   deform();
@@ -179,7 +175,7 @@ inline void VirtualRig::draw_contacts() {
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(std::min(1.0, rig_.specimen.stiffness) * light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -200,7 +196,7 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
       Segment g;
-      g.from_ns = stamp(t + 0.2 * s.hold_s), g.to_ns = stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
+      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
       g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
       t += s.hold_s;
@@ -225,7 +221,7 @@ inline void VirtualRig::deform() {
       s = {p.from_N + (p.to_N - p.from_N) * std::clamp((t - p.from_s) / (p.to_s - p.from_s), 0.0, 1.0), 0.0, p.contact};
     const int place = s.contact < 0 ? -1 : plan_.contacts[std::size_t(s.contact)].place;
     for (int k = 0; k < places; ++k) {
-      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N : 0.0, dt);
+      const double equivalent = pad[std::size_t(k)].step(k == place ? s.load_N / rig_.specimen.stiffness : 0.0, dt);
       if (k == place) s.equivalent_N = equivalent;
     }
     sampled_.push_back(s);
@@ -241,34 +237,46 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
   return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
 }
 
+/// Joint by joint: what sticks and errs is each one's own.
 template <class>
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
-  Draws once(seed_, 2), draws(seed_, 3), stick(seed_, 4);
-  const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
   const double dt = 1.0 / m.hz;
-  double rest_stick = 0.0, last_load = 0.0;
-  int last = -1;
-  bool moving = false;
-  for (std::size_t i = 0; i < sampled_.size(); ++i) {
-    const double t = double(i) * dt;
-    const Sampled& s = sampled_[i];
-    if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
-    last = s.contact;
-    const double arm = s.contact < 0 ? 0.0 : m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
-    double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : contacts_[std::size_t(s.contact)].stick_Nm;
-    if (i == 0) v = 0.0;
-    last_load = load;
-    if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
-      const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-      q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
-      if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
-      moving = phase < 1.0;
-      friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
+  for (int joint = 0; joint < m.joints; ++joint) {
+    const bool last_joint = joint + 1 == m.joints;
+    const std::uint64_t stream = last_joint ? 2 : 60;
+    Draws once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
+    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+    // Both hold the same angle, so that the pad's link is turned against the one before it.
+    const double before = last_joint ? 0.0 : m.joint_to_joint_m * std::cos(m.hold_rad);
+    std::vector<double> sticks;   // under each contact
+    for (const Contact& c : contacts_) sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    double rest_stick = 0.0, last_load = 0.0;
+    int last = -1;
+    bool moving = false;
+    for (std::size_t i = 0; i < sampled_.size(); ++i) {
+      const double t = double(i) * dt;
+      const Sampled& s = sampled_[i];
+      if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+      last = s.contact;
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
+      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
+      if (i == 0) v = 0.0;
+      last_load = load;
+      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
+        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+        q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+        if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
+        moving = phase < 1.0;
+        friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
+      }
+      const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
+      JointSample& sample = joints_[i];
+      sample.position_rad[joint] = q;
+      sample.velocity_rad_per_s[joint] = v + noise_ * m.velocity_sigma_rad_per_s * draws.normal();
+      sample.effort[joint] = torque / constant;
     }
-    const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
-    joints_.push_back({stamp(t), JointVector::Constant(1, q), JointVector::Constant(1, v + noise_ * m.velocity_sigma_rad_per_s * draws.normal()), JointVector::Constant(1, torque / constant),
-                       Effort::current_A});
   }
 }
 
@@ -282,9 +290,9 @@ inline void VirtualRig::record_forces() {
     const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
     const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
     const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
-    wrenches_.push_back({stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
+    wrenches_.push_back({lab_stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
     const double sunk = s.contact < 0 ? 0.0 : light_->depth_m(y, s.equivalent_N);
-    markers_.push_back({stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
+    markers_.push_back({lab_stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
   }
 }
 
@@ -298,8 +306,8 @@ inline void VirtualRig::record_frames() {
   for (const LabView& v : plan_.views)
     painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
                            light_->responses().position_m, seed_);
-  SlowNoise lamp(Draws(seed_, 8), l.lamp_drift_s), room(Draws(seed_, 9), l.ambient_drift_s);
-  Draws white(seed_, 10);
+  LampNoise lamps(l, seed_, 8);
+  SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
   for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
@@ -310,17 +318,15 @@ inline void VirtualRig::record_frames() {
         view = plan_.contacts[std::size_t(p.contact)].view;
         break;
       }
-    TruthSample truth{stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
+    TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
       truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
     }
-    char name[32];
-    std::snprintf(name, sizeof name, "%06zu.png", frames_.size());
-    frames_.push_back({truth.stamp_ns, name, c.exposure_s, c.gain});
+    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
-    lamps_.push_back(plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * (l.lamp_drift * lamp.at(t) + l.lamp_white * white.normal())));
+    lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
@@ -330,7 +336,7 @@ inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
-  light *= per_DN_ * lamps_[k];
+  light *= DN_per_power_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
 }
 

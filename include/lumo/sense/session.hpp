@@ -44,14 +44,21 @@ struct Session {
   std::string video;                ///< file name beside session.json; empty: frames/
   int led_count = 5;
   double led_pitch_m = 11.0_mm, led_first_y_m = -22.0_mm;
+  double led_depth_m = 0.0;            ///< of the LEDs behind the side that the camera sees, in silicone
+  double camera_distance_m = 0.0;      ///< from that side to the camera's lens; 0: not known, which leaves the parallax of the LEDs as it is
   Eigen::Vector2d distal{1.0, 0.0};    ///< direction of the tip in the image
-  double joint_to_origin_m = 0.05;     ///< from the joint's axis to the finger's origin
+  double joint_to_origin_m = 0.05;     ///< from the axis of the last joint to the finger's origin
+  std::vector<double> joint_to_joint_m;  ///< from each joint's axis to the next one's, along the finger; empty: one joint
   std::vector<double> torque_constant_Nm_per_A{1.0};  ///< of each joint, gear included
   double frame_delay_s = 0.0, joint_delay_s = 0.0;    ///< from the event to the stamp
   ClockMap joint_clock, wrench_clock;  ///< onto the frames' clock
   std::vector<SessionLink> links;      ///< of a hand; empty for one finger
   std::vector<Segment> segments;
 };
+
+/// How much closer together the LEDs appear than the same length on the side before them: perspective on their apparent depth, which is the true one over the
+/// refractive index of silicone (1.41).
+inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
 template <class = void>
@@ -61,12 +68,17 @@ inline void validate(const Session& s, const std::string& name) {
   };
   require(s.led_count >= 3 && s.led_count <= 64, detail::text("led count is ", s.led_count, ", must lie in [3, 64]"));
   require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, detail::text("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+  require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, detail::text("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+  require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
+          detail::text("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
   require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, detail::text("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
   require(std::abs(s.joint_to_origin_m) <= 10.0, detail::text("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+  require(s.joint_to_joint_m.size() < std::size_t(max_joints), detail::text("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+  for (const double l : s.joint_to_joint_m) require(l > 0.0 && l <= 10.0, detail::text("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
   for (const double k : s.torque_constant_Nm_per_A)
     require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, detail::text("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");

@@ -2,6 +2,7 @@
 
 // Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP file. Schema: docs/log_format.md.
 
+#include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
 #include "lumo/sense/log.hpp"
 #include "lumo/sense/mcap_log.hpp"
@@ -14,7 +15,6 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <limits>
 #include <string>
 #include <string_view>
@@ -152,6 +152,8 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   double joint_mm = 1e3 * s.joint_to_origin_m;
   top.get("joint_to_origin_mm", joint_mm);
   s.joint_to_origin_m = 1e-3 * joint_mm;
+  top.get("joint_to_joint_mm", s.joint_to_joint_m);
+  for (double& l : s.joint_to_joint_m) l *= 1e-3;
   top.get("frame_delay_s", s.frame_delay_s);
   top.get("joint_delay_s", s.joint_delay_s);
   top.with("leds", [&](const nlohmann::json& j, const std::string& where) {
@@ -160,7 +162,10 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     o.get("count", s.led_count);
     o.get("pitch_mm", pitch_mm);
     o.get("first_y_mm", first_mm);
-    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm;
+    double depth_mm = 1e3 * s.led_depth_m, camera_mm = 1e3 * s.camera_distance_m;
+    o.get("depth_mm", depth_mm);
+    o.get("camera_distance_mm", camera_mm);
+    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm, s.led_depth_m = 1e-3 * depth_mm, s.camera_distance_m = 1e-3 * camera_mm;
     std::vector<double> distal{s.distal.x(), s.distal.y()};
     o.get("distal", distal);
     if (distal.size() != 2) o.fail("distal", "must be two numbers");
@@ -225,10 +230,9 @@ inline Session session_from_json(std::string_view json, const std::string& name)
 
 template <class = void>
 inline Session read_session(const std::string& path) {
-  std::ifstream in = detail::open_text(path);
-  const std::string json((std::istreambuf_iterator<char>(in)), {});
-  if (in.bad()) throw InputError(detail::text(path, ": cannot be read"));
-  return session_from_json(json, path);
+  const auto json = detail::read_whole(path);
+  if (!json) throw InputError(detail::text(path, ": cannot be opened"));
+  return session_from_json(*json, path);
 }
 
 namespace detail {
@@ -251,8 +255,10 @@ inline std::string to_json(const Session& s) {
   const auto clock = [](const ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
   Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
   j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)}, {"first_y_mm", detail::millimetres(s.led_first_y_m)},
-               {"distal", {s.distal.x(), s.distal.y()}}};
+               {"depth_mm", detail::millimetres(s.led_depth_m)}, {"camera_distance_mm", detail::millimetres(s.camera_distance_m)}, {"distal", {s.distal.x(), s.distal.y()}}};
   j["joint_to_origin_mm"] = detail::millimetres(s.joint_to_origin_m);
+  j["joint_to_joint_mm"] = Json::array();
+  for (const double l : s.joint_to_joint_m) j["joint_to_joint_mm"].push_back(detail::millimetres(l));
   j["torque_constant_Nm_per_A"] = s.torque_constant_Nm_per_A;
   j["frame_delay_s"] = s.frame_delay_s;
   j["joint_delay_s"] = s.joint_delay_s;
