@@ -21,7 +21,7 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, joints, stiffness, lamps, cache, camera, compression;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, joints, stiffness, lamps, cache, camera, seconds, compression;
   std::string clearance, plate, wall, strip_width, strip_height, gate, vent;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
@@ -175,13 +175,16 @@ void read(Options& o, const Typed& t) {
   if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
   if (!t.cache.empty()) o.cache = t.cache;
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
+  if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
+  if (o.command == Command::locate && o.camera && !t.out.empty()) throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output");
+  if (!t.seconds.empty() && !o.camera) throw UsageError("--seconds is of a live camera, which --camera chooses");
   const std::string_view command = name(o.command);
   if (command.starts_with("lab ")) {
     if (t.material.empty()) o.material = "Sol";
     if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
     o.log = t.out;
   }
-  if (of_log(o.command) && o.log.empty()) throw UsageError(lumo::detail::text("the log is missing (see lumo ", command, " --help)"));
+  if (of_log(o.command) && o.log.empty() && !o.camera) throw UsageError(lumo::detail::text("the log is missing (see lumo ", command, " --help)"));
   if (o.command == Command::convert && o.target.empty()) throw UsageError("the folder or file to write is missing (see lumo convert --help)");
   if (!t.compression.empty()) o.compression = one_of("--compression", t.compression, {"zstd", "lz4", "none"});
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
@@ -391,7 +394,11 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear, gp (Gaussian process) or bayes (a filter over all loads from 2 N)", "NAME");
     if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
     if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
-    if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
+    if (command == Command::locate) {
+      text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
+      text_option(c, "--camera", t.camera, "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG, if given, describes the finger", "N");
+      text_option(c, "--seconds", t.seconds, "How long to look through the camera [s], default: until interrupted", "N");
+    }
     if (command == Command::convert) {
       c->add_option("OUT", o.target, "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
       text_option(c, "--compression", t.compression, "Of an MCAP file: zstd (default), lz4 or none", "NAME");

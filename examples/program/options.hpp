@@ -63,6 +63,7 @@ struct Options {
   bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
   std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
   std::optional<int> camera;             ///< number of a live one
+  double seconds = 0.0;                  ///< to look through it; 0: until interrupted
   CastingOptions casting;
 };
 

@@ -5,6 +5,7 @@
 #include "lumo/sense/cross_validation.hpp"
 #include "lumo/sense/bayes_decoder.hpp"
 #include "lumo/sense/linear_decoder.hpp"
+#include "lumo/sense/live_location.hpp"
 #include "lumo/sense/nearest_template.hpp"
 #include "lumo/sense/normal_force.hpp"
 #include "lumo/sense/peak_localizer.hpp"
@@ -19,8 +20,10 @@
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
 
+#include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
 #include <memory>
 #include <system_error>
 #include <utility>
@@ -217,6 +220,32 @@ std::string located(const Options& o, Output& files, Progress& progress) {
                             " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
+/// One line for each picture; at the end, how long after its stamp each was told.
+std::string located_live(const Options& o, Progress& progress) {
+  Session session;
+  if (!o.log.empty()) session = open_log(o.log, progress).session;
+  V4l2Camera::Config config;
+  config.device = "/dev/video" + std::to_string(*o.camera);
+  V4l2Camera camera(config);
+  std::vector<double> late_ms;
+  std::int64_t first = 0;
+  const auto told = [&](const LocationEstimate& e) {
+    if (late_ms.empty()) first = e.stamp_ns;
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();   // of the clock that V4L2 stamps by
+    late_ms.push_back(1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() - e.stamp_ns));
+    const auto y = e.contacts == 1 ? std::optional(1e3 * e.contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e.contact[0].variance_m2)) : std::nullopt;
+    if (o.json) print(Json{{"stamp_ns", e.stamp_ns}, {"contacts", e.contacts}, {"y_mm", maybe(y)}, {"y_sigma_mm", maybe(sigma)}, {"probability", number(e.probability)}}.dump() + "\n");
+    else print(cell(1e-9 * double(e.stamp_ns - first), 3) + " s  " + (y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e.contacts == 0 ? "no contact" : "two contacts") + "\n");
+    return std::cout && (o.seconds == 0.0 || 1e-9 * double(e.stamp_ns - first) < o.seconds);   // whoever read has gone: enough
+  };
+  progress.note("leave the finger alone for a second");
+  const auto bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
+  const int unreadable = o.localizer == "peak" ? locate_live(camera, session, bins, peak, told, config.device) : locate_live(camera, session, bins, bayes, told, config.device);
+  if (late_ms.empty()) throw InputError(config.device + ": gives no pictures after the first second");
+  progress.note(lumo::detail::text(late_ms.size(), " pictures, ", unreadable, " unreadable; from stamp to estimate ", cell(quantile(late_ms, 0.5), 2), " ms (median), ", cell(quantile(late_ms, 0.99), 2), " ms (99 %)"));
+  return "";
+}
+
 std::string force(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
@@ -314,6 +343,9 @@ std::string sense(const Options& o, Output& files, Progress& progress, char**) {
     case Command::hand: return hand(o, files, progress);
     case Command::calibrate: return calibrate(o, progress);
     case Command::convert: return convert(o, progress);
+    case Command::locate:
+      if (o.camera) return located_live(o, progress);
+      break;
     default: break;
   }
   progress.stage("reading the log");

@@ -69,6 +69,7 @@
 #include "lumo/sense/force_estimator.hpp"
 #include "lumo/sense/force_baselines.hpp"
 #include "lumo/sense/calibration.hpp"
+#include "lumo/sense/live_location.hpp"
 #include "lumo/sense/log_estimates.hpp"
 #include "lumo/sense/log_truth.hpp"
 

@@ -297,6 +297,9 @@ class Lab(unittest.TestCase):
         self.refused(BAD_FILE, ["dark", "unloaded finger"], "locate", dark, "--quiet")
         if not os.path.exists("/dev/video63"):
             self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "doctor", "--camera", "63")
+            self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", "--camera", "63", "--seconds", "5", "--quiet")
+            self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", self.folder / "force", "--camera", "63", "--quiet")
+        self.refused(USAGE, ["--seconds", "--camera"], "locate", self.folder / "force", "--seconds", "5")
 
 
 if __name__ == "__main__":
