@@ -15,6 +15,8 @@ import tempfile
 import time
 import unittest
 
+from refusal import check_refusal
+
 LUMO = ""
 USAGE, INFEASIBLE, BAD_FILE = 2, 3, 5
 
@@ -42,12 +44,7 @@ class Lab(unittest.TestCase):
         shutil.rmtree(cls.folder)
 
     def refused(self, code, words, *arguments):
-        done = run(*arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stdout, "")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        for word in words:
-            self.assertIn(word, done.stderr)
+        check_refusal(self, run(*arguments), code, words)
 
     def result(self, *arguments):
         done = run(*arguments, "--json", "--quiet")

@@ -21,6 +21,8 @@ import mcap.writer
 import mcap_ros2.decoder
 import mcap_ros2.writer
 
+from refusal import check_refusal
+
 LUMO = ""
 USAGE, BAD_FILE = 2, 5
 WIDTH, HEIGHT, FRAMES = 6, 4, 5
@@ -114,12 +116,7 @@ class Mcap(unittest.TestCase):
         return path
 
     def refused(self, code, words, *arguments):
-        done = run(*arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertEqual(done.stdout, "")
-        self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
-        for word in words:
-            self.assertIn(word, done.stderr)
+        check_refusal(self, run(*arguments), code, words)
 
     def messages(self, path):
         with open(path, "rb") as file:

@@ -16,6 +16,7 @@ import time
 import unittest
 
 from browser import Browser
+from refusal import check_refusal
 
 LUMO = MAKE_STORE = CHROMIUM = ""
 FOLDER = pathlib.Path()
@@ -357,10 +358,7 @@ class Campaigns(Page):
 
 class Refusals(unittest.TestCase):
     def refused(self, code, words, *arguments):
-        done = run("campaign", "report", *arguments, cwd=FOLDER)
-        self.assertEqual((done.returncode, done.stdout, done.stderr.count("\n")), (code, "", 1), done.stderr)
-        for word in words:
-            self.assertIn(word, done.stderr)
+        check_refusal(self, run("campaign", "report", *arguments, cwd=FOLDER), code, words)
 
     def test_files(self):
         self.refused(USAGE, ["--store is missing"])
