@@ -12,9 +12,10 @@ namespace lumo {
 /// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
 /// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
 /// Friction depends on the way that was taken and is given.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool, class Vec3 = Vec3, class Mat3 = Mat3, class Positions = Positions,
+          class DistanceSample = DistanceSample>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement, const FrictionForces& friction = {}) {
+                      const Tool& tool, In<Vec3> origin, In<Vec3> direction, double load_N, In<std::vector<Vec3>> displacement, const FrictionForces& friction = {}) {
   std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;

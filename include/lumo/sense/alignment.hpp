@@ -71,28 +71,30 @@ class TimeSeries {
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
     const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return VectorXd(value_.col(j));
+    if (*after == stamp_ns) return VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
     if (1e-9 * gap > max_gap_s) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
-    return VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+    return VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   Eigen::VectorXd interpolation_residual() const {
-    VectorXd squares = VectorXd::Zero(value_.rows());
+    const MatrixXd& value = value_;
+    VectorXd squares = VectorXd::Zero(value.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
       const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
       const auto k = Eigen::Index(i);
-      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
+      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
     }
     return stamp_.size() < 3 ? squares : VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/sense/alignment.hpp"
 #include "lumo/sense/faults.hpp"
 #include "lumo/sense/joint_sample.hpp"
@@ -51,8 +52,8 @@ class JointMonitor {
     bool usable = true;
   };
 
-  template <class = void>
-  Verdict check(const JointSample& s, std::int64_t now_ns) {
+  template <class JointSample = JointSample>
+  Verdict check(In<JointSample> s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;

@@ -145,7 +145,7 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class = void>
+template <class DecodingTask = DecodingTask>
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
