@@ -48,6 +48,7 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
+  template <class = void>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -61,6 +62,7 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
+  template <class = void>
   double fraction() const {
     double twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)

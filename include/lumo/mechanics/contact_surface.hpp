@@ -22,6 +22,7 @@ struct SurfacePoint {
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+template <class = void>
 inline const std::array<std::array<int, 3>, 4>& face_parts() {
   static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
   return parts;
@@ -72,6 +73,7 @@ class ContactSurface {
  private:
   template <class Vec3 = Vec3>
   void add(const BoundaryFace& face);
+  template <class = void>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -122,6 +124,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
+template <class>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);

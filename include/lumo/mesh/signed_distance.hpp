@@ -64,6 +64,7 @@ class SignedDistance {
   const Vec3& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_->vertices[std::size_t(t[k])]; }
   static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) { return std::minmax(int(t[k]), int(t[(k + 1) % 3])); }
 
+  template <class = void>
   Vec3 outward(const TriangleTree::Nearest& n) const {
     const auto& t = surface_->triangles[std::size_t(n.triangle)];
     if (n.at.feature < 3) return at_corner_[std::size_t(t[std::size_t(n.at.feature)])];

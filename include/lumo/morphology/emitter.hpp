@@ -129,6 +129,7 @@ template <class = void>
 void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
+template <class = void>
 inline int color_count(const std::vector<Emitter>& emitters) {
   int count = 0;
   for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);

@@ -16,6 +16,7 @@
 namespace lumo::detail {
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
+template <class = void>
 inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
   std::vector<std::array<int, 6>> numbers(faces.size());
   std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)

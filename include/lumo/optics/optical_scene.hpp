@@ -67,6 +67,7 @@ class OpticalScene {
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
   template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
+  template <class = void>
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
@@ -98,6 +99,7 @@ class OpticalScene {
   int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
+  template <class = void>
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }

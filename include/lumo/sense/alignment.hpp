@@ -33,6 +33,7 @@ struct ClockMap {
   }
 
   /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  template <class = void>
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
       throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
@@ -61,6 +62,7 @@ struct ClockMap {
 class TimeSeries {
  public:
   /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  template <class = void>
   TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
     if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
@@ -98,6 +100,7 @@ class TimeSeries {
     }
     return stamp_.size() < 3 ? squares : VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }
+  template <class = void>
   double largest_gap_s() const {
     std::int64_t gap = 0;
     for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);

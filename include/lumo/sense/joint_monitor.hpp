@@ -31,6 +31,7 @@ class JointMonitor {
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
+  template <class = void>
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
     require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");

@@ -51,6 +51,7 @@ namespace detail {
 /// Sums of green over rectangles in constant time.
 class IntegralImage {
  public:
+  template <class = void>
   explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
     for (int y = 0; y < v.height; ++y) {
       std::uint32_t row = 0;
