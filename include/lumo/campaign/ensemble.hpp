@@ -16,6 +16,7 @@ struct Ensemble {
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 
+  template <class = void>
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
@@ -29,6 +30,7 @@ struct Ensemble {
 inline Ensemble flat_ensemble() { return {}; }
 
 /// The paper's contacts under five approach angles: 4 × 5 × 7.
+template <class = void>
 inline Ensemble curved_ensemble() {
   Ensemble e;
   e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};

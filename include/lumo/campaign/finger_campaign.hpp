@@ -11,6 +11,7 @@
 namespace lumo {
 
 /// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs. Source: paper §III-D.
+template <class = void>
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   Problem p;
   p.space = finger_space();
@@ -26,6 +27,7 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
 }
 
 /// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
+template <class = void>
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
@@ -35,6 +37,7 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
 }
 
 /// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
+template <class = void>
 inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
   if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
@@ -42,6 +45,7 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 }
 
 /// Was it the machine's limits, not the body's, that ended a solve?
+template <class = void>
 inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
   return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
@@ -49,6 +53,7 @@ inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
 inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
 
 /// What a campaign keeps of an evaluation; what the machine ended may be tried again.
+template <class = void>
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
   v.why = failure_of(e, accept_held);

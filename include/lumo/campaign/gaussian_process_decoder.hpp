@@ -20,26 +20,28 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses, class TrainingData = TrainingData>
+    Model(In<LabelledResponses> t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
+      const VectorXd& coordinate = grid_;
       TrainingData data{MatrixXd(1, n), VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
       for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
       MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
-      mean_.resize(d, t.places());
+      MatrixXd mean(d, t.places());
       MatrixXd variance(d, t.places());
       for (Eigen::Index f = 0; f < d; ++f) {
         data.y = t.response.row(f).transpose();
         const auto process = GaussianProcess<>::fit(data);
         residual.row(f) = t.response.row(f) - process.mean(data.x).transpose();
-        const auto places = process.predict(t.place_m.transpose()), fine = process.predict(grid_.transpose());
-        mean_.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
+        const auto places = process.predict(t.place_m.transpose()), fine = process.predict(coordinate.transpose());
+        mean.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
         on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
       }
       double share = config.shrinkage;
       covariance_ = detail::shrunk_covariance(residual, t.places(), share);
-      for (Eigen::Index p = 0; p < mean_.cols(); ++p) place_.push_back(factor(variance.col(p)));
+      for (Eigen::Index p = 0; p < mean.cols(); ++p) place_.push_back(factor(variance.col(p)));
       for (Eigen::Index g = 0; g < grid_.size(); ++g) fine_.push_back(factor(grid_variance.col(g)));
+      mean_ = std::move(mean);
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
@@ -53,12 +55,12 @@ struct GaussianProcessDecoder {
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
     template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
     Factor factor(In<VectorXd> variance) const { return Factor(covariance_ + MatrixXd(variance.asDiagonal())); }
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Factor>& factors) {
+    template <class Some, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Some>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
       VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
-        const Factor& l = factors[std::size_t(p)];
+        const Some& l = factors[std::size_t(p)];
         const VectorXd z = l.matrixL().solve(response - mean.col(p));
         log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
       }

@@ -55,6 +55,7 @@ class MemoryLog {
   explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
 
   /// All entries, without their records.
+  template <class = void>
   std::vector<LogEntry> entries() const {
     std::vector<LogEntry> list = entries_;
     for (LogEntry& e : list) e.record.clear();

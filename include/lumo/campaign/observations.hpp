@@ -49,11 +49,13 @@ struct Observations {
 };
 
 /// Did all scenarios converge, or were held where that is accepted?
+template <class = void>
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
   return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
+template <class = void>
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)

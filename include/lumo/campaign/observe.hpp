@@ -109,6 +109,7 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
 /// taken on one mesh and added to the common mean. `watts` names the mean power or its standard error.
+template <class = void>
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)

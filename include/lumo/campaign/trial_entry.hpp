@@ -27,6 +27,7 @@ inline std::string exact_text(double value) {
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
+template <class = void>
 inline std::string trial_text(int id, const std::vector<double>& values) {
   std::string s = std::to_string(id);
   for (const double v : values) s += ' ' + exact_text(v);
@@ -40,6 +41,7 @@ inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
 }
 
 /// Throws StoreError for an entry that is none of these.
+template <class = void>
 inline TrialEntry parse_trial(const LogEntry& entry) {
   const auto refuse = [&] { throw StoreError(StoreError::Reason::corrupt, text("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content)); };
   std::string_view rest = entry.content;

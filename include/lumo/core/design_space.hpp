@@ -37,12 +37,14 @@ struct LinearConstraint {
   double upper = std::numeric_limits<double>::infinity();
   std::string unit;
 
+  template <class = void>
   double sum(std::span<const double> x) const {
     double total = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) total += coefficients[i] * x[i];
     return total;
   }
   /// By how much rounding may have moved the sum: 0.1 + 0.2 must not break a limit of 0.3.
+  template <class = void>
   double rounding(std::span<const double> x) const {
     double size = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) size += std::abs(coefficients[i] * x[i]);
@@ -63,12 +65,15 @@ struct DesignSpace {
   std::vector<DesignRule> rules;
 
   /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
+  template <class = void>
   void check(std::span<const double> x) const;
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
+  template <class = void>
   bool contains(std::span<const double> x) const;
 };
 
+template <class>
 inline void DesignSpace::check(std::span<const double> x) const {
   if (x.size() != variables.size())
     throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
@@ -99,6 +104,7 @@ inline void DesignSpace::check(std::span<const double> x) const {
     if (!r.holds(x)) throw r.refusal(x);
 }
 
+template <class>
 inline bool DesignSpace::contains(std::span<const double> x) const {
   if (x.size() != variables.size()) throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {

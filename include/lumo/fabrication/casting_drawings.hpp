@@ -10,15 +10,19 @@
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+template <class = void>
 Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
+template <class = void>
 Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
+template <class = void>
 Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
 
 namespace detail {
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
+template <class = void>
 inline void add_caption(Drawing& d, const std::string& words) {
   const int layer = int(d.layers.size());
   d.layers.push_back({"NOTES", 8, "#666666"});
@@ -33,6 +37,7 @@ inline void add_caption(Drawing& d, const std::string& words) {
 inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
 
 /// A half outline at x > 0 and its mirror image in one loop.
+template <class = void>
 inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
   for (std::size_t i = half.size(); i-- > 0;)
     if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
@@ -41,6 +46,7 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
+template <class>
 inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -73,6 +79,7 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
+template <class>
 inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -87,6 +94,7 @@ inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
+template <class>
 inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");

@@ -33,6 +33,7 @@ struct CastVolume {
 template <class = void>
 std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
 
+template <class = void>
 CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
@@ -72,6 +73,7 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
   return kit;
 }
 
+template <class>
 inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);

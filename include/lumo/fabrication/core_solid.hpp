@@ -10,6 +10,7 @@ namespace lumo {
 
 /// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
 /// other, a handle behind it, and a step that stops at the mould.
+template <class = void>
 inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;

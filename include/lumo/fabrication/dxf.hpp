@@ -11,6 +11,7 @@ namespace lumo {
 
 /// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
 /// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
+template <class = void>
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
   const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, detail::in_mm(p[0])), pair(code + 10, detail::in_mm(p[1])), pair(code + 20, "0"); };

@@ -19,9 +19,11 @@ class FacetedSolid {
   using Loop = std::vector<Vec3>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
+  template <class = void>
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
   /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
   /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  template <class = void>
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
@@ -34,7 +36,9 @@ class FacetedSolid {
     std::vector<std::vector<int>> holes;
   };
 
+  template <class = void>
   int vertex(const Vec3& p);
+  template <class = void>
   std::vector<int> numbers(const Loop& loop);
   template <class Vec3 = Vec3>
   std::vector<int> with_corners_between(const std::vector<int>& loop) const;
@@ -45,29 +49,34 @@ class FacetedSolid {
 };
 
 /// The loop the other way round.
+template <class = void>
 inline FacetedSolid::Loop reversed(FacetedSolid::Loop loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }
 
+template <class>
 inline int FacetedSolid::vertex(const Vec3& p) {
   const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
 
+template <class>
 inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
   std::vector<int> n;
   for (const Vec3& p : loop) n.push_back(vertex(p));
   return n;
 }
 
+template <class>
 inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
   Face f{numbers(outline), {}};
   for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
   faces_.push_back(std::move(f));
 }
 
+template <class>
 inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
   const std::size_t n = from.size();
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});

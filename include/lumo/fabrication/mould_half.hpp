@@ -23,6 +23,7 @@ struct Opening {
 };
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+template <class = void>
 std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
@@ -34,6 +35,7 @@ TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& o
 template <class = void>
 TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
+template <class>
 inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
@@ -51,6 +53,7 @@ namespace detail {
 /// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
 class MouldHalf {
  public:
+  template <class = void>
   MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
@@ -73,18 +76,21 @@ class MouldHalf {
   using Corners = std::vector<std::array<double, 2>>;
 
   /// Of corners (x, z), in a plane of constant y.
+  template <class = void>
   static Loop upright(const Corners& corners, double y) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
     return loop;
   }
   /// Of corners (y, z), in a plane of constant x.
+  template <class = void>
   static Loop lengthwise(const Corners& corners, double x) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
     return loop;
   }
   /// Of corners (x, y), in a plane of constant z.
+  template <class = void>
   static Loop level(const Corners& corners, double z) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
@@ -92,6 +98,7 @@ class MouldHalf {
   }
 
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
+  template <class = void>
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
     for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});

@@ -5,16 +5,57 @@
 #include "lumo/mechanics/press_system.hpp"
 #include "lumo/mechanics/state.hpp"
 
+#include <array>
+#include <cmath>
+#include <utility>
+
 namespace lumo {
+
+namespace detail {
+
+// x of Aᵀ x = b by Gauss's elimination with the largest pivots, operation for operation as Eigen's PartialPivLU has it, which takes the compiler as long as a
+// tenth of a program with a simulator.
+template <class Mat3, class Columns>
+Columns solved_transposed(const Mat3& A, Columns b) {
+  std::array<std::array<double, 3>, 3> a;
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j) a[i][j] = A(Eigen::Index(j), Eigen::Index(i));
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::size_t pivot = k;
+    for (std::size_t i = k + 1; i < 3; ++i)
+      if (std::abs(a[i][k]) > std::abs(a[pivot][k])) pivot = i;
+    if (pivot != k) {
+      std::swap(a[k], a[pivot]);
+      for (Eigen::Index c = 0; c < b.cols(); ++c) std::swap(b(Eigen::Index(k), c), b(Eigen::Index(pivot), c));
+    }
+    for (std::size_t i = k + 1; i < 3; ++i) {
+      if (a[k][k] != 0.0) a[i][k] /= a[k][k];
+      for (std::size_t j = k + 1; j < 3; ++j) a[i][j] -= a[i][k] * a[k][j];
+    }
+  }
+  for (Eigen::Index c = 0; c < b.cols(); ++c) {
+    const auto rest = [&](std::size_t k, std::size_t from, std::size_t to) {
+      double sum = 0.0;
+      for (std::size_t i = from; i < to; ++i) sum += a[k][i] * b(Eigen::Index(i), c);
+      return b(Eigen::Index(k), c) - sum;
+    };
+    for (std::size_t k = 1; k < 3; ++k) b(Eigen::Index(k), c) = rest(k, 0, k);
+    for (std::size_t k = 3; k-- > 0;) b(Eigen::Index(k), c) = rest(k, k + 1, 3) * (1.0 / a[k][k]);
+  }
+  return b;
+}
+
+}  // namespace detail
 
 /// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares no assembly
 /// with the solver: the virtual work of each node's shape function, point by point, on the whole mesh, without sectors, equations or linearised
 /// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
 /// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
 /// Friction depends on the way that was taken and is given.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool, class Vec3 = Vec3, class Mat3 = Mat3, class Positions = Positions,
+          class DistanceSample = DistanceSample>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement, const FrictionForces& friction = {}) {
+                      const Tool& tool, In<Vec3> origin, In<Vec3> direction, double load_N, In<std::vector<Vec3>> displacement, const FrictionForces& friction = {}) {
   std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
@@ -25,7 +66,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
       const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
       Mat3 reference = Mat3::Zero();
       for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-      slope[q] = reference.transpose().partialPivLu().solve(by_xi);
+      slope[q] = detail::solved_transposed(reference, by_xi);
       F[q] = Mat3::Identity();
       for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
       volume[q] = Element::weight(int(q)) * reference.determinant();

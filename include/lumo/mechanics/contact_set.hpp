@@ -26,14 +26,16 @@ struct SetOverlap {
 /// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
 /// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
 /// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
+template <ContactHandler Contact, class Tool, class Positions = Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
+template <class Positions = Positions>
+double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
+template <class Positions = Positions>
+SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x);
 
 namespace detail {
 
@@ -46,6 +48,7 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
+  template <class = void>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -59,6 +62,7 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
+  template <class = void>
   double fraction() const {
     double twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
@@ -68,8 +72,8 @@ struct ClipPolygon {
 };
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit>
-void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
+template <class Visit, class Vec3 = Vec3, class Positions = Positions>
+void for_sub_triangles(const ContactSurface& surface, In<Positions> x, Visit&& visit) {
   const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < parts; ++part) {
@@ -89,8 +93,8 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class Vec3 = Vec3>
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
+template <class Vec3 = Vec3, class Positions = Positions>
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
     double power, slope, spacing;
@@ -159,8 +163,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
+template <ContactHandler Contact, class Tool, class Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -197,7 +201,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
+template <class Positions>
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
@@ -214,7 +219,8 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
   return sum;
 }
 
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
+template <class Positions>
+inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x) {
   return contact_overlap(surface, field, field, x).both;
 }
 

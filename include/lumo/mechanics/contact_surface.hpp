@@ -22,6 +22,7 @@ struct SurfacePoint {
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+template <class = void>
 inline const std::array<std::array<int, 3>, 4>& face_parts() {
   static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
   return parts;
@@ -47,16 +48,16 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
-  template <class Vec3 = Vec3>
-  Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
+  template <class Vec3 = Vec3, class Positions = Positions>
+  Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
     Vec3 at = Vec3::Zero();
     for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
     return at;
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  template <class Vec3 = Vec3>
-  std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
+  template <class Vec3 = Vec3, class Positions = Positions>
+  std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
     const auto& n = faces_[f].nodes;
     const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
     const Vec3 middle = (a + b + c) / 3.0;
@@ -72,6 +73,7 @@ class ContactSurface {
  private:
   template <class Vec3 = Vec3>
   void add(const BoundaryFace& face);
+  template <class = void>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -122,6 +124,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
+template <class>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
@@ -146,6 +149,7 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool>
 struct Moving {
+  using Vec3 = Dependent<lumo::Vec3, Tool>;
   const Tool* tool;
   Vec3 origin;      ///< of the tool's frame, now [m]
   Vec3 direction;   ///< of its advance, unit
@@ -168,8 +172,8 @@ struct NoFriction {
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+template <class Tool, class Visit, class Positions = Positions>
+void for_contact_points(const ContactSurface& surface, In<Positions> x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -187,8 +191,8 @@ using SeenGaps = std::vector<std::vector<double>>;
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
 /// Friction, where a history of it is given, enters forces but not the energy.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Positions = Positions>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<Positions>* force,
                                const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
@@ -209,12 +213,13 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Mat3 = Mat3, class Matrix18d = Eigen::Matrix<double, 18, 18>,
+          class VectorXd = Eigen::VectorXd, class Positions = Positions, class DistanceSample = DistanceSample>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, const Equations& eq,
+                                double* values, std::type_identity_t<VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
-  Eigen::Matrix<double, 18, 18> K;
+  Matrix18d K;
   std::size_t open = std::size_t(-1);
   const auto flush = [&] {
     if (open == std::size_t(-1)) return;
@@ -253,9 +258,9 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
 
 /// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
 /// `linear` with the rigid thing at `then`.
-template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
-                        const Positions& dx, double ds) {
+template <class Tool, class Positions = Positions>
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, In<Positions> x, const Moving<Tool>& then, In<Positions> linear,
+                        In<Positions> dx, double ds) {
   SeenGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))

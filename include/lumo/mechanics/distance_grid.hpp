@@ -26,7 +26,7 @@ class DistanceGrid {
   double distance(In<Vec3> p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
   DistanceSample sample(In<Vec3> p) const;
 
   double spacing_m() const { return h_; }
@@ -47,7 +47,7 @@ class DistanceGrid {
   void filter();
   template <class Vec3 = Vec3>
   void measure();
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
   DistanceSample spline(In<Vec3> p) const;
   template <class Vec3 = Vec3>
   DistanceSample exact(In<Vec3> p) const;
@@ -116,7 +116,7 @@ inline void DistanceGrid::measure() {
       }
 }
 
-template <class Vec3, class Mat3>
+template <class Vec3, class Mat3, class DistanceSample>
 inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
@@ -145,11 +145,11 @@ inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
       d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
       d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
     }
-  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
+  d.hessian.template triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
   return d;
 }
 
-template <class Vec3, class Mat3>
+template <class Vec3, class Mat3, class DistanceSample>
 inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;

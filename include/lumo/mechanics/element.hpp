@@ -49,9 +49,9 @@ struct LinearTet {
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
 
 /// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes>
-Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3& xi) {
-  Eigen::Matrix<double, 3, 4> corner;
+template <int Nodes, class Vec3 = Vec3, class Matrix34d = Eigen::Matrix<double, 3, 4>>
+Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
+  Matrix34d corner;
   corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
   if constexpr (Nodes == 4) {
     return corner;

@@ -12,6 +12,8 @@ namespace lumo {
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
 template <TetElement Element>
 class ElementPoints {
+  using Mat3 = Dependent<lumo::Mat3, Element>;
+
  public:
   using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
 

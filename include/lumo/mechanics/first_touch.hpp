@@ -19,14 +19,14 @@ struct Touch {
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
 /// better for round ones. The mesh only says where a patch ends.
 /// Throws InvalidArgument when the indenter passes by.
-template <Indenter Tool>
+template <Indenter Tool, class Vec3 = Vec3>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
 namespace detail {
 
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
-template <Indenter Tool>
-double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, const Vec3& p, double limit) {
+template <Indenter Tool, class Vec3 = Vec3>
+double advance_to(const Tool& tool, In<Vec3> start, In<Vec3> direction, In<Vec3> p, double limit) {
   double s = 0.0, before = 0.0;
   for (int i = 0; i < 500; ++i) {
     const double gap = tool.distance(p - start - s * direction);
@@ -47,7 +47,7 @@ double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, co
 
 }  // namespace detail
 
-template <Indenter Tool>
+template <Indenter Tool, class Vec3>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Vec3 direction = scenario.direction();
   double size = 0.0;

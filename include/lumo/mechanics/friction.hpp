@@ -53,8 +53,8 @@ struct FrictionHistory {
   }
 
   /// Makes the equilibrium at positions x, with the rigid thing as it is now, the last one. Points out of contact let go.
-  template <ContactHandler Contact, class Tool>
-  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
+  template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
+  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x) {
     if (coefficient == 0.0) return;
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
@@ -68,8 +68,8 @@ struct FrictionHistory {
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3>& on_nodes) const {
+  template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
+  Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<std::vector<Vec3>>& on_nodes) const {
     Vec3 sum = Vec3::Zero();
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {

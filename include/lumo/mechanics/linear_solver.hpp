@@ -22,17 +22,19 @@ concept LinearSolver = std::copyable<S> && std::default_initializable<S> && requ
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
-/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
-class EigenCholesky {
+namespace detail {
+
+/// EigenCholesky as a class template, so that what copies it is compiled only where it is copied.
+template <class SparseLower = SparseLower>
+class EigenCholeskyOf {
  public:
-  EigenCholesky() = default;
-  EigenCholesky(const EigenCholesky& other) { *this = other; }
-  EigenCholesky& operator=(const EigenCholesky& other) {  // Eigen's solver does not copy: analyse again
+  EigenCholeskyOf() = default;
+  EigenCholeskyOf(const EigenCholeskyOf& other) { *this = other; }
+  EigenCholeskyOf& operator=(const EigenCholeskyOf& other) {  // Eigen's solver does not copy: analyse again
     if (this != &other && other.pattern_.size() > 0) analyze(other.pattern_);
     return *this;
   }
 
-  template <class = void>
   void analyze(const SparseLower& lower) {
     pattern_ = lower;
     solver_.analyzePattern(lower);
@@ -51,6 +53,11 @@ class EigenCholesky {
   SparseLower pattern_;
   Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
 };
+
+}  // namespace detail
+
+/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
+using EigenCholesky = detail::EigenCholeskyOf<>;
 
 static_assert(LinearSolver<EigenCholesky>);
 

@@ -70,23 +70,23 @@ inline Mat9 determinant_hessian(In<Mat3> F) {
 }
 
 /// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M>
-double energy_density(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3>
+double energy_density(const M& m, In<Mat3> F) {
   return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
 }
 
 /// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M>
-Mat3 first_piola(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3>
+Mat3 first_piola(const M& m, In<Mat3> F) {
   return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
 }
 
 /// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M>
-Mat9 elasticity_tangent(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
+Mat9 elasticity_tangent(const M& m, In<Mat3> F) {
   const VolumetricSample u = m.volumetric(F.determinant());
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+  const Eigen::Map<const Vector9d> flat(c.data());
   return m.distortion_tangent(F) + u.stiffness * flat * flat.transpose() + u.stress * determinant_hessian(F);
 }
 

@@ -27,20 +27,21 @@ struct Ogden {
 
   template <class Vec3 = Vec3, class Mat3 = Mat3>
   double distortion_energy(In<Mat3> F) const;
-  template <class Mat3 = Mat3>
+  template <class Mat3 = Mat3, class Vec3 = Vec3>
   Mat3 distortion_stress(In<Mat3> F) const;
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vec3 = Vec3>
   Mat9 distortion_tangent(In<Mat3> F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
  private:
   // Principal stretches l, with F = U diag(l) Vᵀ, and gᵢ = lᵢ ∂W/∂lᵢ.
+  template <class Vec3, class Mat3>
   struct Principal {
     Mat3 U, V;
     Vec3 l, g;
   };
   template <class Vec3 = Vec3, class Mat3 = Mat3>
-  Principal principal(In<Mat3> F) const;
+  Principal<Vec3, Mat3> principal(In<Mat3> F) const;
   // ∂gᵢ/∂ln lⱼ
   template <class Vec3 = Vec3, class Mat3 = Mat3>
   Mat3 log_slopes(In<Vec3> l) const;
@@ -59,9 +60,9 @@ inline void validate(const Ogden& m) {
 }
 
 template <class Vec3, class Mat3>
-inline Ogden::Principal Ogden::principal(In<Mat3> F) const {
+inline Ogden::Principal<Vec3, Mat3> Ogden::principal(In<Mat3> F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
+  Principal<Vec3, Mat3> p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
   const double J = p.l.prod();
   for (const Term& t : terms) {
     const Vec3 power = t.mu * std::pow(J, -t.alpha / 3.0) * p.l.array().pow(t.alpha).matrix();
@@ -81,9 +82,9 @@ inline double Ogden::distortion_energy(In<Mat3> F) const {
   return sum;
 }
 
-template <class Mat3>
+template <class Mat3, class Vec3>
 inline Mat3 Ogden::distortion_stress(In<Mat3> F) const {
-  const Principal p = principal(F);
+  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
@@ -110,9 +111,9 @@ inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
-template <class Mat3, class Mat9>
+template <class Mat3, class Mat9, class Vec3>
 inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
-  const Principal p = principal(F);
+  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
   const Mat3 slopes = log_slopes(p.l);
   Mat9 local = Mat9::Zero();
   for (int i = 0; i < 3; ++i)

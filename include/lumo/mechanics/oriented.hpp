@@ -11,6 +11,9 @@ namespace lumo {
 /// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
 template <Indenter Tool>
 struct Oriented {
+  using Vec3 = Dependent<lumo::Vec3, Tool>;
+  using Mat3 = Dependent<lumo::Mat3, Tool>;
+
   Tool tool;
   Mat3 turn = Mat3::Identity();
 
@@ -25,7 +28,7 @@ struct Oriented {
   }
   double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
   DistanceSample sample(const Vec3& p) const {
-    const DistanceSample d = tool.sample(turn.transpose() * p);
+    const auto d = tool.sample(turn.transpose() * p);
     return {d.distance, turn * d.gradient, turn * d.hessian * turn.transpose()};
   }
 };
@@ -34,7 +37,7 @@ template <Indenter Tool>
 Oriented(Tool, Mat3) -> Oriented<Tool>;
 
 /// A tool that is long along its own z, laid along y, the finger: its z becomes y.
-template <Indenter Tool>
+template <Indenter Tool, class Mat3 = Mat3>
 Oriented<Tool> lying_along_y(const Tool& tool) {
   Mat3 turn;
   turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
@@ -42,7 +45,7 @@ Oriented<Tool> lying_along_y(const Tool& tool) {
 }
 
 /// The same, laid along x, across the finger.
-template <Indenter Tool>
+template <Indenter Tool, class Mat3 = Mat3>
 Oriented<Tool> lying_along_x(const Tool& tool) {
   Mat3 turn;
   turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;

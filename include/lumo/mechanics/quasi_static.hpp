@@ -69,6 +69,10 @@ namespace detail {
 
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using VectorXd = Dependent<Eigen::VectorXd, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+
  public:
   QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
@@ -157,9 +161,9 @@ class QuasiStaticRun {
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
-    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
+    VectorXd before;   // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
-      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -213,9 +217,9 @@ class QuasiStaticRun {
   }
 
   // Solution with the last factor for all equations, the advance's included.
-  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
-    Eigen::VectorXd d(r.size());
-    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+  VectorXd solve_factored(const VectorXd& r) {
+    VectorXd d(r.size());
+    const VectorXd z = linear_.front().solve(r.head(eq_.count));
     d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
     d.head(eq_.count) = z - d[eq_.count] * response_;
     return d;
@@ -223,8 +227,8 @@ class QuasiStaticRun {
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
-    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+  Status step(const VectorXd& r, typename System::Seen& seen) {
+    const VectorXd d = -steps_.solve(r, [&](const VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
@@ -258,7 +262,7 @@ class QuasiStaticRun {
       const FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;   // the advance moves with the even fields only
-      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
+      const double stiffness = t.stiffness - t.coupling.dot(VectorXd(linear_[b].solve(t.coupling)));
       if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
     return Status::converged;
@@ -273,10 +277,10 @@ class QuasiStaticRun {
   FrictionHistory touched_, rested_;        // at the end of the last stride
   std::chrono::steady_clock::time_point deadline_;
   typename System::Tangent tangent_;
-  Eigen::VectorXd response_;   // K⁻¹ k
+  VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
   SecantPairs steps_;          // with that factor
-  Eigen::VectorXd last_step_;
+  VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 
@@ -311,7 +315,7 @@ std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, co
     state.status = path.solve(fraction * load);
     state.iterations = path.iterations;
     state.depth_m = path.advance();
-    const Positions& x = path.positions();
+    const auto& x = path.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     FrictionForces friction = path.friction();
     state.friction_N = std::move(friction.on_nodes);

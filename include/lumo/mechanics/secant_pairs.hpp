@@ -17,6 +17,7 @@ class SecantPairs {
 
   /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
   /// rounding: the corrected inverse stays positive definite.
+  template <class = void>
   void add(Eigen::VectorXd step, Eigen::VectorXd change) {
     const double curvature = step.dot(change);
     if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});

@@ -14,7 +14,7 @@ namespace lumo {
 /// Deformed node positions, 3 × nodes [m].
 using Positions = Eigen::Matrix3Xd;
 
-template <class = void>
+template <class Positions = Positions>
 inline Positions positions_of(const TetMesh& mesh) {
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
@@ -24,6 +24,10 @@ inline Positions positions_of(const TetMesh& mesh) {
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
 template <HyperelasticMaterial Material, TetElement Element>
 class Solid {
+  using Mat3 = Dependent<lumo::Mat3, Material>;
+  using Mat9 = Dependent<lumo::Mat9, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
+
  public:
   static constexpr int N = Element::nodes;
   using Gradients = Eigen::Matrix<double, 3, N>;
@@ -173,12 +177,12 @@ class Solid {
       if (element_.mean_dilatation) {
         Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
       } else {
-        const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+        const Eigen::Map<const Dependent<Eigen::Matrix<double, 9, 1>, Material>> flat(c.data());
         A += u.stiffness * flat * flat.transpose();
       }
       A *= weight(e, q);
       for (int a = 0; a < N; ++a) {
-        Eigen::Matrix<double, 9, 3> T = A.template leftCols<3>() * g(0, a);
+        Dependent<Eigen::Matrix<double, 9, 3>, Material> T = A.template leftCols<3>() * g(0, a);
         T += A.template middleCols<3>(3) * g(1, a);
         T += A.template rightCols<3>() * g(2, a);
         for (int b = a; b < N; ++b)

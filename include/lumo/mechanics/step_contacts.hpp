@@ -12,6 +12,12 @@ namespace lumo {
 /// Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020; Newton 1.8).
 template <ContactHandler Contact, class Tool>
 class StepContacts {
+  using Vec3 = Dependent<lumo::Vec3, Contact>;
+  using Mat3 = Dependent<lumo::Mat3, Contact>;
+  using Positions = Dependent<lumo::Positions, Contact>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Contact>;
+  using DistanceSample = Dependent<lumo::DistanceSample, Contact>;
+
  public:
   StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
 

@@ -16,6 +16,12 @@ struct VertexBlock {
 /// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has it.
 template <HyperelasticMaterial Material, TetElement Element>
 class VertexElasticity {
+  using Vec3 = Dependent<lumo::Vec3, Material>;
+  using Mat3 = Dependent<lumo::Mat3, Material>;
+  using Mat9 = Dependent<lumo::Mat9, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Material>;
+
  public:
   /// Throws InvalidArgument where the mesh is not of the element's order.
   VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
@@ -104,8 +110,8 @@ class VertexElasticity {
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
   static Mat3 contracted(const Mat9& A, const Vec3& g) {
-    Eigen::Matrix<double, 9, 3> right = A.leftCols<3>() * g[0] + A.middleCols<3>(3) * g[1] + A.rightCols<3>() * g[2];
-    return right.topRows<3>() * g[0] + right.middleRows<3>(3) * g[1] + right.bottomRows<3>() * g[2];
+    Dependent<Eigen::Matrix<double, 9, 3>, Material> right = A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
+    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] + right.template bottomRows<3>() * g[2];
   }
 
   const TetMesh* mesh_;

@@ -50,6 +50,11 @@ namespace detail {
 /// One body under one indenter in time.
 template <class Model, Indenter Tool, Executor E>
 class Descent {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using Mat3 = Dependent<lumo::Mat3, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Model>;
+
  public:
   Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3& direction, const DescentConfig& config, const E& executor)
       : model_(model), config_(config), executor_(executor), tool_(tool), origin_(touch.origin), direction_(direction), x_(positions_of(model.sector.mesh)),
@@ -213,7 +218,7 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);
     state.iterations = config.sweeps * (steps - before);
     state.depth_m = body.advance();
-    const Positions& x = body.positions();
+    const auto& x = body.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
     states.push_back(std::move(state));

@@ -11,6 +11,7 @@ namespace lumo {
 /// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of node numbers.
 using VertexColors = std::vector<std::vector<int>>;
 
+template <class = void>
 inline VertexColors color_vertices(const TetMesh& mesh) {
   const std::size_t per = std::size_t(mesh.nodes_per_tet());
   std::vector<std::vector<int>> tets_of(mesh.nodes.size());
@@ -32,6 +33,7 @@ inline VertexColors color_vertices(const TetMesh& mesh) {
 }
 
 /// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
+template <class = void>
 inline void validate(const VertexColors& colors, const TetMesh& mesh) {
   std::vector<int> color(mesh.nodes.size(), -1);
   for (std::size_t c = 0; c < colors.size(); ++c)

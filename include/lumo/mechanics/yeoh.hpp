@@ -25,16 +25,16 @@ struct Yeoh {
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  template <class Mat3 = Mat3>
+  template <class Mat3 = Mat3, class InvariantSample = InvariantSample>
   Mat3 distortion_stress(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample, class Vector9d = Eigen::Matrix<double, 9, 1>>
   Mat9 distortion_tangent(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
+    const Eigen::Map<const Vector9d> g(I.gradient.data());
     return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
   }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }

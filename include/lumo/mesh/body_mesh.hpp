@@ -39,7 +39,7 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
     const std::pair<int, int> key = std::minmax(a, b);
     const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
     if (fresh) {
-      const Vec3 half = 0.5 * (mesh.nodes[std::size_t(a)] + mesh.nodes[std::size_t(b)]);
+      const Vec3 &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
       const auto on_surface = boundary_edges.find(key);
       mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
     }

@@ -61,6 +61,7 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+template <class = void>
 inline bool outline_crosses(const std::vector<Point2>& points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {

@@ -35,10 +35,12 @@ class PolygonRefinement {
 
   /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
   /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
+  template <class = void>
   bool refine(const std::function<double(const Point2&)>& edge_length);
 
   const std::vector<Point2>& points() const { return points_; }
   const std::vector<Triangle>& triangles() const { return triangles_; }
+  template <class = void>
   std::vector<Piece> outline() const;
 
  private:
@@ -62,14 +64,18 @@ class PolygonRefinement {
   std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
   Circle circle(const Triangle& t) const;
   bool in_circle(const Triangle& t, const Point2& p) const;
+  template <class = void>
   Place walk(int from, const Point2& p) const;
   void reconnect(int neighbour, int before, int now);
   bool flip(int t, int k);
   void settle(int point, std::vector<int>& changed);
+  template <class = void>
   std::optional<std::pair<int, int>> encroached(int t, const Point2& p) const;
+  template <class = void>
   void insert(int t, const Point2& p, std::vector<int>& changed);
   void split_inside(int t, const Point2& p, std::vector<int>& changed);
   void split_edge(int t, int k, const Point2& p, std::vector<int>& changed);
+  template <class = void>
   bool split_outline(int t, int k, double closest, std::vector<int>& changed);
 
   std::vector<Point2> points_;
@@ -138,6 +144,7 @@ inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) con
 }
 
 /// From triangle to triangle towards a point, as far as the outline allows.
+template <class>
 inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) const {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
@@ -230,6 +237,7 @@ inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::ve
 }
 
 /// Halves the piece of the outline opposite to corner k, unless that brings points too close.
+template <class>
 inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
   const auto [from, to] = ends(t, k);
   const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
@@ -243,6 +251,7 @@ inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::
 
 /// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
 /// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
+template <class>
 inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
@@ -259,12 +268,14 @@ inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, c
 }
 
 /// A point of the closed triangle.
+template <class>
 inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
   for (int k = 0; k < 3; ++k)
     if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
   split_inside(t, p, changed);
 }
 
+template <class>
 inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
   std::vector<int> todo;
   for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
@@ -295,6 +306,7 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
   return true;
 }
 
+template <class>
 inline std::vector<PolygonRefinement::Piece> PolygonRefinement::outline() const {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)

@@ -25,20 +25,26 @@ class PolygonTriangles {
   }
 
   /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  template <class = void>
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
   const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
   int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  template <class = void>
   bool crosses(int a, int b, const std::vector<int>& loop) const;
+  template <class = void>
   bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  template <class = void>
   bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  template <class = void>
   double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
 
   std::vector<Point2> points_;
 };
 
 /// Whether the segment a b meets an edge of the loop that does not end in a or b.
+template <class>
 inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int p = loop[i], q = loop[(i + 1) % loop.size()];
@@ -49,12 +55,14 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 }
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+template <class>
 inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
   const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
+template <class>
 inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
@@ -78,6 +86,7 @@ inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<i
 }
 
 /// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+template <class>
 inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
   const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
   if (a == c || turn(a, b, c) <= 0) return 0.0;
@@ -88,6 +97,7 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
+template <class>
 inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
   const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });

@@ -18,6 +18,7 @@ struct Sector {
 };
 
 /// Throws InvalidArgument when the mesh is not symmetric in a wanted plane.
+template <class = void>
 Sector sector_of(const TetMesh& whole, Symmetry planes);
 
 /// A field of vectors on the sector's nodes, mirrored to the whole mesh.
@@ -26,6 +27,7 @@ std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::
 /// A field of numbers on the sector's nodes, mirrored to the whole mesh.
 std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
+template <class>
 inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
   if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y)) throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
   Sector s;

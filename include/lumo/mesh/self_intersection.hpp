@@ -198,8 +198,8 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   Vec3 low = Vec3::Constant(HUGE_VAL), high = Vec3::Constant(-HUGE_VAL);
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
-    boxes.push_back({at(t[0]).cwiseMin(at(t[1])).cwiseMin(at(t[2])).array() - 0.5 * gap_, at(t[0]).cwiseMax(at(t[1])).cwiseMax(at(t[2])).array() + 0.5 * gap_,
-                     static_cast<int>(i)});
+    const Vec3 &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
+    boxes.push_back({a.cwiseMin(b).cwiseMin(c).array() - 0.5 * gap_, a.cwiseMax(b).cwiseMax(c).array() + 0.5 * gap_, static_cast<int>(i)});
     low = low.cwiseMin(boxes.back().low);
     high = high.cwiseMax(boxes.back().high);
   }

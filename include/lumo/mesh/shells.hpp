@@ -40,6 +40,7 @@ class Groups {
 
 /// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
 /// Throws MeshError (open, not_manifold).
+template <class = void>
 inline void check_edges(const MeshInput& input) {
   using Reason = MeshError::Reason;
   struct Side {

@@ -35,7 +35,7 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class Sample = Sample>
   Sample sample(In<Vec3> p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
@@ -46,7 +46,7 @@ class SignedDistance {
     if (n.at.feature > 2) {
       const auto& t = surface_->triangles[std::size_t(n.triangle)];
       const std::size_t k = std::size_t(n.at.feature) - 3;
-      const Vec3 along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
+      const Vec3 &end = corner(t, (k + 1) % 3), &start = corner(t, k), along = (end - start).normalized();
       turning -= along * along.transpose();
     }
     s.hessian = turning / s.distance;
@@ -64,6 +64,7 @@ class SignedDistance {
   const Vec3& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_->vertices[std::size_t(t[k])]; }
   static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) { return std::minmax(int(t[k]), int(t[(k + 1) % 3])); }
 
+  template <class = void>
   Vec3 outward(const TriangleTree::Nearest& n) const {
     const auto& t = surface_->triangles[std::size_t(n.triangle)];
     if (n.at.feature < 3) return at_corner_[std::size_t(t[std::size_t(n.at.feature)])];

@@ -34,6 +34,7 @@ class SurfaceText {
   SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
 
   /// The words of the next line that has any, without a comment; none at the end.
+  template <class = void>
   std::vector<std::string_view> next() {
     std::vector<std::string_view> words;
     while (words.empty() && !rest_.empty()) {
@@ -64,6 +65,7 @@ class SurfaceText {
     if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
+  template <class = void>
   Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
     if (words.size() < first + 3) refuse("a point needs three coordinates");
     return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
@@ -115,6 +117,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
   return s;
 }
 
+template <class = void>
 inline TriangleSurface read_stl_text(SurfaceText text) {
   TriangleSurface s;
   const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
@@ -144,6 +147,7 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
 }
 
 // 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+template <class = void>
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
@@ -159,6 +163,7 @@ inline TriangleSurface read_stl_binary(std::string_view bytes) {
 }
 
 // One vertex for each place, in order of first mention.
+template <class = void>
 inline TriangleSurface welded(const TriangleSurface& loose) {
   TriangleSurface s;
   std::map<std::array<double, 3>, int> known;

@@ -78,6 +78,7 @@ inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
 }
 
 /// Where layers meet, from 0 to 1: as thick as `thickness` wants at their place, evened out.
+template <class = void>
 inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   const std::size_t steps = thickness.size();   // of equal width, thickness in units of the whole
   std::vector<double> layers(steps + 1, 0.0);

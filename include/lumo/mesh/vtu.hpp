@@ -30,12 +30,15 @@ struct SeriesEntry {
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
 /// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
+template <class = void>
 void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
+template <class = void>
 void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries);
 
 /// The field for write_vtu from one vector per node.
+template <class = void>
 inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
   NodeField f{std::move(name), 3, {}};
   f.values.reserve(3 * vectors.size());
@@ -45,6 +48,7 @@ inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
 
 namespace detail {
 
+template <class = void>
 inline std::string base64(std::span<const unsigned char> bytes) {
   static constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string s;
@@ -84,6 +88,7 @@ inline std::string xml_attribute(std::string_view s) {
 
 }  // namespace detail
 
+template <class>
 inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
@@ -113,6 +118,7 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const No
   if (!out) throw InputError("writing a .vtu file failed");
 }
 
+template <class>
 inline void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries) {
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n";
   for (const SeriesEntry& e : entries)

@@ -19,6 +19,7 @@ struct FingerDesign {
   static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
 
   /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
+  template <class = void>
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -40,14 +41,17 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
+template <class = void>
 DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
+template <class = void>
 inline std::vector<FingerDesign> reference_designs() {
   return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
+template <class>
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
   if (x.size() != 5) throw InvalidArgument(detail::text("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
   const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
@@ -83,6 +87,7 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 }  // namespace detail
 
+template <class>
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;

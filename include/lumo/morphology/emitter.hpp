@@ -45,12 +45,18 @@ struct RectangleEmitter {
   bool in_air = false;             ///< radiates into the air beside the body
 
   template <class Vec3 = Vec3>
-  Vec3 axis() const { return half_u.cross(half_v).normalized(); }
+  Vec3 axis() const {
+    const Vec3 &u = half_u, &v = half_v;
+    return u.cross(v).normalized();
+  }
   template <class Vec3 = Vec3>
-  Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
+  Vec3 point(double u, double v) const {
+    const Vec3 &c = center, &to_u = half_u, &to_v = half_v;
+    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
+  }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Image = RectangleEmitter>
   RectangleEmitter mirrored(In<Vec3> m) const;
 };
 
@@ -123,6 +129,7 @@ template <class = void>
 void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
+template <class = void>
 inline int color_count(const std::vector<Emitter>& emitters) {
   int count = 0;
   for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
@@ -130,9 +137,9 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-template <class Vec3>
+template <class Vec3, class Image>
 inline RectangleEmitter RectangleEmitter::mirrored(In<Vec3> m) const {
-  RectangleEmitter image = *this;
+  Image image = *this;
   image.center = m.cwiseProduct(center);
   image.half_u = m.cwiseProduct(half_u);
   image.half_v = m.cwiseProduct(half_v) * m.prod();

@@ -57,6 +57,7 @@ struct FingerOptions {
 };
 
 /// Throws InvalidArgument for an option that is out of range.
+template <class = void>
 void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
@@ -83,6 +84,7 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
+template <class = void>
 inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
   const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
@@ -135,6 +137,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
+template <class>
 inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");

@@ -15,11 +15,14 @@ namespace lumo {
 class LobeTable {
  public:
   /// `angles_rad` ascend from 0 to at most π, `relative` intensities ≥ 0 are not all 0. Throws InvalidArgument.
+  template <class = void>
   LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative);
 
   /// Share of the power per solid angle [1/sr]; its integral over all directions is 1.
+  template <class = void>
   double density(double cosine) const;
   /// Cosine of the angle below which the share `u` of the power lies: the inverse of a distribution that is quadratic between entries.
+  template <class = void>
   double cosine(double u) const;
 
  private:
@@ -51,6 +54,7 @@ inline void validate(const MeasuredLobe& e) { require_in_range("radius of a meas
 
 static_assert(EmitterModel<MeasuredLobe>);
 
+template <class>
 inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative) : density_(std::move(relative)) {
   const std::size_t n = angles_rad.size();
   if (n < 2 || density_.size() != n) throw InvalidArgument(detail::text("lobe: ", n, " angles and ", density_.size(), " intensities, needs as many, at least 2"));
@@ -68,6 +72,7 @@ inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<d
   for (double& b : below_) b /= all;
 }
 
+template <class>
 inline double LobeTable::density(double c) const {
   if (!(c >= cosine_.back())) return 0.0;
   const auto next = std::lower_bound(cosine_.begin() + 1, cosine_.end() - 1, c, std::greater<>());  // first entry with a cosine ≤ c
@@ -76,6 +81,7 @@ inline double LobeTable::density(double c) const {
   return density_[k - 1] + t * (density_[k] - density_[k - 1]);
 }
 
+template <class>
 inline double LobeTable::cosine(double u) const {
   const auto next = std::upper_bound(below_.begin() + 1, below_.end() - 1, u);
   const std::size_t k = std::size_t(next - below_.begin());

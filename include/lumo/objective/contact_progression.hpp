@@ -23,6 +23,7 @@ struct ContactTerms {
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
   /// (q_form q_stable q_stiff)^(1/3).
+  template <class = void>
   std::optional<Estimate> score() const;
 };
 
@@ -56,6 +57,7 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
+template <class>
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);

@@ -34,8 +34,8 @@ struct OpticalError {
 };
 
 /// (r − r_0)/P_emit by replicate.
-template <class MatrixXd = Eigen::MatrixXd>
-inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+template <class Response = Response>
+inline Eigen::MatrixXd response_change(In<Response> loaded, In<Response> unloaded) {
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 

@@ -22,7 +22,7 @@ class BvhScene {
   BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Array4f = Eigen::Array4f>
   RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
 
  private:
@@ -187,7 +187,7 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-template <class Vec3>
+template <class Vec3, class Array4f>
 inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
@@ -225,9 +225,9 @@ inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool insi
     }
     if (now.count > 0) continue;
     const Node& node = nodes_[std::size_t(now.child)];
-    Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
+    Array4f enter = Array4f::Zero(), leave = Array4f::Constant(float(best.t));
     for (std::size_t a = 0; a < 3; ++a) {
-      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+      const Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
       enter = enter.max((near - of[a]) * inverse[a]);
       leave = leave.min((far - of[a]) * inverse[a]);
     }

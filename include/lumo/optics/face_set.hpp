@@ -37,7 +37,7 @@ class FaceSet {
   /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
   /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
   /// focus is, which must have the symmetry.
-  template <class Predicate>
+  template <class Predicate, class Vec3 = Vec3>
   FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
@@ -75,7 +75,7 @@ inline std::uint64_t FaceSet::morton(const Vec3& p) {
   return code;
 }
 
-template <class Predicate>
+template <class Predicate, class Vec3>
 FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
@@ -163,12 +163,14 @@ inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene,
     x.ray.triangle = scene.triangle_at(f.face, b[1], b[2], x.ray.origin);
   } else {
     x.ray.triangle = f.triangle;
-    const auto& [p, q, r] = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const auto& [p, q, r] = corners;
     x.ray.origin = b[0] * p + b[1] * q + b[2] * r;
   }
   x.ray.key = combine(sequence.seed, x.index);
   x.at = scene.locate(x.ray.triangle, x.ray.origin);
-  const auto& [p, q, r] = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+  const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+  const auto& [p, q, r] = corners;
   const Vec3 normal = (q - p).cross(r - p);
   x.normal = normal.normalized();
   x.area = 0.5 * normal.norm() * (f.face >= 0 ? per_face_ : 1) / f.count;

@@ -16,6 +16,7 @@
 namespace lumo::detail {
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
+template <class = void>
 inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
   std::vector<std::array<int, 6>> numbers(faces.size());
   std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
@@ -30,7 +31,8 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
 /// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
 /// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
-template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d>
+template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d, class Vector6d = Eigen::Matrix<double, 6, 1>, class Matrix6d = Eigen::Matrix<double, 6, 6>,
+          class SparseMatrix = Eigen::SparseMatrix<double>>
 inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   struct Point {
     double weight, b1, b2;
@@ -47,9 +49,9 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   for (std::size_t f = 0; f < faces.size(); ++f) {
     const std::array<Vec3, 6>& x = faces[f].reference;
     const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
-    Eigen::Matrix<double, 6, 6> mass = Eigen::Matrix<double, 6, 6>::Zero();
+    Matrix6d mass = Matrix6d::Zero();
     for (const Point& p : rule) {
-      const Eigen::Matrix<double, 6, 1> shape(quadratic_shape(p.b1, p.b2).data());
+      const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
       mass += area * p.weight * shape * shape.transpose();
       const Vec3 turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
       if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
@@ -58,9 +60,9 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t l = 0; l < 6; ++l) entries.emplace_back(nodes[f][k], nodes[f][l], mass(int(k), int(l)));
   }
-  Eigen::SparseMatrix<double> mass(size, size);
+  SparseMatrix mass(size, size);
   mass.setFromTriplets(entries.begin(), entries.end());
-  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper> solver(mass);
+  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper> solver(mass);
   solver.setTolerance(1e-10);
   turned = solver.solve(turned).eval();
   for (std::size_t f = 0; f < faces.size(); ++f)

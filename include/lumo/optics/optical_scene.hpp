@@ -67,13 +67,14 @@ class OpticalScene {
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
   template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
+  template <class = void>
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
@@ -98,6 +99,7 @@ class OpticalScene {
   int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
+  template <class = void>
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
@@ -249,7 +251,8 @@ inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
 
 template <class Vec3>
 inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
   const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
@@ -277,9 +280,10 @@ inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) co
   return corners;
 }
 
-template <class>
+template <class Vec3>
 inline double OpticalScene::triangle_area(int t) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
@@ -297,20 +301,23 @@ inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point
   double u = x - i, v = y - j;
   const bool upper = u + v > 1.0 && i + j + 1 < n_;
   const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   point = upper ? Vec3((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3((1.0 - u - v) * a + u * b + v * c);
   return t;
 }
 
 template <class Vec3>
 inline Vec3 OpticalScene::flat_normal(int t) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   return (b - a).cross(c - a).normalized();
 }
 
 template <class Vec3>
 inline Vec3 OpticalScene::pulled_inward(int t, In<Vec3> p) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   const double size = std::sqrt((b - a).cross(c - a).norm());
   return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
 }

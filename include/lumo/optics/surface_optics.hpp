@@ -58,6 +58,7 @@ static_assert(!OpaqueSurface<Dielectric>);
 inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
+template <class = void>
 inline void validate(const SurfaceOptics& optics) {
   std::visit(
       [](const auto& s) {

@@ -25,6 +25,7 @@ class DesignSampler {
 
   /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
   /// node between them, a constraint with the wrong number of coefficients. It is copied.
+  template <class = void>
   explicit DesignSampler(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
@@ -33,16 +34,20 @@ class DesignSampler {
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
   /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
+  template <class = void>
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
   /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
   /// the variable's range, and at least one step of its lattice.
+  template <class = void>
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
   /// Is `reach` too small to make a difference: one step on every lattice, less than 10⁻⁴ of the range elsewhere?
+  template <class = void>
   bool finest(double reach) const;
 
   /// The same design with lattice values to the bit as the sampler writes them.
+  template <class = void>
   Design canonical(Design x) const;
 
  private:
@@ -52,14 +57,23 @@ class DesignSampler {
     std::vector<double> table;
   };
 
+  template <class = void>
   double node(std::size_t i, double k) const;
+  template <class = void>
   double place(std::size_t i, double unit) const;
+  template <class = void>
   double shifted(std::size_t i, double x, double by) const;
+  template <class = void>
   void list();
+  template <class = void>
   bool descend(std::size_t i, Design& x, std::size_t& visits);
+  template <class = void>
   std::optional<Design> repaired(Design x, std::uint64_t key) const;
+  template <class = void>
   static double excess(const LinearConstraint& c, const Design& x);
+  template <class = void>
   void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
+  template <class = void>
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -68,6 +82,7 @@ class DesignSampler {
   bool listed_ = false;
 };
 
+template <class>
 inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)) {
   if (space_.variables.empty()) throw InvalidArgument("design space has no variables, must have at least 1");
   std::set<std::string> names;
@@ -97,6 +112,7 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
 }
 
 /// The shortest decimal number for a node: 0.3, not 0.30000000000000004.
+template <class>
 inline double DesignSampler::node(std::size_t i, double k) const {
   if (!axes_[i].table.empty() && k < double(axes_[i].table.size())) return axes_[i].table[std::size_t(k)];
   const Variable& v = space_.variables[i];
@@ -107,12 +123,14 @@ inline double DesignSampler::node(std::size_t i, double k) const {
   return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
 }
 
+template <class>
 inline double DesignSampler::place(std::size_t i, double unit) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes > 0.0) return node(i, std::clamp(std::floor(unit * axes_[i].nodes), 0.0, axes_[i].nodes - 1.0));
   return std::clamp(v.lower + unit * (v.upper - v.lower), v.lower, v.upper);
 }
 
+template <class>
 inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
@@ -121,12 +139,14 @@ inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
+template <class>
 inline Design DesignSampler::canonical(Design x) const {
   for (std::size_t i = 0; i < x.size() && i < dimensions(); ++i)
     if (axes_[i].nodes > 0.0) x[i] = shifted(i, x[i], 0.0);
   return x;
 }
 
+template <class>
 inline bool DesignSampler::finest(double reach) const {
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
@@ -136,6 +156,7 @@ inline bool DesignSampler::finest(double reach) const {
   return true;
 }
 
+template <class>
 inline void DesignSampler::list() {
   Design x(dimensions());
   std::size_t visits = 0;
@@ -144,6 +165,7 @@ inline void DesignSampler::list() {
 }
 
 /// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
+template <class>
 inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
@@ -168,6 +190,7 @@ inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits
   return true;
 }
 
+template <class>
 inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t index) const {
   Design x(dimensions());
   for (std::size_t i = 0; i < dimensions(); ++i) {
@@ -178,12 +201,14 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
 }
 
 /// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
+template <class>
 inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
 /// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
+template <class>
 inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
@@ -198,6 +223,7 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
 }
 
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
+template <class>
 inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
@@ -218,6 +244,7 @@ inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key
   return std::nullopt;
 }
 
+template <class>
 inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
   std::vector<Design> out;
   DesignSet seen;
@@ -250,6 +277,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
   return out;
 }
 
+template <class>
 inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
   std::vector<Design> out;
   const std::size_t d = dimensions();

@@ -65,13 +65,13 @@ class ExpectedHypervolume {
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound leaves below e⁻⁴⁰ of the most
   /// promising one are passed over.
-  template <class Mean, class Deviation>
+  template <class Mean, class Deviation, class ArrayXd = Eigen::ArrayXd>
   double log_sum(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
     if (count == 0) return -std::numeric_limits<double>::infinity();
     double scale = 0.0;
     for (Eigen::Index j = 0; j < m; ++j) scale += std::log(deviation[j]);
-    Eigen::ArrayXd bound = Eigen::ArrayXd::Constant(count, scale);
+    ArrayXd bound = ArrayXd::Constant(count, scale);
     for (Eigen::Index k = 0; k < count; ++k)
       for (Eigen::Index j = 0; j < m; ++j) {
         const double a = (mean[j] - boxes_.lower(j, k)) / deviation[j];

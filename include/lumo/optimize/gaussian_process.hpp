@@ -51,6 +51,8 @@ class GaussianProcess {
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
   using ArrayXd = Dependent<Eigen::ArrayXd, Kernel>;
+  using TrainingData = Dependent<lumo::TrainingData, Kernel>;
+  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Config {
@@ -212,7 +214,7 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
 }
 
 template <CovarianceKernel Kernel>
-Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
+typename GaussianProcess<Kernel>::Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
   const Eigen::Index d = u.size() - 1;
   return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
 }

@@ -19,6 +19,7 @@ class MarginalLikelihood {
   using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Value {

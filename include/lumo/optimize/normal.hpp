@@ -47,6 +47,7 @@ class ExcessTable {
  public:
   static constexpr double edge = 8.0;
 
+  template <class = void>
   double operator()(double a) const {
     const double t = (a + edge) * per_unit;
     const auto k = std::min(std::size_t(t), nodes_.size() - 2);
@@ -69,6 +70,7 @@ class ExcessTable {
   };
   std::vector<Node> nodes_;
 
+  template <class = void>
   ExcessTable() {
     for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
       const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);

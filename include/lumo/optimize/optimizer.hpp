@@ -24,6 +24,7 @@ class Optimizer {
   using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+  using Evidence = Dependent<lumo::Evidence, Kernel>;
 
  public:
   struct Config {
@@ -146,7 +147,7 @@ const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-Evidence Optimizer<K, A, S, R>::evidence() const {
+typename Optimizer<K, A, S, R>::Evidence Optimizer<K, A, S, R>::evidence() const {
   Evidence e;
   e.x = log_.designs(Trial::State::told);
   e.pending = log_.designs(Trial::State::pending);

@@ -36,12 +36,12 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
-  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Minimum = Minimum>
   Minimum minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
                    In<std::optional<MatrixXd>> hessian = std::nullopt) const;
 };
 
-template <class Function, class MatrixXd, class VectorXd>
+template <class Function, class MatrixXd, class VectorXd, class Minimum>
 Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
                               In<std::optional<MatrixXd>> known) const {
   const Eigen::Index n = start.size();

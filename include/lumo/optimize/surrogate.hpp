@@ -43,11 +43,13 @@ struct MinimumOverTerms {
     return least;
   }
   /// Throws InvalidArgument when there are not as many counts as objectives, or one is not positive.
+  template <class = void>
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
       throw InvalidArgument(detail::text("minimum over terms needs a positive number of terms for each of ", objectives, " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
+  template <class = void>
   int objective(int output) const {
     int j = 0;
     for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];

@@ -19,6 +19,7 @@ namespace lumo {
 class TrialLog {
  public:
   /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
+  template <class = void>
   TrialLog(Problem problem, int outputs, int retries) : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
     DesignSet known;
@@ -31,15 +32,19 @@ class TrialLog {
   const DesignSampler& sampler() const { return sampler_; }
   const std::vector<Trial>& trials() const { return trials_; }
   const DesignSet& taken() const { return taken_; }
+  template <class = void>
   int count(Trial::State state) const {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
+  template <class = void>
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
+  template <class = void>
   const Trial& open(int id, Design x);
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
+  template <class = void>
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
@@ -51,8 +56,11 @@ class TrialLog {
   Eigen::MatrixXd told_outputs() const;
 
  private:
+  template <class = void>
   Trial& pending(int id);
+  template <class = void>
   bool superseded(const Trial& trial) const;
+  template <class = void>
   bool tries_left(const Trial& trial) const;
 
   Problem problem_;
@@ -64,14 +72,17 @@ class TrialLog {
 };
 
 /// By a later trial of its design.
+template <class>
 inline bool TrialLog::superseded(const Trial& trial) const {
   return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
 }
 
+template <class>
 inline bool TrialLog::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
 }
 
+template <class>
 inline std::optional<Design> TrialLog::scheduled() const {
   for (const Trial& t : trials_)
     if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
@@ -80,6 +91,7 @@ inline std::optional<Design> TrialLog::scheduled() const {
   return std::nullopt;
 }
 
+template <class>
 inline const Trial& TrialLog::open(int id, Design x) {
   if (id != int(trials_.size())) throw InvalidArgument(detail::text("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
   problem_.space.check(x);
@@ -92,6 +104,7 @@ inline const Trial& TrialLog::open(int id, Design x) {
   return trials_.back();
 }
 
+template <class>
 inline Trial& TrialLog::pending(int id) {
   if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(detail::text("trial ", id, " was never asked"));
   Trial& trial = trials_[std::size_t(id)];
@@ -100,6 +113,7 @@ inline Trial& TrialLog::pending(int id) {
   return trial;
 }
 
+template <class>
 inline void TrialLog::tell(int id, std::vector<double> outputs) {
   Trial& trial = pending(id);
   if (int(outputs.size()) != outputs_) throw InvalidArgument(detail::text("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));

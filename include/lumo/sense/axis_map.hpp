@@ -53,12 +53,12 @@ struct AxisMap {
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
   template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class Matrix3d = Eigen::Matrix3d,
-            class MatrixX3d = Eigen::MatrixX3d>
+            class MatrixX3d = Eigen::MatrixX3d, class AxisMap = AxisMap>
   static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
 };
 
-template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d>
-inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
+template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d, class Map>
+inline Map AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
@@ -66,7 +66,7 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   for (Eigen::Index i = 1; i < n; ++i)
     if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(detail::text("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
 
-  AxisMap map;
+  Map map;
   map.origin_px = pixel.rowwise().mean();
   const Matrix2Xd centred = pixel.colwise() - map.origin_px;
   Eigen::SelfAdjointEigenSolver<Matrix2d> spread;
@@ -101,7 +101,7 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
       map.coefficients[2] = c;
       linearise();
       step.template head<2>() = Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
-      map.coefficients.head<2>() -= step.template head<2>();
+      map.coefficients.template head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
     }

@@ -22,9 +22,10 @@ class PlaceFilter {
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
   template <class VectorXd = Eigen::VectorXd>
   const Eigen::VectorXd& update(In<VectorXd> log_likelihood) {
-    const double n = double(probability_.size());
-    probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
-    probability_ = detail::decoding_of((probability_.array().log() + log_likelihood.array()).matrix()).probability;
+    VectorXd& p = probability_;
+    const double n = double(p.size());
+    p = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
+    p = detail::decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
     return probability_;
   }
   const Eigen::VectorXd& probability() const { return probability_; }
@@ -51,7 +52,8 @@ struct BayesDecoder {
       if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);
       for (Eigen::Index k = 0; k < n; ++k) filter.update(steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
-      return detail::decoding_of(filter.probability().array().max(1e-300).log().matrix());
+      const VectorXd& p = filter.probability();
+      return detail::decoding_of(p.array().max(1e-300).log().matrix());
     }
 
    private:
@@ -61,8 +63,8 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class = void>
-  Model fit(const LabelledResponses& training) const {
+  template <class LabelledResponses = LabelledResponses>
+  Model fit(In<LabelledResponses> training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/contact_jacobian.hpp"
 #include "lumo/sense/offset_walk.hpp"
@@ -31,6 +32,11 @@ struct ContactBelief {
 /// A measurement that arrives late is put where it belongs, and what came after it is done again.
 template <ContactJacobian Jacobian>
 class ContactFilter {
+  using Vector2d = Dependent<Eigen::Vector2d, Jacobian>;
+  using Matrix2d = Dependent<Eigen::Matrix2d, Jacobian>;
+  using JointVector = Dependent<lumo::JointVector, Jacobian>;
+  using ContactBelief = Dependent<lumo::ContactBelief, Jacobian>;
+
  public:
   struct Config {
     int link = 0;
@@ -181,7 +187,7 @@ void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
 }
 
 template <ContactJacobian Jacobian>
-ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
+typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
@@ -189,7 +195,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
-  Eigen::Matrix2d information;
+  Matrix2d information;
   for (int k = 0; k < 8; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
     const JointVector a = jacobian_.column(q, {config_.link, inside}), slope = jacobian_.slope(q, {config_.link, inside});
@@ -202,7 +208,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     }
     if (k == 0) force = at / aa;  // of that place
     information << place_weight, 0.0, 0.0, aa;
-    Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
+    Vector2d gradient(place_weight * (place - y), at - aa * force);
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
       const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
@@ -212,7 +218,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     }
     information(1, 0) = information(0, 1);
     belief.covariance = information.inverse();
-    const Eigen::Vector2d step = belief.covariance * gradient;
+    const Vector2d step = belief.covariance * gradient;
     y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
     force += step[1];
     if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;

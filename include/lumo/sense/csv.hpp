@@ -21,6 +21,7 @@ class CsvReader {
   static constexpr std::size_t max_line = 65536, max_columns = 256;
 
   /// Reads the header. `name` stands in messages.
+  template <class = void>
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
     if (!read_line()) throw InputError(detail::text(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
@@ -35,6 +36,7 @@ class CsvReader {
 
   const std::vector<std::string>& columns() const { return columns_; }
   /// Place of a column, or −1.
+  template <class = void>
   int find(std::string_view column) const {
     for (std::size_t i = 0; i < columns_.size(); ++i)
       if (columns_[i] == column) return int(i);
@@ -53,6 +55,7 @@ class CsvReader {
   }
 
   /// Goes to the next row; false at the end of the file.
+  template <class = void>
   bool next() {
     if (!read_line()) return false;
     if (line_text_.find_first_not_of(" \t") == std::string::npos) {
@@ -83,6 +86,7 @@ class CsvReader {
   long line() const { return line_; }
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
+               template <class = void>
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(detail::text(name_, ":", line_, ": column ", detail::printable(columns_[std::size_t(column)]), ": '", detail::printable(text(column)), "' ", why));
   }
@@ -104,6 +108,7 @@ class CsvReader {
     return !line_text_.empty();
   }
 
+  template <class = void>
   void split() {
     fields_.clear();
     const std::string_view all = line_text_;

@@ -40,6 +40,7 @@ struct ForceErrors {
   Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
   /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
   /// no gap.
+  template <class = void>
   std::optional<double> recovery() const {
     const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
     return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
@@ -62,6 +63,7 @@ class ContactTorques {
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
+  template <class = void>
   static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/alignment.hpp"
 #include "lumo/sense/faults.hpp"
@@ -61,8 +62,8 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
-  template <class = void>
-  Verdict check_light(const Profile& p, double exposure_s, double gain) {
+  template <class Profile = Profile>
+  Verdict check_light(In<Profile> p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
     last_ = p.value;
@@ -98,10 +99,11 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   double led_ratio(double y) const {
+    const VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;
-    (config_.position_m.array() - y).abs().minCoeff(&i);
+    (position_m.array() - y).abs().minCoeff(&i);
     return ratio_[i];
   }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/sense/alignment.hpp"
 #include "lumo/sense/faults.hpp"
 #include "lumo/sense/joint_sample.hpp"
@@ -30,6 +31,7 @@ class JointMonitor {
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
+  template <class = void>
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
     require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
@@ -51,8 +53,8 @@ class JointMonitor {
     bool usable = true;
   };
 
-  template <class = void>
-  Verdict check(const JointSample& s, std::int64_t now_ns) {
+  template <class JointSample = JointSample>
+  Verdict check(In<JointSample> s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;

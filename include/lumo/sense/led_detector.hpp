@@ -34,7 +34,7 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
-  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LedDetection = LedDetection>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -51,6 +51,7 @@ namespace detail {
 /// Sums of green over rectangles in constant time.
 class IntegralImage {
  public:
+  template <class = void>
   explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
     for (int y = 0; y < v.height; ++y) {
       std::uint32_t row = 0;
@@ -131,7 +132,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
   return found;
 }
 
-template <class VectorXd, class Vector2d, class Matrix2Xd>
+template <class VectorXd, class Vector2d, class Matrix2Xd, class LedDetection>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");
@@ -146,12 +147,12 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   double best_score = 0.0;
   for (const Spot& first : all)
     for (const Spot& last : all) {
-      const Vector2d step = (last.place - first.place) / double(count - 1);
+      const Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
       if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
       LedDetection row{Matrix2Xd(2, count), VectorXd(count), {}};
       bool whole = true;
       for (int k = 0; whole && k < count; ++k) {
-        const Vector2d expected = first.place + k * step;
+        const Vector2d expected = from + k * step;
         const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
         const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
         whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Vector2d(row.centroid_px.col(k - 1)));

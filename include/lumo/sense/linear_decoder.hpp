@@ -39,22 +39,24 @@ struct LinearDecoder {
    public:
     template <class MatrixXd = Eigen::MatrixXd>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
+      const MatrixXd& mean = mean_;
       MatrixXd residual = t.response;
-      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
+      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean.col(t.place[std::size_t(i)]);
+      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
-      weight_ = factor_.solve(mean_);
-      offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
+      weight_ = factor_.solve(mean);
+      offset_ = -0.5 * mean.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
     template <class VectorXd = Eigen::VectorXd>
     Decoding decode(In<VectorXd> response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
-    template <class VectorXd = Eigen::VectorXd>
+    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
     Eigen::VectorXd log_likelihood(In<VectorXd> response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
-      return weight_.transpose() * response + offset_;
+      const MatrixXd& weight = weight_;
+      return weight.transpose() * response + offset_;
     }
     double shrinkage() const { return shrinkage_; }
 

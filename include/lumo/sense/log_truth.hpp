@@ -26,6 +26,7 @@ class LogTruth {
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
   /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
+  template <class = void>
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
@@ -40,6 +41,7 @@ class LogTruth {
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
+  template <class = void>
   static LogTruth from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     detail::StampColumn stamp(csv);
@@ -53,6 +55,7 @@ class LogTruth {
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
+  template <class = void>
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
       const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });

@@ -25,7 +25,10 @@ struct LongitudinalBins {
 
   Eigen::Index size() const { return edges_m.size() - 1; }
   template <class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
+  Eigen::VectorXd centres_m() const {
+    const VectorXd& edges = edges_m;
+    return 0.5 * (edges.head(size()) + edges.tail(size()));
+  }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.
   friend void validate(const LongitudinalBins& b) {

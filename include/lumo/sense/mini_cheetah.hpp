@@ -58,6 +58,7 @@ struct MiniCheetahProtocol {
             std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// Nothing for fewer than six bytes.
+  template <class = void>
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
     const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];

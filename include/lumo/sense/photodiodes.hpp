@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/sense/readout.hpp"
 
 #include <cmath>
@@ -44,8 +45,8 @@ class PhotodiodeArray {
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
-  template <class = void>
-  bool read(const PhotodiodeSample& sample, Profile& profile) const {
+  template <class PhotodiodeSample = PhotodiodeSample>
+  bool read(In<PhotodiodeSample> sample, Profile& profile) const {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;
     profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);

@@ -20,6 +20,7 @@ class RecordedCamera {
  public:
   explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
 
+  template <class = void>
   std::optional<Frame> next() {
     if (next_ == frames_.size()) return std::nullopt;
     const RecordedFrame& f = frames_[next_];

@@ -59,6 +59,7 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+template <class = void>
 inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
@@ -70,6 +71,7 @@ namespace detail {
 
 /// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
 /// places, numbered along the finger, ascend in y.
+template <class = void>
 inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
@@ -145,7 +147,7 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class = void>
+template <class DecodingTask = DecodingTask>
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {

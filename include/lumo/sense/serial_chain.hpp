@@ -35,22 +35,27 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
-    return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
+    const Isometry3d& finger = p.finger;
+    return torques(p, finger * Vec3(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
-  template <class = void>
+  template <class Isometry3d = Eigen::Isometry3d>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
-    return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
+    const Isometry3d& finger = p.finger;
+    return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
   template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class Vec3 = Vec3>
-  Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
+  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
+  Vec3 normal(const JointVector& q, const ContactPoint& c) const {
+    const Isometry3d finger = pose(q, c.link).finger;
+    return finger.linear().col(2);
+  }
 
  private:
   struct Pose {
@@ -58,7 +63,7 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd>
+  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd, class Pose = Pose>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -78,8 +83,8 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class Vec3 = Vec3>
-  JointVector torques(const Pose& p, In<Vec3> place, In<Vec3> n, bool is_place) const {
+  template <class Vec3 = Vec3, class Pose = Pose, class JointVector = JointVector>
+  JointVector torques(In<Pose> p, In<Vec3> place, In<Vec3> n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;

@@ -19,6 +19,7 @@ struct Interval {
 };
 
 /// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+template <class = void>
 inline double median(std::vector<double> v) {
   if (v.empty()) throw InvalidArgument("median of no numbers");
   const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
@@ -27,6 +28,7 @@ inline double median(std::vector<double> v) {
 }
 
 /// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for none.
+template <class = void>
 inline double quantile(std::vector<double> v, double p) {
   if (v.empty()) throw InvalidArgument("quantile of no numbers");
   require_in_range("quantile", p, 0.0, 1.0, "");

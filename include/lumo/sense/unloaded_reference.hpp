@@ -1,10 +1,12 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/sense/readout.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 namespace lumo {
 
@@ -12,8 +14,8 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
-  template <class VectorXd = Eigen::VectorXd>
-  void add(const Profile& p) {
+  template <class VectorXd = Eigen::VectorXd, class Profile = Profile>
+  void add(In<Profile> p) {
     if (count_ == 0) mean_ = squares_ = VectorXd::Zero(p.value.size());
     if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
     if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
@@ -31,11 +33,12 @@ class UnloadedReference {
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
-    return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+    const VectorXd& squares = squares_;
+    return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
-  template <class = void>
-  void subtract(Profile& p) const { p.value -= mean_; }
+  template <class Profile = Profile>
+  void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
 
  private:
   int count_ = 0;
