@@ -11,12 +11,16 @@
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/statistics.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
 #include <mutex>
+#include <optional>
 #include <thread>
+#include <vector>
 
 using namespace lumo;
 
@@ -175,6 +179,6 @@ int main(int argc, char** argv) {
       c.position_m = at, c.noise = r.noise(), c.unloaded = r.mean();
       return BayesLocalizer(c);
     });
-    paced(setup, 300);
+    paced(setup, std::min(frames, 600));
   }
 }

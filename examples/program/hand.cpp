@@ -8,6 +8,8 @@
 #include "program/text.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -56,7 +58,7 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
   f.x_ticks = detail::ticks(0.0, std::max(to - from, 1e-3), 8);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
   detail::headline(svg, f.left, "Contacts on the hand's links", truth ? "place along each link, against what really pressed" : "place along each link");
-  detail::x_axis(svg, f, "time since the first frame without the unloaded hand [s]");
+  detail::x_axis(svg, f, "time since the references ended [s]");
   for (std::size_t l = 0; l < links; ++l) {
     detail::Frame part = f;
     part.top = f.top + double(l) * (strip + gap), part.bottom = part.top + strip;
@@ -108,17 +110,20 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
   const Session& session = log.session;
   if (session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
   if (log.joints.empty()) throw InputError(o.log + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
-  HandObserver observer = hand_observer(session);
+  HandObserver observer = about(log.session_place(), [&] { return hand_observer(session); });
   const auto links = observer.links().size();
   Seen seen;
   seen.frames_of_link.assign(links, 0);
+  const TimeSeries positions = about(o.log, [&] { return joint_positions(log.joints, session); });
+  int without_joints = 0;
   about(o.log, [&] {
     LogCamera camera(log);
     Spells spells(files);
     progress.stage("pictures", int(log.frames.size()));
-    seen.references = observe_hand(camera, observer, joint_positions(log.joints, session), session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
+    seen.references = observe_hand(camera, observer, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
       progress.step();
       if (!e) return;
+      without_joints += !positions.at(e->stamp_ns - std::llround(1e9 * session.frame_delay_s), 0.1);
       seen.stamp_ns.push_back(e->stamp_ns);
       for (std::size_t l = 0; l < links; ++l) seen.frames_of_link[l] += e->seen[l];
       for (const HandContact& c : e->contacts) seen.rows.push_back({e->stamp_ns, c});
@@ -127,7 +132,10 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
     spells.close();
   });
   progress.finish();
-  if (seen.references == 0) throw InputError(o.log + ": no picture of the unloaded hand in which its links are found; segments of kind \"free\" or \"unloaded\" must tell some");
+  if (without_joints > 0) progress.note(lumo::detail::text(o.log, ": ", without_joints, " of ", seen.stamp_ns.size(), " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
+  if (seen.references == 0) throw InputError(o.log + ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or \"unloaded\" must tell some");
+  for (std::size_t l = 0; l < links; ++l)
+    if (observer.references(int(l)) == 0) progress.note(o.log + ": link '" + one_line(observer.links()[l].name) + "' is found in no picture of the unloaded hand: are holes_px its holes?");
   if (seen.stamp_ns.empty()) throw InputError(o.log + ": has no pictures but of the unloaded hand");
 
   const auto truth = touches_of(log);   // opened now that all estimates are made

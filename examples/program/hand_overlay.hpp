@@ -1,11 +1,14 @@
 #pragma once
 
+#include "lumo/core/units.hpp"
 #include "lumo/sense/hand_observer.hpp"
 #include "lumo/support/opencv.hpp"
 #include "program/text.hpp"
 
 #include <opencv2/imgproc.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 #include <vector>

@@ -17,6 +17,7 @@ using Json = nlohmann::ordered_json;
 /// A number, or null where it is not defined: JSON has no NaN.
 inline Json number(double v) { return std::isfinite(v) ? Json(v) : Json(nullptr); }
 
+/// Null for a number that there is not.
 inline Json maybe(const std::optional<double>& v) { return v ? number(*v) : Json(nullptr); }
 
 inline Json numbers(std::span<const double> values) {

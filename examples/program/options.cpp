@@ -177,6 +177,7 @@ void read(Options& o, const Typed& t) {
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
   if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
   if (o.command == Command::locate && o.camera && !t.out.empty()) throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output");
+  if (o.command == Command::locate && o.camera && !t.from.empty()) throw UsageError("--from chooses frames by their true force, which a live camera does not tell");
   if (!t.seconds.empty() && !o.camera) throw UsageError("--seconds is of a live camera, which --camera chooses");
   const std::string_view command = name(o.command);
   if (command.starts_with("lab ")) {

@@ -20,7 +20,9 @@
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -44,14 +46,16 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   s.bins = bins;
   s.log = open_log(path, progress);
   s.joints = s.log.joints;
-  for (JointSample& j : s.joints) j.stamp_ns = s.log.session.joint_clock(j.stamp_ns);
-  for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
-  s.stretch = UnloadedStretch::of(s.log.session, s.frame_ns.empty() ? 0 : s.frame_ns.front());
-  LogCamera first(s.log);
-  s.view = view_finger(first, s.log.session, s.stretch, path);
-  GreenProfile readout = s.view.readout(bins);
-  LogCamera all(s.log);
-  s.profiles = read_profiles(all, readout);
+  about(path, [&] {
+    for (JointSample& j : s.joints) j.stamp_ns = s.log.session.joint_clock(j.stamp_ns);
+    for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
+    s.stretch = UnloadedStretch::of(s.log.session, s.frame_ns.empty() ? 0 : s.frame_ns.front());
+    LogCamera first(s.log);
+    s.view = view_finger(first, s.log.session, s.stretch, path);
+    GreenProfile readout = s.view.readout(bins);
+    LogCamera all(s.log);
+    s.profiles = read_profiles(all, readout);
+  });
   if (s.profiles.empty()) throw InputError(path + ": no picture can be read");
   return s;
 }
@@ -220,29 +224,39 @@ std::string located(const Options& o, Output& files, Progress& progress) {
                             " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
-/// One line for each picture; at the end, how long after its stamp each was told.
+/// One line for each picture; after --seconds, how long after its stamp each was told.
 std::string located_live(const Options& o, Progress& progress) {
   Session session;
   if (!o.log.empty()) session = open_log(o.log, progress).session;
   V4l2Camera::Config config;
   config.device = "/dev/video" + std::to_string(*o.camera);
-  V4l2Camera camera(config);
+  using Clock = std::chrono::steady_clock;   // the one that V4L2 stamps by
   std::vector<double> late_ms;
+  int untrusted = 0;
   std::int64_t first = 0;
-  const auto told = [&](const LocationEstimate& e) {
-    if (late_ms.empty()) first = e.stamp_ns;
-    const auto now = std::chrono::steady_clock::now().time_since_epoch();   // of the clock that V4L2 stamps by
-    late_ms.push_back(1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() - e.stamp_ns));
-    const auto y = e.contacts == 1 ? std::optional(1e3 * e.contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e.contact[0].variance_m2)) : std::nullopt;
-    if (o.json) print(Json{{"stamp_ns", e.stamp_ns}, {"contacts", e.contacts}, {"y_mm", maybe(y)}, {"y_sigma_mm", maybe(sigma)}, {"probability", number(e.probability)}}.dump() + "\n");
-    else print(cell(1e-9 * double(e.stamp_ns - first), 3) + " s  " + (y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e.contacts == 0 ? "no contact" : "two contacts") + "\n");
-    return std::cout && (o.seconds == 0.0 || 1e-9 * double(e.stamp_ns - first) < o.seconds);   // whoever read has gone: enough
+  auto begun = Clock::now();
+  const auto told = [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
+    const auto now = Clock::now();
+    if (late_ms.empty()) first = stamp_ns, begun = now;
+    late_ms.push_back(1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(now.time_since_epoch()).count() - stamp_ns));
+    untrusted += !e;
+    const auto y = e && e->contacts == 1 ? std::optional(1e3 * e->contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
+    if (o.json)
+      print(Json{{"stamp_ns", stamp_ns}, {"contacts", e ? Json(e->contacts) : Json(nullptr)}, {"y_mm", maybe(y)}, {"y_sigma_mm", maybe(sigma)}, {"probability", e ? number(e->probability) : Json(nullptr)},
+                 {"faults", to_string(faults)}}.dump() + "\n");
+    else
+      print(cell(1e-9 * double(stamp_ns - first), 3) + " s  " + (!e ? "picture not used: " + to_string(faults) : y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e->contacts == 0 ? "no contact" : "two contacts") + "\n");
+    return std::cout && (o.seconds == 0.0 || std::chrono::duration<double>(now - begun).count() < o.seconds);   // whoever read has gone: enough
   };
-  progress.note("leave the finger alone for a second");
-  const auto bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
-  const int unreadable = o.localizer == "peak" ? locate_live(camera, session, bins, peak, told, config.device) : locate_live(camera, session, bins, bayes, told, config.device);
+  about(config.device, [&] {
+    V4l2Camera camera(config);
+    progress.note("leave the finger alone for a second");
+    const auto bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
+    if (o.localizer == "peak") locate_live(camera, session, bins, peak, told, config.device);
+    else locate_live(camera, session, bins, bayes, told, config.device);
+  });
   if (late_ms.empty()) throw InputError(config.device + ": gives no pictures after the first second");
-  progress.note(lumo::detail::text(late_ms.size(), " pictures, ", unreadable, " unreadable; from stamp to estimate ", cell(quantile(late_ms, 0.5), 2), " ms (median), ", cell(quantile(late_ms, 0.99), 2), " ms (99 %)"));
+  progress.note(lumo::detail::text(late_ms.size(), " pictures, ", untrusted, " not used; from stamp to estimate ", cell(quantile(late_ms, 0.5), 2), " ms (median), ", cell(quantile(late_ms, 0.99), 2), " ms (99 %)"));
   return "";
 }
 
@@ -251,7 +265,8 @@ std::string force(const Options& o, Output& files, Progress& progress) {
   LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
   identify_joints(reference, s.joints, s.log.session, s.stretch.to_ns);
   const PlanarFinger finger(s.log.session.joint_to_joint_m, s.log.session.joint_to_origin_m);
-  if (!reference.torque.empty() && int(reference.torque.size()) != finger.joints())
+  if (reference.torque.empty()) throw InputError(o.log + ": has no joint samples (joint.csv) to estimate a force from");
+  if (int(reference.torque.size()) != finger.joints())
     throw InputError(lumo::detail::text(s.log.session_place(), ": joint_to_joint_mm tells of ", finger.joints(), finger.joints() == 1 ? " joint" : " joints", ", the samples have ", reference.torque.size()));
   const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
   const auto estimates = about(o.log, [&] {
@@ -263,8 +278,9 @@ std::string force(const Options& o, Output& files, Progress& progress) {
   const Eigen::Index joints = residual.size() / 2;
   const double off_rad = residual.head(joints).maxCoeff(), off_Nm = residual.tail(joints).maxCoeff();
   const double clock_s = s.log.session.joint_clock.residual_s;
+  const double noise_Nm = std::max_element(reference.torque.begin(), reference.torque.end(), [](const auto& a, const auto& b) { return a.noise_Nm < b.noise_Nm; })->noise_Nm;
   const LogTruth truth = truth_of(s.log);
-  const ForceScore score = force_score(estimates, truth, finger, -25.0_mm, 25.0_mm, reference.torque.front().noise_Nm, 0.5, finger.pad_link());
+  const ForceScore score = force_score(estimates, truth, finger, -25.0_mm, 25.0_mm, noise_Nm, 0.5, finger.pad_link());
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
   std::vector<Point> line, points;
   std::vector<double> times;
@@ -296,8 +312,8 @@ std::string force(const Options& o, Output& files, Progress& progress) {
                 {"alignment", {{"clock_s", number(clock_s)}, {"position_rad", number(off_rad)}, {"torque_Nm", number(off_Nm)}}}}.dump(2) + "\n";
   return lumo::detail::text(score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
                             cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2), "\n90 % interval holds the truth in ",
-                            cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\nalignment    joints at the pictures' times are off by ", cell(1e3 * off_rad, 2), " mrad, ",
-                            cell(1e3 * off_Nm, 1), " mN·m (what interpolation leaves)", clock_s > 0.0 ? lumo::detail::text(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
+                            cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ", cell(1e3 * off_rad, 2), " mrad, ",
+                            cell(1e3 * off_Nm, 1), " mN·m (RMS: noise, and what interpolation at the pictures' times misses)", clock_s > 0.0 ? lumo::detail::text(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
 }
 
 // doctor --camera

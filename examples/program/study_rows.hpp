@@ -21,8 +21,6 @@ struct StudyRow {
 /// A number of a record with its error, which stands beside it as `…_err`.
 std::optional<Estimate> estimate(const Json& record, const std::string& key);
 
-/// Null for a number that there is not.
-
 Json json(const PairedSummary& s);
 
 /// Evaluates the designs that the options' store lacks, with a line of progress for each, of which `told` gives the end. All rows are read from the store,

@@ -83,7 +83,8 @@ class Svg {
       if (c == '&') out += "&amp;";
       else if (c == '<') out += "&lt;";
       else if (c == '>') out += "&gt;";
-      else out += c;
+      else if (static_cast<unsigned char>(c) >= 0x20) out += c;   // XML has no control characters
+      else out += ' ';
     }
     return out;
   }

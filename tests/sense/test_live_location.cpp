@@ -13,7 +13,7 @@ using namespace lumo;
 
 namespace {
 
-/// A camera that has nothing at every other call, loses a picture, and is touched from one second on.
+/// A camera that has nothing at every other call, loses a picture, sees nothing in another, and is touched from one and a half seconds on.
 class LiveScene {
  public:
   explicit LiveScene(int frames, bool with_leds = true) : frames_(frames), with_leds_(with_leds) {}
@@ -27,6 +27,7 @@ class LiveScene {
           return (with_leds_ ? synthetic::leds(y, across, 90.0) : 60.0) + (k < 45 ? 0.0 : 14.0 * std::exp(-0.5 * std::pow((y - place(k)) / 4.5e-3, 2)));
         },
         2.0, 300 + std::uint64_t(k));
+    if (k == 70) image_ = Image::black(320, 240, PixelFormat::bgr);
     return Frame{k == 60 ? ImageView{} : image_.view(), stamp(k), 0.0, 0.0, k};
   }
   StreamState state() const { return next_ == frames_ ? StreamState::failed : StreamState::open; }
@@ -50,27 +51,33 @@ PeakLocalizer make_peak(const GreenProfile& readout, const UnloadedReference& un
 
 TEST_CASE("a finger before a live camera is located picture by picture, until the camera goes", "[localizer]") {
   LiveScene camera(100);
-  std::vector<LocationEstimate> told;
-  const int unreadable = locate_live(camera, Session{}, bins, make_peak, [&](const LocationEstimate& e) { return told.push_back(e), true; }, "camera", 1.0);
-  CHECK(unreadable == 1);
-  REQUIRE(told.size() == 100 - 31 - 1);   // the first second is rest
-  for (const LocationEstimate& e : told) {
-    const int k = int(std::lround(double(e.stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
-    INFO("picture " << k);
-    CHECK(e.contacts == (k < 45 ? 0 : 1));
-    if (k > 48) CHECK(e.contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
-  }
+  int told = 0;
+  locate_live(
+      camera, Session{}, bins, make_peak,
+      [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
+        const int k = int(std::lround(double(stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
+        ++told;
+        INFO("picture " << k << " " << to_string(faults));
+        CHECK(e.has_value() == (k != 60 && k != 70));
+        if (k == 60) CHECK(faults.has(Fault::frame_corrupt));
+        if (k == 70) CHECK(faults.has(Fault::frame_black));
+        if (e) CHECK(e->contacts == (k < 45 ? 0 : 1));
+        if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
+        return true;
+      },
+      "camera", 1.0);
+  CHECK(told == 100 - 31);   // the first second is rest
 }
 
 TEST_CASE("whoever is told may end it, and a camera that shows no finger is refused", "[localizer]") {
   LiveScene camera(100), nothing(100, false), none(0), one(1);
   int count = 0;
-  locate_live(camera, Session{}, bins, make_peak, [&](const LocationEstimate&) { return ++count < 5; }, "camera");
+  locate_live(camera, Session{}, bins, make_peak, [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; }, "camera");
   CHECK(count == 5);
   CHECK(camera.state() == StreamState::open);
-  const auto refused = [&](LiveScene& scene) {
+  const auto refused = [&](auto& scene) {
     try {
-      locate_live(scene, Session{}, bins, make_peak, [](const LocationEstimate&) { return true; }, "the camera");
+      locate_live(scene, Session{}, bins, make_peak, [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; }, "the camera", 1.0, 0.2);
     } catch (const InputError& e) {
       return std::string(e.what());
     }
@@ -79,4 +86,9 @@ TEST_CASE("whoever is told may end it, and a camera that shows no finger is refu
   CHECK(refused(nothing).starts_with("the camera: no row of 5 LEDs"));
   CHECK(refused(none) == "the camera: gives no pictures");
   CHECK(refused(one).starts_with("the camera: 1 pictures"));
+  struct {
+    std::optional<Frame> next() { return std::nullopt; }
+    StreamState state() const { return StreamState::open; }
+  } silent;
+  CHECK(refused(silent) == "the camera: has given no picture for 0.2 s");   // and does not wait for ever
 }

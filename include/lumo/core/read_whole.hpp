@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <ios>
@@ -10,13 +11,13 @@
 
 namespace lumo::detail {
 
-/// All bytes of a regular file; nothing where there is none, or it cannot be read. (A pipe would wait, a folder reads as empty.)
-inline std::optional<std::string> read_whole(const std::filesystem::path& path) {
+/// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
+inline std::optional<std::string> read_whole(const std::filesystem::path& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
   const auto size = std::filesystem::file_size(path, error);
   std::ifstream in(path, std::ios::binary);
-  if (error || !in) return std::nullopt;
+  if (error || !in || size > most) return std::nullopt;
   std::string bytes(std::size_t(size), '\0');
   in.read(bytes.data(), std::streamsize(bytes.size()));
   if (in.bad()) return std::nullopt;

@@ -35,6 +35,10 @@ template <class = void>
 inline void validate(const HandLink& l) {
   if (l.joints.empty()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': no joint moves it, at least one must"));
   if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j)); !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -104,6 +108,7 @@ struct Hole {
 template <class Vector2d = Eigen::Vector2d>
 inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
+  if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
   // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
   struct Near {
     int x, y;
@@ -126,13 +131,12 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
       if (count[k] > 0) around = std::min(around, double(sum[k]) / count[k]);
     return std::pair(double(sum[8]) / count[8], around);
   };
-  const int whole = std::max(1, int(std::ceil(reach)));
+  const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())), v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
   double best = min_contrast;
   std::optional<Vector2d> place;
-  for (int j = -whole; j <= whole; ++j)
-    for (int i = -whole; i <= whole; ++i) {
-      const int cx = int(std::lround(expected.x())) + i, cy = int(std::lround(expected.y())) + j;
-      if (std::hypot(i, j) > reach || cx < outer || cy < outer || cx > image.width - 1 - outer || cy > image.height - 1 - outer) continue;
+  for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image.height - 1 - edge); ++cy)
+    for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image.width - 1 - edge); ++cx) {
+      if (std::hypot(cx - u, cy - v) > reach) continue;
       const auto [disc, around] = look(cx, cy);
       if (around - disc > best) best = around - disc, place = Vector2d(cx, cy);
     }

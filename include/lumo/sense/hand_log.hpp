@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/alignment.hpp"
 #include "lumo/sense/camera.hpp"
@@ -11,6 +12,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <istream>
 #include <optional>
@@ -78,7 +80,13 @@ class HandTouches {
     CsvReader csv(in, name);
     const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
     HandTouches t;
-    while (csv.next()) t.rows_.push_back({csv.integer(stamp), {int(csv.integer(link)), 1e-3 * csv.number(y), csv.number(force)}});
+    while (csv.next()) {
+      const std::int64_t number = csv.integer(link);
+      const double y_m = 1e-3 * csv.number(y);
+      if (number < 0 || number > 15) csv.fail(link, "must lie in [0, 15]");
+      if (std::abs(y_m) > 10.0) csv.fail(y, "must lie within 10000 mm");
+      t.rows_.push_back({csv.integer(stamp), {int(number), y_m, csv.number(force)}});
+    }
     std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     return t;
   }

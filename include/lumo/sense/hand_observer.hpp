@@ -66,6 +66,7 @@ class HandObserver {
     for (const HandLink& l : links_) {
       const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
       grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
+      require_in_range("cells of a link's grid", double(grid_.back()[0]) * grid_.back()[1], 1, 20000, "");
     }
   }
 
@@ -234,7 +235,7 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
     if (!map) continue;
     const Grid green = read(l, *map, image);
     auto& all = library_[std::size_t(l)];
-    if (near.first >= 0) {
+    if (near.first >= 0 && near.second <= config_.max_joint_step_rad) {
       steps_[std::size_t(l)].push_back(levelled(green - all[std::size_t(near.first)].green).cwiseAbs());
       noise_[std::size_t(l)].resize(0, 0);
     }

@@ -99,7 +99,9 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
   config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
+  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, samples.front().unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  config.joints.spike = 6.0 * scatter;
   if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
   config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
   config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact

@@ -71,6 +71,7 @@ inline void validate(const Session& s, const std::string& name) {
   require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, detail::text("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
   require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
           detail::text("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+  require(led_parallax(s) >= 0.5, detail::text("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m, " mm, must lie at most 1.41 times as deep as it is far"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
@@ -101,7 +102,8 @@ inline void validate(const Session& s, const std::string& name) {
     for (const int j : l.link.joints) require(j >= 0 && j < max_joints, detail::text("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
     require(l.hole_px.cols() == l.link.hole_m.cols(), detail::text("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
     require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, detail::text("link ", i, ": places of holes must lie within 1e5 px"));
-    require((l.hole_px.col(0) - l.hole_px.col(1)).norm() >= 2.0, detail::text("link ", i, ": its holes lie in one place of the picture"));
+    const double px_per_mm = 1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, detail::text("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
   for (std::size_t i = 0; i < s.segments.size(); ++i) {
     const Segment& g = s.segments[i];
