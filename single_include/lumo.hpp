@@ -241,12 +241,14 @@ struct LinearConstraint {
   double upper = std::numeric_limits<double>::infinity();
   std::string unit;
 
+  template <class = void>
   double sum(std::span<const double> x) const {
     double total = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) total += coefficients[i] * x[i];
     return total;
   }
   /// By how much rounding may have moved the sum: 0.1 + 0.2 must not break a limit of 0.3.
+  template <class = void>
   double rounding(std::span<const double> x) const {
     double size = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) size += std::abs(coefficients[i] * x[i]);
@@ -267,12 +269,15 @@ struct DesignSpace {
   std::vector<DesignRule> rules;
 
   /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
+  template <class = void>
   void check(std::span<const double> x) const;
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
+  template <class = void>
   bool contains(std::span<const double> x) const;
 };
 
+template <class>
 inline void DesignSpace::check(std::span<const double> x) const {
   if (x.size() != variables.size())
     throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
@@ -303,6 +308,7 @@ inline void DesignSpace::check(std::span<const double> x) const {
     if (!r.holds(x)) throw r.refusal(x);
 }
 
+template <class>
 inline bool DesignSpace::contains(std::span<const double> x) const {
   if (x.size() != variables.size()) throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {
@@ -385,6 +391,7 @@ struct FingerDesign {
   static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
 
   /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
+  template <class = void>
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -406,14 +413,17 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
+template <class = void>
 DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
+template <class = void>
 inline std::vector<FingerDesign> reference_designs() {
   return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
+template <class>
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
   if (x.size() != 5) throw InvalidArgument(detail::text("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
   const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
@@ -449,6 +459,7 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 }  // namespace detail
 
+template <class>
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
@@ -513,11 +524,13 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
+template <class = void>
 HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
 // Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much as allowed, evened out.
+template <class = void>
 inline std::vector<double> ellipse_angles(double a, double b, const Chords& chords) {
   constexpr int fine = 20000;
   std::vector<double> measure(fine + 1, 0.0);
@@ -543,6 +556,7 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
+template <class>
 inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
   finger_space(pad).check(given.values());
   FingerDesign d = given;
@@ -714,12 +728,18 @@ struct RectangleEmitter {
   bool in_air = false;             ///< radiates into the air beside the body
 
   template <class Vec3 = Vec3>
-  Vec3 axis() const { return half_u.cross(half_v).normalized(); }
+  Vec3 axis() const {
+    const Vec3 &u = half_u, &v = half_v;
+    return u.cross(v).normalized();
+  }
   template <class Vec3 = Vec3>
-  Vec3 point(double u, double v) const { return center + (2.0 * u - 1.0) * half_u + (2.0 * v - 1.0) * half_v; }
+  Vec3 point(double u, double v) const {
+    const Vec3 &c = center, &to_u = half_u, &to_v = half_v;
+    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
+  }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Image = RectangleEmitter>
   RectangleEmitter mirrored(In<Vec3> m) const;
 };
 
@@ -792,6 +812,7 @@ template <class = void>
 void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
+template <class = void>
 inline int color_count(const std::vector<Emitter>& emitters) {
   int count = 0;
   for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
@@ -799,9 +820,9 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-template <class Vec3>
+template <class Vec3, class Image>
 inline RectangleEmitter RectangleEmitter::mirrored(In<Vec3> m) const {
-  RectangleEmitter image = *this;
+  Image image = *this;
   image.center = m.cwiseProduct(center);
   image.half_u = m.cwiseProduct(half_u);
   image.half_v = m.cwiseProduct(half_v) * m.prod();
@@ -1090,6 +1111,7 @@ struct FingerOptions {
 };
 
 /// Throws InvalidArgument for an option that is out of range.
+template <class = void>
 void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
@@ -1116,6 +1138,7 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
+template <class = void>
 inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
   const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
@@ -1168,6 +1191,7 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
 
 }  // namespace detail
 
+template <class>
 inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
@@ -1343,11 +1367,14 @@ namespace lumo {
 class LobeTable {
  public:
   /// `angles_rad` ascend from 0 to at most π, `relative` intensities ≥ 0 are not all 0. Throws InvalidArgument.
+  template <class = void>
   LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative);
 
   /// Share of the power per solid angle [1/sr]; its integral over all directions is 1.
+  template <class = void>
   double density(double cosine) const;
   /// Cosine of the angle below which the share `u` of the power lies: the inverse of a distribution that is quadratic between entries.
+  template <class = void>
   double cosine(double u) const;
 
  private:
@@ -1379,6 +1406,7 @@ inline void validate(const MeasuredLobe& e) { require_in_range("radius of a meas
 
 static_assert(EmitterModel<MeasuredLobe>);
 
+template <class>
 inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative) : density_(std::move(relative)) {
   const std::size_t n = angles_rad.size();
   if (n < 2 || density_.size() != n) throw InvalidArgument(detail::text("lobe: ", n, " angles and ", density_.size(), " intensities, needs as many, at least 2"));
@@ -1396,6 +1424,7 @@ inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<d
   for (double& b : below_) b /= all;
 }
 
+template <class>
 inline double LobeTable::density(double c) const {
   if (!(c >= cosine_.back())) return 0.0;
   const auto next = std::lower_bound(cosine_.begin() + 1, cosine_.end() - 1, c, std::greater<>());  // first entry with a cosine ≤ c
@@ -1404,6 +1433,7 @@ inline double LobeTable::density(double c) const {
   return density_[k - 1] + t * (density_[k] - density_[k - 1]);
 }
 
+template <class>
 inline double LobeTable::cosine(double u) const {
   const auto next = std::upper_bound(below_.begin() + 1, below_.end() - 1, u);
   const std::size_t k = std::size_t(next - below_.begin());
@@ -1478,8 +1508,10 @@ namespace lumo {
 
 /// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that coordinate exactly 0 are
 /// shared; all other nodes lie on the positive side. Original nodes keep their numbers; images follow.
+template <class = void>
 TetMesh mirrored(const TetMesh& half, int axis);
 
+template <class>
 inline TetMesh mirrored(const TetMesh& half, int axis) {
   TetMesh whole = half;
   const std::size_t n = half.nodes.size();
@@ -1664,7 +1696,7 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
     const std::pair<int, int> key = std::minmax(a, b);
     const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
     if (fresh) {
-      const Vec3 half = 0.5 * (mesh.nodes[std::size_t(a)] + mesh.nodes[std::size_t(b)]);
+      const Vec3 &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
       const auto on_surface = boundary_edges.find(key);
       mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
     }
@@ -1958,6 +1990,7 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+template <class = void>
 inline bool outline_crosses(const std::vector<Point2>& points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
@@ -2220,8 +2253,8 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   Vec3 low = Vec3::Constant(HUGE_VAL), high = Vec3::Constant(-HUGE_VAL);
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
-    boxes.push_back({at(t[0]).cwiseMin(at(t[1])).cwiseMin(at(t[2])).array() - 0.5 * gap_, at(t[0]).cwiseMax(at(t[1])).cwiseMax(at(t[2])).array() + 0.5 * gap_,
-                     static_cast<int>(i)});
+    const Vec3 &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
+    boxes.push_back({a.cwiseMin(b).cwiseMin(c).array() - 0.5 * gap_, a.cwiseMax(b).cwiseMax(c).array() + 0.5 * gap_, static_cast<int>(i)});
     low = low.cwiseMin(boxes.back().low);
     high = high.cwiseMax(boxes.back().high);
   }
@@ -2269,6 +2302,7 @@ class Groups {
 
 /// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
 /// Throws MeshError (open, not_manifold).
+template <class = void>
 inline void check_edges(const MeshInput& input) {
   using Reason = MeshError::Reason;
   struct Side {
@@ -2697,20 +2731,26 @@ class PolygonTriangles {
   }
 
   /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  template <class = void>
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
   const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
   int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  template <class = void>
   bool crosses(int a, int b, const std::vector<int>& loop) const;
+  template <class = void>
   bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  template <class = void>
   bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  template <class = void>
   double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
 
   std::vector<Point2> points_;
 };
 
 /// Whether the segment a b meets an edge of the loop that does not end in a or b.
+template <class>
 inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int p = loop[i], q = loop[(i + 1) % loop.size()];
@@ -2721,12 +2761,14 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 }
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+template <class>
 inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
   const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
+template <class>
 inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
@@ -2750,6 +2792,7 @@ inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<i
 }
 
 /// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+template <class>
 inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
   const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
   if (a == c || turn(a, b, c) <= 0) return 0.0;
@@ -2760,6 +2803,7 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
+template <class>
 inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
   const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
@@ -2813,10 +2857,12 @@ class PolygonRefinement {
 
   /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
   /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
+  template <class = void>
   bool refine(const std::function<double(const Point2&)>& edge_length);
 
   const std::vector<Point2>& points() const { return points_; }
   const std::vector<Triangle>& triangles() const { return triangles_; }
+  template <class = void>
   std::vector<Piece> outline() const;
 
  private:
@@ -2840,14 +2886,18 @@ class PolygonRefinement {
   std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
   Circle circle(const Triangle& t) const;
   bool in_circle(const Triangle& t, const Point2& p) const;
+  template <class = void>
   Place walk(int from, const Point2& p) const;
   void reconnect(int neighbour, int before, int now);
   bool flip(int t, int k);
   void settle(int point, std::vector<int>& changed);
+  template <class = void>
   std::optional<std::pair<int, int>> encroached(int t, const Point2& p) const;
+  template <class = void>
   void insert(int t, const Point2& p, std::vector<int>& changed);
   void split_inside(int t, const Point2& p, std::vector<int>& changed);
   void split_edge(int t, int k, const Point2& p, std::vector<int>& changed);
+  template <class = void>
   bool split_outline(int t, int k, double closest, std::vector<int>& changed);
 
   std::vector<Point2> points_;
@@ -2916,6 +2966,7 @@ inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) con
 }
 
 /// From triangle to triangle towards a point, as far as the outline allows.
+template <class>
 inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) const {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
@@ -3008,6 +3059,7 @@ inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::ve
 }
 
 /// Halves the piece of the outline opposite to corner k, unless that brings points too close.
+template <class>
 inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
   const auto [from, to] = ends(t, k);
   const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
@@ -3021,6 +3073,7 @@ inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::
 
 /// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
 /// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
+template <class>
 inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
@@ -3037,12 +3090,14 @@ inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, c
 }
 
 /// A point of the closed triangle.
+template <class>
 inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
   for (int k = 0; k < 3; ++k)
     if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
   split_inside(t, p, changed);
 }
 
+template <class>
 inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
   std::vector<int> todo;
   for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
@@ -3073,6 +3128,7 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
   return true;
 }
 
+template <class>
 inline std::vector<PolygonRefinement::Piece> PolygonRefinement::outline() const {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)
@@ -3156,6 +3212,7 @@ inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
 }
 
 /// Where layers meet, from 0 to 1: as thick as `thickness` wants at their place, evened out.
+template <class = void>
 inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   const std::size_t steps = thickness.size();   // of equal width, thickness in units of the whole
   std::vector<double> layers(steps + 1, 0.0);
@@ -3302,6 +3359,7 @@ class SurfaceText {
   SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
 
   /// The words of the next line that has any, without a comment; none at the end.
+  template <class = void>
   std::vector<std::string_view> next() {
     std::vector<std::string_view> words;
     while (words.empty() && !rest_.empty()) {
@@ -3332,6 +3390,7 @@ class SurfaceText {
     if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
+  template <class = void>
   Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
     if (words.size() < first + 3) refuse("a point needs three coordinates");
     return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
@@ -3383,6 +3442,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
   return s;
 }
 
+template <class = void>
 inline TriangleSurface read_stl_text(SurfaceText text) {
   TriangleSurface s;
   const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
@@ -3412,6 +3472,7 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
 }
 
 // 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+template <class = void>
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   const auto word = [&](std::size_t at) {
@@ -3432,6 +3493,7 @@ inline TriangleSurface read_stl_binary(std::string_view bytes) {
 }
 
 // One vertex for each place, in order of first mention.
+template <class = void>
 inline TriangleSurface welded(const TriangleSurface& loose) {
   TriangleSurface s;
   std::map<std::array<double, 3>, int> known;
@@ -3511,12 +3573,15 @@ struct SeriesEntry {
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
 /// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
+template <class = void>
 void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
+template <class = void>
 void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries);
 
 /// The field for write_vtu from one vector per node.
+template <class = void>
 inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
   NodeField f{std::move(name), 3, {}};
   f.values.reserve(3 * vectors.size());
@@ -3526,6 +3591,7 @@ inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
 
 namespace detail {
 
+template <class = void>
 inline std::string base64(std::span<const unsigned char> bytes) {
   static constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string s;
@@ -3565,6 +3631,7 @@ inline std::string xml_attribute(std::string_view s) {
 
 }  // namespace detail
 
+template <class>
 inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
@@ -3594,6 +3661,7 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const No
   if (!out) throw InputError("writing a .vtu file failed");
 }
 
+template <class>
 inline void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries) {
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n";
   for (const SeriesEntry& e : entries)
@@ -3740,14 +3808,14 @@ struct Touch {
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
 /// better for round ones. The mesh only says where a patch ends.
 /// Throws InvalidArgument when the indenter passes by.
-template <Indenter Tool>
+template <Indenter Tool, class Vec3 = Vec3>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
 namespace detail {
 
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
-template <Indenter Tool>
-double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, const Vec3& p, double limit) {
+template <Indenter Tool, class Vec3 = Vec3>
+double advance_to(const Tool& tool, In<Vec3> start, In<Vec3> direction, In<Vec3> p, double limit) {
   double s = 0.0, before = 0.0;
   for (int i = 0; i < 500; ++i) {
     const double gap = tool.distance(p - start - s * direction);
@@ -3768,7 +3836,7 @@ double advance_to(const Tool& tool, const Vec3& start, const Vec3& direction, co
 
 }  // namespace detail
 
-template <Indenter Tool>
+template <Indenter Tool, class Vec3>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Vec3 direction = scenario.direction();
   double size = 0.0;
@@ -3972,23 +4040,23 @@ inline Mat9 determinant_hessian(In<Mat3> F) {
 }
 
 /// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M>
-double energy_density(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3>
+double energy_density(const M& m, In<Mat3> F) {
   return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
 }
 
 /// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M>
-Mat3 first_piola(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3>
+Mat3 first_piola(const M& m, In<Mat3> F) {
   return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
 }
 
 /// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M>
-Mat9 elasticity_tangent(const M& m, const Mat3& F) {
+template <HyperelasticMaterial M, class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
+Mat9 elasticity_tangent(const M& m, In<Mat3> F) {
   const VolumetricSample u = m.volumetric(F.determinant());
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+  const Eigen::Map<const Vector9d> flat(c.data());
   return m.distortion_tangent(F) + u.stiffness * flat * flat.transpose() + u.stress * determinant_hessian(F);
 }
 
@@ -4013,11 +4081,11 @@ struct NeoHookean {
   }
   template <class Mat3 = Mat3>
   Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
   Mat9 distortion_tangent(In<Mat3> F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+    const Eigen::Map<const Vector9d> flat(c.data());
     return mu * Mat9::Identity() + (mu / (J * J)) * flat * flat.transpose() - (mu / J) * determinant_hessian(F);
   }
   VolumetricSample volumetric(double J) const {
@@ -4111,11 +4179,11 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class Mat3 = Mat3, class Mat9 = Mat9>
-inline InvariantSample without_volume(In<Mat3> F, const InvariantSample& full, double m) {
+template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>, class InvariantSample = InvariantSample>
+inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data()), slope(full.gradient.data());
+  const Eigen::Map<const Vector9d> flat(c.data()), slope(full.gradient.data());
   const Mat9 mixed = slope * flat.transpose();
   return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
           scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + (m * (m + 1.0) * full.value / (J * J)) * flat * flat.transpose() -
@@ -4204,16 +4272,16 @@ struct Yeoh {
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  template <class Mat3 = Mat3>
+  template <class Mat3 = Mat3, class InvariantSample = InvariantSample>
   Mat3 distortion_stress(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample, class Vector9d = Eigen::Matrix<double, 9, 1>>
   Mat9 distortion_tangent(In<Mat3> F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
-    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
+    const Eigen::Map<const Vector9d> g(I.gradient.data());
     return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
   }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
@@ -4259,20 +4327,21 @@ struct Ogden {
 
   template <class Vec3 = Vec3, class Mat3 = Mat3>
   double distortion_energy(In<Mat3> F) const;
-  template <class Mat3 = Mat3>
+  template <class Mat3 = Mat3, class Vec3 = Vec3>
   Mat3 distortion_stress(In<Mat3> F) const;
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
+  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vec3 = Vec3>
   Mat9 distortion_tangent(In<Mat3> F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
  private:
   // Principal stretches l, with F = U diag(l) Vᵀ, and gᵢ = lᵢ ∂W/∂lᵢ.
+  template <class Vec3, class Mat3>
   struct Principal {
     Mat3 U, V;
     Vec3 l, g;
   };
   template <class Vec3 = Vec3, class Mat3 = Mat3>
-  Principal principal(In<Mat3> F) const;
+  Principal<Vec3, Mat3> principal(In<Mat3> F) const;
   // ∂gᵢ/∂ln lⱼ
   template <class Vec3 = Vec3, class Mat3 = Mat3>
   Mat3 log_slopes(In<Vec3> l) const;
@@ -4291,9 +4360,9 @@ inline void validate(const Ogden& m) {
 }
 
 template <class Vec3, class Mat3>
-inline Ogden::Principal Ogden::principal(In<Mat3> F) const {
+inline Ogden::Principal<Vec3, Mat3> Ogden::principal(In<Mat3> F) const {
   const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
+  Principal<Vec3, Mat3> p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
   const double J = p.l.prod();
   for (const Term& t : terms) {
     const Vec3 power = t.mu * std::pow(J, -t.alpha / 3.0) * p.l.array().pow(t.alpha).matrix();
@@ -4313,9 +4382,9 @@ inline double Ogden::distortion_energy(In<Mat3> F) const {
   return sum;
 }
 
-template <class Mat3>
+template <class Mat3, class Vec3>
 inline Mat3 Ogden::distortion_stress(In<Mat3> F) const {
-  const Principal p = principal(F);
+  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
@@ -4342,9 +4411,9 @@ inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
-template <class Mat3, class Mat9>
+template <class Mat3, class Mat9, class Vec3>
 inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
-  const Principal p = principal(F);
+  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
   const Mat3 slopes = log_slopes(p.l);
   Mat9 local = Mat9::Zero();
   for (int i = 0; i < 3; ++i)
@@ -4517,6 +4586,9 @@ namespace lumo {
 /// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
 template <Indenter Tool>
 struct Oriented {
+  using Vec3 = Dependent<lumo::Vec3, Tool>;
+  using Mat3 = Dependent<lumo::Mat3, Tool>;
+
   Tool tool;
   Mat3 turn = Mat3::Identity();
 
@@ -4531,7 +4603,7 @@ struct Oriented {
   }
   double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
   DistanceSample sample(const Vec3& p) const {
-    const DistanceSample d = tool.sample(turn.transpose() * p);
+    const auto d = tool.sample(turn.transpose() * p);
     return {d.distance, turn * d.gradient, turn * d.hessian * turn.transpose()};
   }
 };
@@ -4540,7 +4612,7 @@ template <Indenter Tool>
 Oriented(Tool, Mat3) -> Oriented<Tool>;
 
 /// A tool that is long along its own z, laid along y, the finger: its z becomes y.
-template <Indenter Tool>
+template <Indenter Tool, class Mat3 = Mat3>
 Oriented<Tool> lying_along_y(const Tool& tool) {
   Mat3 turn;
   turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
@@ -4548,7 +4620,7 @@ Oriented<Tool> lying_along_y(const Tool& tool) {
 }
 
 /// The same, laid along x, across the finger.
-template <Indenter Tool>
+template <Indenter Tool, class Mat3 = Mat3>
 Oriented<Tool> lying_along_x(const Tool& tool) {
   Mat3 turn;
   turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
@@ -4717,7 +4789,7 @@ class SignedDistance {
     Vec3 gradient;
     Mat3 hessian;   ///< [1/m]
   };
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class Sample = Sample>
   Sample sample(In<Vec3> p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3 out = outward(n), way = p - n.at.point;
@@ -4728,7 +4800,7 @@ class SignedDistance {
     if (n.at.feature > 2) {
       const auto& t = surface_->triangles[std::size_t(n.triangle)];
       const std::size_t k = std::size_t(n.at.feature) - 3;
-      const Vec3 along = (corner(t, (k + 1) % 3) - corner(t, k)).normalized();
+      const Vec3 &end = corner(t, (k + 1) % 3), &start = corner(t, k), along = (end - start).normalized();
       turning -= along * along.transpose();
     }
     s.hessian = turning / s.distance;
@@ -4746,6 +4818,7 @@ class SignedDistance {
   const Vec3& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_->vertices[std::size_t(t[k])]; }
   static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) { return std::minmax(int(t[k]), int(t[(k + 1) % 3])); }
 
+  template <class = void>
   Vec3 outward(const TriangleTree::Nearest& n) const {
     const auto& t = surface_->triangles[std::size_t(n.triangle)];
     if (n.at.feature < 3) return at_corner_[std::size_t(t[std::size_t(n.at.feature)])];
@@ -4780,7 +4853,7 @@ class DistanceGrid {
   double distance(In<Vec3> p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
   DistanceSample sample(In<Vec3> p) const;
 
   double spacing_m() const { return h_; }
@@ -4801,7 +4874,7 @@ class DistanceGrid {
   void filter();
   template <class Vec3 = Vec3>
   void measure();
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
   DistanceSample spline(In<Vec3> p) const;
   template <class Vec3 = Vec3>
   DistanceSample exact(In<Vec3> p) const;
@@ -4870,7 +4943,7 @@ inline void DistanceGrid::measure() {
       }
 }
 
-template <class Vec3, class Mat3>
+template <class Vec3, class Mat3, class DistanceSample>
 inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
@@ -4899,11 +4972,11 @@ inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
       d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
       d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
     }
-  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
+  d.hessian.template triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
   return d;
 }
 
-template <class Vec3, class Mat3>
+template <class Vec3, class Mat3, class DistanceSample>
 inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
@@ -5147,17 +5220,19 @@ concept LinearSolver = std::copyable<S> && std::default_initializable<S> && requ
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
-/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
-class EigenCholesky {
+namespace detail {
+
+/// EigenCholesky as a class template, so that what copies it is compiled only where it is copied.
+template <class SparseLower = SparseLower>
+class EigenCholeskyOf {
  public:
-  EigenCholesky() = default;
-  EigenCholesky(const EigenCholesky& other) { *this = other; }
-  EigenCholesky& operator=(const EigenCholesky& other) {  // Eigen's solver does not copy: analyse again
+  EigenCholeskyOf() = default;
+  EigenCholeskyOf(const EigenCholeskyOf& other) { *this = other; }
+  EigenCholeskyOf& operator=(const EigenCholeskyOf& other) {  // Eigen's solver does not copy: analyse again
     if (this != &other && other.pattern_.size() > 0) analyze(other.pattern_);
     return *this;
   }
 
-  template <class = void>
   void analyze(const SparseLower& lower) {
     pattern_ = lower;
     solver_.analyzePattern(lower);
@@ -5176,6 +5251,11 @@ class EigenCholesky {
   SparseLower pattern_;
   Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
 };
+
+}  // namespace detail
+
+/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
+using EigenCholesky = detail::EigenCholeskyOf<>;
 
 static_assert(LinearSolver<EigenCholesky>);
 
@@ -5196,6 +5276,7 @@ struct Sector {
 };
 
 /// Throws InvalidArgument when the mesh is not symmetric in a wanted plane.
+template <class = void>
 Sector sector_of(const TetMesh& whole, Symmetry planes);
 
 /// A field of vectors on the sector's nodes, mirrored to the whole mesh.
@@ -5204,6 +5285,7 @@ std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::
 /// A field of numbers on the sector's nodes, mirrored to the whole mesh.
 std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
+template <class>
 inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
   if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y)) throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
   Sector s;
@@ -5399,9 +5481,9 @@ struct LinearTet {
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
 
 /// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes>
-Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3& xi) {
-  Eigen::Matrix<double, 3, 4> corner;
+template <int Nodes, class Vec3 = Vec3, class Matrix34d = Eigen::Matrix<double, 3, 4>>
+Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
+  Matrix34d corner;
   corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
   if constexpr (Nodes == 4) {
     return corner;
@@ -5439,6 +5521,8 @@ namespace lumo {
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
 template <TetElement Element>
 class ElementPoints {
+  using Mat3 = Dependent<lumo::Mat3, Element>;
+
  public:
   using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
 
@@ -5477,7 +5561,7 @@ namespace lumo {
 /// Deformed node positions, 3 × nodes [m].
 using Positions = Eigen::Matrix3Xd;
 
-template <class = void>
+template <class Positions = Positions>
 inline Positions positions_of(const TetMesh& mesh) {
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
@@ -5487,6 +5571,10 @@ inline Positions positions_of(const TetMesh& mesh) {
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
 template <HyperelasticMaterial Material, TetElement Element>
 class Solid {
+  using Mat3 = Dependent<lumo::Mat3, Material>;
+  using Mat9 = Dependent<lumo::Mat9, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
+
  public:
   static constexpr int N = Element::nodes;
   using Gradients = Eigen::Matrix<double, 3, N>;
@@ -5636,12 +5724,12 @@ class Solid {
       if (element_.mean_dilatation) {
         Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
       } else {
-        const Eigen::Map<const Eigen::Matrix<double, 9, 1>> flat(c.data());
+        const Eigen::Map<const Dependent<Eigen::Matrix<double, 9, 1>, Material>> flat(c.data());
         A += u.stiffness * flat * flat.transpose();
       }
       A *= weight(e, q);
       for (int a = 0; a < N; ++a) {
-        Eigen::Matrix<double, 9, 3> T = A.template leftCols<3>() * g(0, a);
+        Dependent<Eigen::Matrix<double, 9, 3>, Material> T = A.template leftCols<3>() * g(0, a);
         T += A.template middleCols<3>(3) * g(1, a);
         T += A.template rightCols<3>() * g(2, a);
         for (int b = a; b < N; ++b)
@@ -5674,6 +5762,7 @@ struct SurfacePoint {
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+template <class = void>
 inline const std::array<std::array<int, 3>, 4>& face_parts() {
   static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
   return parts;
@@ -5699,16 +5788,16 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
-  template <class Vec3 = Vec3>
-  Vec3 position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
+  template <class Vec3 = Vec3, class Positions = Positions>
+  Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
     Vec3 at = Vec3::Zero();
     for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
     return at;
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  template <class Vec3 = Vec3>
-  std::pair<Vec3, double> ball(std::size_t f, const Positions& x) const {
+  template <class Vec3 = Vec3, class Positions = Positions>
+  std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
     const auto& n = faces_[f].nodes;
     const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
     const Vec3 middle = (a + b + c) / 3.0;
@@ -5724,6 +5813,7 @@ class ContactSurface {
  private:
   template <class Vec3 = Vec3>
   void add(const BoundaryFace& face);
+  template <class = void>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -5774,6 +5864,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
+template <class>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
@@ -5798,6 +5889,7 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool>
 struct Moving {
+  using Vec3 = Dependent<lumo::Vec3, Tool>;
   const Tool* tool;
   Vec3 origin;      ///< of the tool's frame, now [m]
   Vec3 direction;   ///< of its advance, unit
@@ -5820,8 +5912,8 @@ struct NoFriction {
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
-template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+template <class Tool, class Visit, class Positions = Positions>
+void for_contact_points(const ContactSurface& surface, In<Positions> x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -5839,8 +5931,8 @@ using SeenGaps = std::vector<std::vector<double>>;
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
 /// Friction, where a history of it is given, enters forces but not the energy.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, Positions* force,
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Positions = Positions>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<Positions>* force,
                                const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
@@ -5861,12 +5953,13 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, Eigen::VectorXd* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Mat3 = Mat3, class Matrix18d = Eigen::Matrix<double, 18, 18>,
+          class VectorXd = Eigen::VectorXd, class Positions = Positions, class DistanceSample = DistanceSample>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, const Equations& eq,
+                                double* values, std::type_identity_t<VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
-  Eigen::Matrix<double, 18, 18> K;
+  Matrix18d K;
   std::size_t open = std::size_t(-1);
   const auto flush = [&] {
     if (open == std::size_t(-1)) return;
@@ -5905,9 +5998,9 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
 
 /// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
 /// `linear` with the rigid thing at `then`.
-template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
-                        const Positions& dx, double ds) {
+template <class Tool, class Positions = Positions>
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, In<Positions> x, const Moving<Tool>& then, In<Positions> linear,
+                        In<Positions> dx, double ds) {
   SeenGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
@@ -5954,6 +6047,12 @@ struct VertexBlock {
 /// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has it.
 template <HyperelasticMaterial Material, TetElement Element>
 class VertexElasticity {
+  using Vec3 = Dependent<lumo::Vec3, Material>;
+  using Mat3 = Dependent<lumo::Mat3, Material>;
+  using Mat9 = Dependent<lumo::Mat9, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Material>;
+
  public:
   /// Throws InvalidArgument where the mesh is not of the element's order.
   VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
@@ -6042,8 +6141,8 @@ class VertexElasticity {
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
   static Mat3 contracted(const Mat9& A, const Vec3& g) {
-    Eigen::Matrix<double, 9, 3> right = A.leftCols<3>() * g[0] + A.middleCols<3>(3) * g[1] + A.rightCols<3>() * g[2];
-    return right.topRows<3>() * g[0] + right.middleRows<3>(3) * g[1] + right.bottomRows<3>() * g[2];
+    Dependent<Eigen::Matrix<double, 9, 3>, Material> right = A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
+    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] + right.template bottomRows<3>() * g[2];
   }
 
   const TetMesh* mesh_;
@@ -6062,6 +6161,7 @@ namespace lumo {
 /// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of node numbers.
 using VertexColors = std::vector<std::vector<int>>;
 
+template <class = void>
 inline VertexColors color_vertices(const TetMesh& mesh) {
   const std::size_t per = std::size_t(mesh.nodes_per_tet());
   std::vector<std::vector<int>> tets_of(mesh.nodes.size());
@@ -6083,6 +6183,7 @@ inline VertexColors color_vertices(const TetMesh& mesh) {
 }
 
 /// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
+template <class = void>
 inline void validate(const VertexColors& colors, const TetMesh& mesh) {
   std::vector<int> color(mesh.nodes.size(), -1);
   for (std::size_t c = 0; c < colors.size(); ++c)
@@ -6421,14 +6522,16 @@ struct SetOverlap {
 /// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
 /// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
 /// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
+template <ContactHandler Contact, class Tool, class Positions = Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
+template <class Positions = Positions>
+double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
+template <class Positions = Positions>
+SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x);
 
 namespace detail {
 
@@ -6441,6 +6544,7 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
+  template <class = void>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -6454,6 +6558,7 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
+  template <class = void>
   double fraction() const {
     double twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
@@ -6463,8 +6568,8 @@ struct ClipPolygon {
 };
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit>
-void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
+template <class Visit, class Vec3 = Vec3, class Positions = Positions>
+void for_sub_triangles(const ContactSurface& surface, In<Positions> x, Visit&& visit) {
   const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < parts; ++part) {
@@ -6484,8 +6589,8 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class Vec3 = Vec3>
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
+template <class Vec3 = Vec3, class Positions = Positions>
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
     double power, slope, spacing;
@@ -6554,8 +6659,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
+template <ContactHandler Contact, class Tool, class Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -6592,7 +6697,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
+template <class Positions>
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
@@ -6609,7 +6715,8 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
   return sum;
 }
 
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
+template <class Positions>
+inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x) {
   return contact_overlap(surface, field, field, x).both;
 }
 
@@ -6665,8 +6772,8 @@ struct FrictionHistory {
   }
 
   /// Makes the equilibrium at positions x, with the rigid thing as it is now, the last one. Points out of contact let go.
-  template <ContactHandler Contact, class Tool>
-  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x) {
+  template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
+  void settle(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x) {
     if (coefficient == 0.0) return;
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
@@ -6680,8 +6787,8 @@ struct FrictionHistory {
   }
 
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
-  template <ContactHandler Contact, class Tool>
-  Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, const Positions& x, std::vector<Vec3>& on_nodes) const {
+  template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
+  Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<std::vector<Vec3>>& on_nodes) const {
     Vec3 sum = Vec3::Zero();
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
@@ -6742,6 +6849,10 @@ struct SectorModel {
 /// Loads are the sector's share of the whole load.
 template <class Model, Indenter Tool>
 struct PressSystem {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+  using VectorXd = Dependent<Eigen::VectorXd, Model>;
+
   const Model& model;
   const Tool& tool;
   Vec3 origin;      ///< of the indenter at first touch
@@ -6780,12 +6891,12 @@ struct PressSystem {
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
-  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    Eigen::VectorXd r(eq.count + 1);
+    VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
     r[eq.count] = touch.push_N - load;
@@ -6795,7 +6906,7 @@ struct PressSystem {
   /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own stiffness.
   struct Tangent {
     std::vector<SparseLower> matrix;   ///< one per block asked for
-    Eigen::VectorXd coupling;
+    VectorXd coupling;
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
@@ -6813,7 +6924,7 @@ struct PressSystem {
     model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
-      if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
+      if (even) t.coupling = VectorXd::Zero(systems[k]->count);
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
                                                 seen ? &seen->touch : nullptr, touch_friction);
       if (even) t.stiffness = s.push_stiffness;
@@ -6822,7 +6933,7 @@ struct PressSystem {
   }
 
   /// x moved by a field of the given equations.
-  static void move(Positions& x, const Equations& eq, const Eigen::VectorXd& by, double factor) {
+  static void move(Positions& x, const Equations& eq, const VectorXd& by, double factor) {
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
   }
@@ -6842,6 +6953,7 @@ class SecantPairs {
 
   /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
   /// rounding: the corrected inverse stays positive definite.
+  template <class = void>
   void add(Eigen::VectorXd step, Eigen::VectorXd change) {
     const double curvature = step.dot(change);
     if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
@@ -6992,6 +7104,10 @@ namespace detail {
 
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using VectorXd = Dependent<Eigen::VectorXd, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+
  public:
   QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
@@ -7080,9 +7196,9 @@ class QuasiStaticRun {
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
-    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
+    VectorXd before;   // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
-      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -7136,9 +7252,9 @@ class QuasiStaticRun {
   }
 
   // Solution with the last factor for all equations, the advance's included.
-  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
-    Eigen::VectorXd d(r.size());
-    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
+  VectorXd solve_factored(const VectorXd& r) {
+    VectorXd d(r.size());
+    const VectorXd z = linear_.front().solve(r.head(eq_.count));
     d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
     d.head(eq_.count) = z - d[eq_.count] * response_;
     return d;
@@ -7146,8 +7262,8 @@ class QuasiStaticRun {
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
-    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
+  Status step(const VectorXd& r, typename System::Seen& seen) {
+    const VectorXd d = -steps_.solve(r, [&](const VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
@@ -7181,7 +7297,7 @@ class QuasiStaticRun {
       const FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;   // the advance moves with the even fields only
-      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
+      const double stiffness = t.stiffness - t.coupling.dot(VectorXd(linear_[b].solve(t.coupling)));
       if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
     return Status::converged;
@@ -7196,10 +7312,10 @@ class QuasiStaticRun {
   FrictionHistory touched_, rested_;        // at the end of the last stride
   std::chrono::steady_clock::time_point deadline_;
   typename System::Tangent tangent_;
-  Eigen::VectorXd response_;   // K⁻¹ k
+  VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
   SecantPairs steps_;          // with that factor
-  Eigen::VectorXd last_step_;
+  VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 
@@ -7234,7 +7350,7 @@ std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, co
     state.status = path.solve(fraction * load);
     state.iterations = path.iterations;
     state.depth_m = path.advance();
-    const Positions& x = path.positions();
+    const auto& x = path.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     FrictionForces friction = path.friction();
     state.friction_N = std::move(friction.on_nodes);
@@ -7290,6 +7406,12 @@ namespace lumo {
 /// Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020; Newton 1.8).
 template <ContactHandler Contact, class Tool>
 class StepContacts {
+  using Vec3 = Dependent<lumo::Vec3, Contact>;
+  using Mat3 = Dependent<lumo::Mat3, Contact>;
+  using Positions = Dependent<lumo::Positions, Contact>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Contact>;
+  using DistanceSample = Dependent<lumo::DistanceSample, Contact>;
+
  public:
   StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
 
@@ -7445,6 +7567,11 @@ namespace detail {
 /// One body under one indenter in time.
 template <class Model, Indenter Tool, Executor E>
 class Descent {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using Mat3 = Dependent<lumo::Mat3, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+  using VertexBlock = Dependent<lumo::VertexBlock, Model>;
+
  public:
   Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3& direction, const DescentConfig& config, const E& executor)
       : model_(model), config_(config), executor_(executor), tool_(tool), origin_(touch.origin), direction_(direction), x_(positions_of(model.sector.mesh)),
@@ -7608,7 +7735,7 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);
     state.iterations = config.sweeps * (steps - before);
     state.depth_m = body.advance();
-    const Positions& x = body.positions();
+    const auto& x = body.positions();
     for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
     states.push_back(std::move(state));
@@ -7781,14 +7908,51 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
 
 namespace lumo {
 
+namespace detail {
+
+// x of Aᵀ x = b by Gauss's elimination with the largest pivots, operation for operation as Eigen's PartialPivLU has it, which takes the compiler as long as a
+// tenth of a program with a simulator.
+template <class Mat3, class Columns>
+Columns solved_transposed(const Mat3& A, Columns b) {
+  std::array<std::array<double, 3>, 3> a;
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j) a[i][j] = A(Eigen::Index(j), Eigen::Index(i));
+  for (std::size_t k = 0; k < 3; ++k) {
+    std::size_t pivot = k;
+    for (std::size_t i = k + 1; i < 3; ++i)
+      if (std::abs(a[i][k]) > std::abs(a[pivot][k])) pivot = i;
+    if (pivot != k) {
+      std::swap(a[k], a[pivot]);
+      for (Eigen::Index c = 0; c < b.cols(); ++c) std::swap(b(Eigen::Index(k), c), b(Eigen::Index(pivot), c));
+    }
+    for (std::size_t i = k + 1; i < 3; ++i) {
+      if (a[k][k] != 0.0) a[i][k] /= a[k][k];
+      for (std::size_t j = k + 1; j < 3; ++j) a[i][j] -= a[i][k] * a[k][j];
+    }
+  }
+  for (Eigen::Index c = 0; c < b.cols(); ++c) {
+    const auto rest = [&](std::size_t k, std::size_t from, std::size_t to) {
+      double sum = 0.0;
+      for (std::size_t i = from; i < to; ++i) sum += a[k][i] * b(Eigen::Index(i), c);
+      return b(Eigen::Index(k), c) - sum;
+    };
+    for (std::size_t k = 1; k < 3; ++k) b(Eigen::Index(k), c) = rest(k, 0, k);
+    for (std::size_t k = 3; k-- > 0;) b(Eigen::Index(k), c) = rest(k, k + 1, 3) * (1.0 / a[k][k]);
+  }
+  return b;
+}
+
+}  // namespace detail
+
 /// Norm of the out-of-balance forces on the free components of the whole body and on the indenter [N], by a routine that shares no assembly
 /// with the solver: the virtual work of each node's shape function, point by point, on the whole mesh, without sectors, equations or linearised
 /// volumes and gaps. It does share the policies (the material's stresses, the element's points and shape functions, the contact's response) and the
 /// points and weights of ContactSurface: a fault in one of these is not found here but by the policies' own tests.
 /// Friction depends on the way that was taken and is given.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool>
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, Indenter Tool, class Vec3 = Vec3, class Mat3 = Mat3, class Positions = Positions,
+          class DistanceSample = DistanceSample>
 double out_of_balance(const Body& body, const TetMesh& mesh, const Material& material, const Contact& contact, const Element& element,
-                      const Tool& tool, const Vec3& origin, const Vec3& direction, double load_N, const std::vector<Vec3>& displacement, const FrictionForces& friction = {}) {
+                      const Tool& tool, In<Vec3> origin, In<Vec3> direction, double load_N, In<std::vector<Vec3>> displacement, const FrictionForces& friction = {}) {
   std::vector<Vec3> force(mesh.nodes.size(), Vec3::Zero());
   for (const auto& t : mesh.tets) {
     std::array<Eigen::Matrix<double, 3, Element::nodes>, std::size_t(Element::points)> slope;
@@ -7799,7 +7963,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
       const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
       Mat3 reference = Mat3::Zero();
       for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-      slope[q] = reference.transpose().partialPivLu().solve(by_xi);
+      slope[q] = detail::solved_transposed(reference, by_xi);
       F[q] = Mat3::Identity();
       for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
       volume[q] = Element::weight(int(q)) * reference.determinant();
@@ -8173,7 +8337,7 @@ class BvhScene {
   BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Array4f = Eigen::Array4f>
   RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
 
  private:
@@ -8338,7 +8502,7 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-template <class Vec3>
+template <class Vec3, class Array4f>
 inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
@@ -8376,9 +8540,9 @@ inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool insi
     }
     if (now.count > 0) continue;
     const Node& node = nodes_[std::size_t(now.child)];
-    Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
+    Array4f enter = Array4f::Zero(), leave = Array4f::Constant(float(best.t));
     for (std::size_t a = 0; a < 3; ++a) {
-      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+      const Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
       enter = enter.max((near - of[a]) * inverse[a]);
       leave = leave.min((far - of[a]) * inverse[a]);
     }
@@ -8414,6 +8578,7 @@ struct EnergyLedger {
   double refinement = 0.0;            ///< channels as first traced minus channels as refined; expectation 0, either sign
   double lost = 0.0;                  ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
 
+  template <class = void>
   double accounted() const {
     return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium + absorbed_at_surfaces +
            roulette + refinement + lost;
@@ -8505,6 +8670,7 @@ struct QuadraticFace {
 namespace lumo::detail {
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
+template <class = void>
 inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
   std::vector<std::array<int, 6>> numbers(faces.size());
   std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
@@ -8519,7 +8685,8 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
 /// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
 /// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
-template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d>
+template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d, class Vector6d = Eigen::Matrix<double, 6, 1>, class Matrix6d = Eigen::Matrix<double, 6, 6>,
+          class SparseMatrix = Eigen::SparseMatrix<double>>
 inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
   struct Point {
     double weight, b1, b2;
@@ -8536,9 +8703,9 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   for (std::size_t f = 0; f < faces.size(); ++f) {
     const std::array<Vec3, 6>& x = faces[f].reference;
     const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
-    Eigen::Matrix<double, 6, 6> mass = Eigen::Matrix<double, 6, 6>::Zero();
+    Matrix6d mass = Matrix6d::Zero();
     for (const Point& p : rule) {
-      const Eigen::Matrix<double, 6, 1> shape(quadratic_shape(p.b1, p.b2).data());
+      const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
       mass += area * p.weight * shape * shape.transpose();
       const Vec3 turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
       if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
@@ -8547,9 +8714,9 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
     for (std::size_t k = 0; k < 6; ++k)
       for (std::size_t l = 0; l < 6; ++l) entries.emplace_back(nodes[f][k], nodes[f][l], mass(int(k), int(l)));
   }
-  Eigen::SparseMatrix<double> mass(size, size);
+  SparseMatrix mass(size, size);
   mass.setFromTriplets(entries.begin(), entries.end());
-  Eigen::ConjugateGradient<Eigen::SparseMatrix<double>, Eigen::Lower | Eigen::Upper> solver(mass);
+  Eigen::ConjugateGradient<SparseMatrix, Eigen::Lower | Eigen::Upper> solver(mass);
   solver.setTolerance(1e-10);
   turned = solver.solve(turned).eval();
   for (std::size_t f = 0; f < faces.size(); ++f)
@@ -8730,6 +8897,7 @@ static_assert(!OpaqueSurface<Dielectric>);
 inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
+template <class = void>
 inline void validate(const SurfaceOptics& optics) {
   std::visit(
       [](const auto& s) {
@@ -8792,13 +8960,14 @@ class OpticalScene {
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
   template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
+  template <class = void>
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
-  template <class = void>
+  template <class Vec3 = Vec3>
   double triangle_area(int t) const;
   template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
@@ -8823,6 +8992,7 @@ class OpticalScene {
   int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
+  template <class = void>
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
@@ -8974,7 +9144,8 @@ inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
 
 template <class Vec3>
 inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
   const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
@@ -9002,9 +9173,10 @@ inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) co
   return corners;
 }
 
-template <class>
+template <class Vec3>
 inline double OpticalScene::triangle_area(int t) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
@@ -9022,20 +9194,23 @@ inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point
   double u = x - i, v = y - j;
   const bool upper = u + v > 1.0 && i + j + 1 < n_;
   const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   point = upper ? Vec3((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3((1.0 - u - v) * a + u * b + v * c);
   return t;
 }
 
 template <class Vec3>
 inline Vec3 OpticalScene::flat_normal(int t) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   return (b - a).cross(c - a).normalized();
 }
 
 template <class Vec3>
 inline Vec3 OpticalScene::pulled_inward(int t, In<Vec3> p) const {
-  const auto& [a, b, c] = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const auto& [a, b, c] = corners;
   const double size = std::sqrt((b - a).cross(c - a).norm());
   return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
 }
@@ -9361,7 +9536,7 @@ class FaceSet {
   /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
   /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
   /// focus is, which must have the symmetry.
-  template <class Predicate>
+  template <class Predicate, class Vec3 = Vec3>
   FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
@@ -9399,7 +9574,7 @@ inline std::uint64_t FaceSet::morton(const Vec3& p) {
   return code;
 }
 
-template <class Predicate>
+template <class Predicate, class Vec3>
 FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
@@ -9487,12 +9662,14 @@ inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene,
     x.ray.triangle = scene.triangle_at(f.face, b[1], b[2], x.ray.origin);
   } else {
     x.ray.triangle = f.triangle;
-    const auto& [p, q, r] = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const auto& [p, q, r] = corners;
     x.ray.origin = b[0] * p + b[1] * q + b[2] * r;
   }
   x.ray.key = combine(sequence.seed, x.index);
   x.at = scene.locate(x.ray.triangle, x.ray.origin);
-  const auto& [p, q, r] = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+  const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+  const auto& [p, q, r] = corners;
   const Vec3 normal = (q - p).cross(r - p);
   x.normal = normal.normalized();
   x.area = 0.5 * normal.norm() * (f.face >= 0 ? per_face_ : 1) / f.count;
@@ -9936,6 +10113,7 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
 namespace lumo::detail {
 
 /// Adds `factor` × the accounts of `part`, `emitted` too.
+template <class = void>
 inline void add(EnergyLedger& sum, const EnergyLedger& part, double factor) {
   for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
   sum.emitted += factor * part.emitted;
@@ -9951,10 +10129,12 @@ inline void add(EnergyLedger& sum, const EnergyLedger& part, double factor) {
 /// Where one watt from each node of Lambertian faces goes.
 class CarrierTransport {
  public:
+  template <class = void>
   CarrierTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
     for (Tally& t : sums_) t.gathered.assign(std::size_t(channels), 0.0), t.ledger.channels = t.gathered;
   }
   /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the nodes.
+  template <class = void>
   void add(const Tally& ray, const std::array<int, 3>& nodes, const std::array<double, 3>& shares, double area_m2) {
     for (std::size_t k = 0; k < 3; ++k) {
       const double w = shares[k] * area_m2;
@@ -9980,6 +10160,7 @@ class CarrierTransport {
 /// at the nodes, bounce after bounce, until less than 1e-13 of the emitted power is under way. `total`: the emitters' own tally, completed
 /// here. Returns what each node sent [W]. Jacobi iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is
 /// at most 1.
+template <class = void>
 inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransport& transport, Tally& total) {
   std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
   for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;
@@ -10750,6 +10931,7 @@ struct ContactTerms {
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
   /// (q_form q_stable q_stiff)^(1/3).
+  template <class = void>
   std::optional<Estimate> score() const;
 };
 
@@ -10783,6 +10965,7 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
+template <class>
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
@@ -10851,8 +11034,8 @@ struct OpticalError {
 };
 
 /// (r − r_0)/P_emit by replicate.
-template <class MatrixXd = Eigen::MatrixXd>
-inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
+template <class Response = Response>
+inline Eigen::MatrixXd response_change(In<Response> loaded, In<Response> unloaded) {
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
@@ -10959,6 +11142,7 @@ struct Problem {
   std::uint64_t seed = 0;
 
   /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by DesignSampler.
+  template <class = void>
   void validate() const {
     if (objectives.empty()) throw InvalidArgument("problem has no objectives, must have at least 1");
     std::set<std::string> names;
@@ -11012,6 +11196,7 @@ class DesignSampler {
 
   /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
   /// node between them, a constraint with the wrong number of coefficients. It is copied.
+  template <class = void>
   explicit DesignSampler(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
@@ -11020,16 +11205,20 @@ class DesignSampler {
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
   /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
+  template <class = void>
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
   /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
   /// the variable's range, and at least one step of its lattice.
+  template <class = void>
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
   /// Is `reach` too small to make a difference: one step on every lattice, less than 10⁻⁴ of the range elsewhere?
+  template <class = void>
   bool finest(double reach) const;
 
   /// The same design with lattice values to the bit as the sampler writes them.
+  template <class = void>
   Design canonical(Design x) const;
 
  private:
@@ -11039,14 +11228,23 @@ class DesignSampler {
     std::vector<double> table;
   };
 
+  template <class = void>
   double node(std::size_t i, double k) const;
+  template <class = void>
   double place(std::size_t i, double unit) const;
+  template <class = void>
   double shifted(std::size_t i, double x, double by) const;
+  template <class = void>
   void list();
+  template <class = void>
   bool descend(std::size_t i, Design& x, std::size_t& visits);
+  template <class = void>
   std::optional<Design> repaired(Design x, std::uint64_t key) const;
+  template <class = void>
   static double excess(const LinearConstraint& c, const Design& x);
+  template <class = void>
   void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
+  template <class = void>
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -11055,6 +11253,7 @@ class DesignSampler {
   bool listed_ = false;
 };
 
+template <class>
 inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)) {
   if (space_.variables.empty()) throw InvalidArgument("design space has no variables, must have at least 1");
   std::set<std::string> names;
@@ -11084,6 +11283,7 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
 }
 
 /// The shortest decimal number for a node: 0.3, not 0.30000000000000004.
+template <class>
 inline double DesignSampler::node(std::size_t i, double k) const {
   if (!axes_[i].table.empty() && k < double(axes_[i].table.size())) return axes_[i].table[std::size_t(k)];
   const Variable& v = space_.variables[i];
@@ -11094,12 +11294,14 @@ inline double DesignSampler::node(std::size_t i, double k) const {
   return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
 }
 
+template <class>
 inline double DesignSampler::place(std::size_t i, double unit) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes > 0.0) return node(i, std::clamp(std::floor(unit * axes_[i].nodes), 0.0, axes_[i].nodes - 1.0));
   return std::clamp(v.lower + unit * (v.upper - v.lower), v.lower, v.upper);
 }
 
+template <class>
 inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
@@ -11108,12 +11310,14 @@ inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
+template <class>
 inline Design DesignSampler::canonical(Design x) const {
   for (std::size_t i = 0; i < x.size() && i < dimensions(); ++i)
     if (axes_[i].nodes > 0.0) x[i] = shifted(i, x[i], 0.0);
   return x;
 }
 
+template <class>
 inline bool DesignSampler::finest(double reach) const {
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
@@ -11123,6 +11327,7 @@ inline bool DesignSampler::finest(double reach) const {
   return true;
 }
 
+template <class>
 inline void DesignSampler::list() {
   Design x(dimensions());
   std::size_t visits = 0;
@@ -11131,6 +11336,7 @@ inline void DesignSampler::list() {
 }
 
 /// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
+template <class>
 inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
@@ -11155,6 +11361,7 @@ inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits
   return true;
 }
 
+template <class>
 inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t index) const {
   Design x(dimensions());
   for (std::size_t i = 0; i < dimensions(); ++i) {
@@ -11165,12 +11372,14 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
 }
 
 /// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
+template <class>
 inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
 /// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
+template <class>
 inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
@@ -11185,6 +11394,7 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
 }
 
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
+template <class>
 inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
@@ -11205,6 +11415,7 @@ inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key
   return std::nullopt;
 }
 
+template <class>
 inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
   std::vector<Design> out;
   DesignSet seen;
@@ -11237,6 +11448,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
   return out;
 }
 
+template <class>
 inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
   std::vector<Design> out;
   const std::size_t d = dimensions();
@@ -11440,6 +11652,7 @@ class ExcessTable {
  public:
   static constexpr double edge = 8.0;
 
+  template <class = void>
   double operator()(double a) const {
     const double t = (a + edge) * per_unit;
     const auto k = std::min(std::size_t(t), nodes_.size() - 2);
@@ -11462,6 +11675,7 @@ class ExcessTable {
   };
   std::vector<Node> nodes_;
 
+  template <class = void>
   ExcessTable() {
     for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
       const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);
@@ -11613,6 +11827,7 @@ class MarginalLikelihood {
   using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Value {
@@ -11724,12 +11939,12 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
-  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Minimum = Minimum>
   Minimum minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
                    In<std::optional<MatrixXd>> hessian = std::nullopt) const;
 };
 
-template <class Function, class MatrixXd, class VectorXd>
+template <class Function, class MatrixXd, class VectorXd, class Minimum>
 Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
                               In<std::optional<MatrixXd>> known) const {
   const Eigen::Index n = start.size();
@@ -11854,6 +12069,8 @@ class GaussianProcess {
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
   using ArrayXd = Dependent<Eigen::ArrayXd, Kernel>;
+  using TrainingData = Dependent<lumo::TrainingData, Kernel>;
+  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Config {
@@ -12015,7 +12232,7 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
 }
 
 template <CovarianceKernel Kernel>
-Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
+typename GaussianProcess<Kernel>::Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
   const Eigen::Index d = u.size() - 1;
   return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
 }
@@ -12146,11 +12363,13 @@ struct MinimumOverTerms {
     return least;
   }
   /// Throws InvalidArgument when there are not as many counts as objectives, or one is not positive.
+  template <class = void>
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
       throw InvalidArgument(detail::text("minimum over terms needs a positive number of terms for each of ", objectives, " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
+  template <class = void>
   int objective(int output) const {
     int j = 0;
     for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];
@@ -12254,8 +12473,8 @@ inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std
 namespace detail {
 
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
-template <class MatrixXd = Eigen::MatrixXd>
-inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
+template <class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
+inline Eigen::MatrixXd base_points(In<Evidence> evidence, bool noisy) {
   if (!noisy) return evidence.pending;
   MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
   base << evidence.x, evidence.pending;
@@ -12263,13 +12482,13 @@ inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
 }
 
 /// Objectives that stand in draw `s`: the drawn ones, and what was told where that is taken as it is.
-template <Reduction R>
-Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction, const Evidence& evidence, bool noisy) {
+template <Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
+MatrixXd standing_objectives(In<std::vector<MatrixXd>> draws, Eigen::Index s, const R& reduction, In<Evidence> evidence, bool noisy) {
   const Eigen::Index told = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
-  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
+  MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
   if (told > 0) outputs.leftCols(told) = evidence.outputs;
   for (std::size_t j = 0; j < draws.size(); ++j) outputs.row(Eigen::Index(j)).tail(drawn) = draws[j].col(s).transpose();
-  if (outputs.cols() == 0) return Eigen::MatrixXd(evidence.reference.size(), 0);
+  if (outputs.cols() == 0) return MatrixXd(evidence.reference.size(), 0);
   return reduction.objectives(outputs);
 }
 
@@ -12461,13 +12680,13 @@ class ExpectedHypervolume {
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound leaves below e⁻⁴⁰ of the most
   /// promising one are passed over.
-  template <class Mean, class Deviation>
+  template <class Mean, class Deviation, class ArrayXd = Eigen::ArrayXd>
   double log_sum(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
     if (count == 0) return -std::numeric_limits<double>::infinity();
     double scale = 0.0;
     for (Eigen::Index j = 0; j < m; ++j) scale += std::log(deviation[j]);
-    Eigen::ArrayXd bound = Eigen::ArrayXd::Constant(count, scale);
+    ArrayXd bound = ArrayXd::Constant(count, scale);
     for (Eigen::Index k = 0; k < count; ++k)
       for (Eigen::Index j = 0; j < m; ++j) {
         const double a = (mean[j] - boxes_.lower(j, k)) / deviation[j];
@@ -12510,15 +12729,18 @@ struct LogNehvi {
 
   template <CovarianceKernel Kernel>
   class Prepared {
+    using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+    using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+
    public:
     Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
-    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+    VectorXd operator()(const MatrixXd& x) const {
       const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
-      Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
+      VectorXd mean(m), deviation(m), sum = VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
         for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
@@ -12548,14 +12770,14 @@ struct LogNehvi {
   };
 
   /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other than the identity.
-  template <CovarianceKernel Kernel, Reduction R>
-  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
+  template <CovarianceKernel Kernel, Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
+  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, In<Evidence> evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
       throw InvalidArgument(detail::text("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
-    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
+    const MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
-    std::vector<Eigen::MatrixXd> drawn;
+    std::vector<MatrixXd> drawn;
     for (std::size_t j = 0; j < models.size(); ++j) {
       posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, detail::combine(seed, j)));
       drawn.push_back(posteriors.back().draws());
@@ -12567,13 +12789,13 @@ struct LogNehvi {
 
  private:
   /// Told designs that may be in a front, and all that are pending.
-  template <CovarianceKernel Kernel>
-  Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
+  template <CovarianceKernel Kernel, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Evidence = Evidence>
+  MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, In<Evidence> evidence) const {
     const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());
-    Eigen::MatrixXd low(m, n), high(m, n);
+    MatrixXd low(m, n), high(m, n);
     for (Eigen::Index j = 0; j < m; ++j) {
       const auto p = models[std::size_t(j)].predict(evidence.x);
-      const Eigen::VectorXd reach = hopeless * p.variance.cwiseSqrt();
+      const VectorXd reach = hopeless * p.variance.cwiseSqrt();
       low.row(j) = (p.mean - reach).transpose();
       high.row(j) = (p.mean + reach).transpose();
     }
@@ -12583,8 +12805,8 @@ struct LogNehvi {
       for (Eigen::Index k = 0; k < n && !beaten; ++k) beaten = (low.col(k).array() > high.col(i).array()).all();
       if (!beaten) kept.push_back(i);
     }
-    Eigen::MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
-    base << Eigen::MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
+    MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
+    base << MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
     return base;
   }
 };
@@ -12631,11 +12853,14 @@ struct QLogNehvi {
 
   template <CovarianceKernel Kernel, Reduction R>
   class Prepared {
+    using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
+    using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
+
    public:
     Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, const BaseSamples& samples)
         : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
-      const Eigen::MatrixXd base = detail::base_points(evidence, config.noisy);
-      std::vector<Eigen::MatrixXd> drawn;
+      const MatrixXd base = detail::base_points(evidence, config.noisy);
+      std::vector<MatrixXd> drawn;
       for (std::size_t j = 0; j < models.size(); ++j) {
         posteriors_.emplace_back(models[j], base, samples.base[j]);
         drawn.push_back(posteriors_.back().draws());
@@ -12644,19 +12869,19 @@ struct QLogNehvi {
         boxes_.push_back(nondominated_boxes(detail::standing_objectives(drawn, std::min(s, drawn.front().cols() - 1), reduction, evidence, config.noisy), evidence.reference));
     }
 
-    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
+    VectorXd operator()(const MatrixXd& x) const {
       const Eigen::Index outputs = Eigen::Index(posteriors_.size()), count = candidate_.front().size();
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
-      Eigen::VectorXd out(x.cols());
-      Eigen::MatrixXd sample(outputs, count);
+      VectorXd out(x.cols());
+      MatrixXd sample(outputs, count);
       std::vector<double> per_draw(static_cast<std::size_t>(count)), per_box;
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
         for (Eigen::Index j = 0; j < outputs; ++j) {
           const auto& a = at[std::size_t(j)];
           for (Eigen::Index s = 0; s < count; ++s) sample(j, s) = a.mean(i, std::min(s, a.mean.cols() - 1)) + a.deviation[i] * candidate_[std::size_t(j)][s];
         }
-        const Eigen::MatrixXd y = reduction_.objectives(sample);
+        const MatrixXd y = reduction_.objectives(sample);
         for (Eigen::Index s = 0; s < count; ++s) {
           const BoxDecomposition& boxes = boxes_[std::size_t(s)];
           per_box.assign(std::size_t(boxes.lower.cols()), 0.0);
@@ -12675,18 +12900,18 @@ struct QLogNehvi {
    private:
     double tau_relu_, tau_max_;
     R reduction_;
-    std::vector<Eigen::VectorXd> candidate_;
+    std::vector<VectorXd> candidate_;
     std::vector<ConditionalPosterior<Kernel>> posteriors_;
     std::vector<BoxDecomposition> boxes_;
   };
 
   /// Models are looked at, not copied: they must outlive what is returned.
-  template <CovarianceKernel Kernel, Reduction R>
-  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
+  template <CovarianceKernel Kernel, Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
+  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, In<Evidence> evidence, std::uint64_t seed) const {
     const Eigen::Index base = detail::base_points(evidence, noisy).cols();
     BaseSamples samples;
     for (std::size_t j = 0; j < models.size(); ++j) {
-      const Eigen::MatrixXd z = base_normals(base + 1, draws, detail::combine(seed, j));
+      const MatrixXd z = base_normals(base + 1, draws, detail::combine(seed, j));
       samples.base.push_back(z.topRows(base));
       samples.candidate.push_back(z.row(base).transpose());
     }
@@ -12764,6 +12989,7 @@ namespace lumo {
 class TrialLog {
  public:
   /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
+  template <class = void>
   TrialLog(Problem problem, int outputs, int retries) : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
     DesignSet known;
@@ -12776,15 +13002,19 @@ class TrialLog {
   const DesignSampler& sampler() const { return sampler_; }
   const std::vector<Trial>& trials() const { return trials_; }
   const DesignSet& taken() const { return taken_; }
+  template <class = void>
   int count(Trial::State state) const {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
+  template <class = void>
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
+  template <class = void>
   const Trial& open(int id, Design x);
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
+  template <class = void>
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
@@ -12796,8 +13026,11 @@ class TrialLog {
   Eigen::MatrixXd told_outputs() const;
 
  private:
+  template <class = void>
   Trial& pending(int id);
+  template <class = void>
   bool superseded(const Trial& trial) const;
+  template <class = void>
   bool tries_left(const Trial& trial) const;
 
   Problem problem_;
@@ -12809,14 +13042,17 @@ class TrialLog {
 };
 
 /// By a later trial of its design.
+template <class>
 inline bool TrialLog::superseded(const Trial& trial) const {
   return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
 }
 
+template <class>
 inline bool TrialLog::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
 }
 
+template <class>
 inline std::optional<Design> TrialLog::scheduled() const {
   for (const Trial& t : trials_)
     if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
@@ -12825,6 +13061,7 @@ inline std::optional<Design> TrialLog::scheduled() const {
   return std::nullopt;
 }
 
+template <class>
 inline const Trial& TrialLog::open(int id, Design x) {
   if (id != int(trials_.size())) throw InvalidArgument(detail::text("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
   problem_.space.check(x);
@@ -12837,6 +13074,7 @@ inline const Trial& TrialLog::open(int id, Design x) {
   return trials_.back();
 }
 
+template <class>
 inline Trial& TrialLog::pending(int id) {
   if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(detail::text("trial ", id, " was never asked"));
   Trial& trial = trials_[std::size_t(id)];
@@ -12845,6 +13083,7 @@ inline Trial& TrialLog::pending(int id) {
   return trial;
 }
 
+template <class>
 inline void TrialLog::tell(int id, std::vector<double> outputs) {
   Trial& trial = pending(id);
   if (int(outputs.size()) != outputs_) throw InvalidArgument(detail::text("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
@@ -12896,6 +13135,7 @@ class Optimizer {
   using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
   using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
   using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
+  using Evidence = Dependent<lumo::Evidence, Kernel>;
 
  public:
   struct Config {
@@ -13018,7 +13258,7 @@ const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-Evidence Optimizer<K, A, S, R>::evidence() const {
+typename Optimizer<K, A, S, R>::Evidence Optimizer<K, A, S, R>::evidence() const {
   Evidence e;
   e.x = log_.designs(Trial::State::told);
   e.pending = log_.designs(Trial::State::pending);
@@ -13179,6 +13419,7 @@ class RecordedCamera {
  public:
   explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
 
+  template <class = void>
   std::optional<Frame> next() {
     if (next_ == frames_.size()) return std::nullopt;
     const RecordedFrame& f = frames_[next_];
@@ -13278,6 +13519,7 @@ struct ClockMap {
   }
 
   /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  template <class = void>
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
       throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
@@ -13306,6 +13548,7 @@ struct ClockMap {
 class TimeSeries {
  public:
   /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
+  template <class = void>
   TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
     if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
@@ -13316,31 +13559,34 @@ class TimeSeries {
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
+    const MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
     const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return VectorXd(value_.col(j));
+    if (*after == stamp_ns) return VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
     if (1e-9 * gap > max_gap_s) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
-    return VectorXd((1.0 - share) * value_.col(j - 1) + share * value_.col(j));
+    return VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   Eigen::VectorXd interpolation_residual() const {
-    VectorXd squares = VectorXd::Zero(value_.rows());
+    const MatrixXd& value = value_;
+    VectorXd squares = VectorXd::Zero(value.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
       const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
       const auto k = Eigen::Index(i);
-      squares += (value_.col(k) - (1.0 - share) * value_.col(k - 1) - share * value_.col(k + 1)).cwiseAbs2();
+      squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
     }
     return stamp_.size() < 3 ? squares : VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }
+  template <class = void>
   double largest_gap_s() const {
     std::int64_t gap = 0;
     for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);
@@ -13366,6 +13612,7 @@ class CsvReader {
   static constexpr std::size_t max_line = 65536, max_columns = 256;
 
   /// Reads the header. `name` stands in messages.
+  template <class = void>
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
     if (!read_line()) throw InputError(detail::text(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
@@ -13380,6 +13627,7 @@ class CsvReader {
 
   const std::vector<std::string>& columns() const { return columns_; }
   /// Place of a column, or −1.
+  template <class = void>
   int find(std::string_view column) const {
     for (std::size_t i = 0; i < columns_.size(); ++i)
       if (columns_[i] == column) return int(i);
@@ -13398,6 +13646,7 @@ class CsvReader {
   }
 
   /// Goes to the next row; false at the end of the file.
+  template <class = void>
   bool next() {
     if (!read_line()) return false;
     if (line_text_.find_first_not_of(" \t") == std::string::npos) {
@@ -13428,6 +13677,7 @@ class CsvReader {
   long line() const { return line_; }
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
+               template <class = void>
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(detail::text(name_, ":", line_, ": column ", detail::printable(columns_[std::size_t(column)]), ": '", detail::printable(text(column)), "' ", why));
   }
@@ -13449,6 +13699,7 @@ class CsvReader {
     return !line_text_.empty();
   }
 
+  template <class = void>
   void split() {
     fields_.clear();
     const std::string_view all = line_text_;
@@ -13787,8 +14038,8 @@ class PhotodiodeArray {
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
-  template <class = void>
-  bool read(const PhotodiodeSample& sample, Profile& profile) const {
+  template <class PhotodiodeSample = PhotodiodeSample>
+  bool read(In<PhotodiodeSample> sample, Profile& profile) const {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;
     profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);
@@ -13810,6 +14061,7 @@ static_assert(Readout<PhotodiodeArray>);
 namespace lumo {
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
+template <class = void>
 inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   detail::StampColumn stamp(csv);
@@ -13830,6 +14082,7 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
   return list;
 }
 
+template <class = void>
 inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
   std::string t = "stamp_ns";
   const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
@@ -13897,6 +14150,7 @@ struct MiniCheetahProtocol {
             std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// Nothing for fewer than six bytes.
+  template <class = void>
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
     const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
@@ -13963,12 +14217,12 @@ struct AxisMap {
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
   template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class Matrix3d = Eigen::Matrix3d,
-            class MatrixX3d = Eigen::MatrixX3d>
+            class MatrixX3d = Eigen::MatrixX3d, class AxisMap = AxisMap>
   static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
 };
 
-template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d>
-inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
+template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d, class Map>
+inline Map AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
   if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
@@ -13976,7 +14230,7 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
   for (Eigen::Index i = 1; i < n; ++i)
     if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(detail::text("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
 
-  AxisMap map;
+  Map map;
   map.origin_px = pixel.rowwise().mean();
   const Matrix2Xd centred = pixel.colwise() - map.origin_px;
   Eigen::SelfAdjointEigenSolver<Matrix2d> spread;
@@ -14011,7 +14265,7 @@ inline AxisMap AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_
       map.coefficients[2] = c;
       linearise();
       step.template head<2>() = Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
-      map.coefficients.head<2>() -= step.template head<2>();
+      map.coefficients.template head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;
     }
@@ -14052,7 +14306,7 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
-  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LedDetection = LedDetection>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -14069,6 +14323,7 @@ namespace detail {
 /// Sums of green over rectangles in constant time.
 class IntegralImage {
  public:
+  template <class = void>
   explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
     for (int y = 0; y < v.height; ++y) {
       std::uint32_t row = 0;
@@ -14149,7 +14404,7 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
   return found;
 }
 
-template <class VectorXd, class Vector2d, class Matrix2Xd>
+template <class VectorXd, class Vector2d, class Matrix2Xd, class LedDetection>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");
@@ -14164,12 +14419,12 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   double best_score = 0.0;
   for (const Spot& first : all)
     for (const Spot& last : all) {
-      const Vector2d step = (last.place - first.place) / double(count - 1);
+      const Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
       if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
       LedDetection row{Matrix2Xd(2, count), VectorXd(count), {}};
       bool whole = true;
       for (int k = 0; whole && k < count; ++k) {
-        const Vector2d expected = first.place + k * step;
+        const Vector2d expected = from + k * step;
         const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
         const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
         whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Vector2d(row.centroid_px.col(k - 1)));
@@ -14202,6 +14457,7 @@ struct Interval {
 };
 
 /// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
+template <class = void>
 inline double median(std::vector<double> v) {
   if (v.empty()) throw InvalidArgument("median of no numbers");
   const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
@@ -14210,6 +14466,7 @@ inline double median(std::vector<double> v) {
 }
 
 /// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for none.
+template <class = void>
 inline double quantile(std::vector<double> v, double p) {
   if (v.empty()) throw InvalidArgument("quantile of no numbers");
   require_in_range("quantile", p, 0.0, 1.0, "");
@@ -14980,6 +15237,7 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
+template <class = void>
 inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
@@ -14991,6 +15249,7 @@ namespace detail {
 
 /// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
 /// places, numbered along the finger, ascend in y.
+template <class = void>
 inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
@@ -15066,7 +15325,7 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class = void>
+template <class DecodingTask = DecodingTask>
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
@@ -15203,22 +15462,24 @@ struct LinearDecoder {
    public:
     template <class MatrixXd = Eigen::MatrixXd>
     Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
+      const MatrixXd& mean = mean_;
       MatrixXd residual = t.response;
-      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean_.col(t.place[std::size_t(i)]);
-      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean_.cwiseAbs2().maxCoeff() + 1e-300);
+      for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean.col(t.place[std::size_t(i)]);
+      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
-      weight_ = factor_.solve(mean_);
-      offset_ = -0.5 * mean_.cwiseProduct(weight_).colwise().sum().transpose();
+      weight_ = factor_.solve(mean);
+      offset_ = -0.5 * mean.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
     template <class VectorXd = Eigen::VectorXd>
     Decoding decode(In<VectorXd> response) const { return detail::decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
-    template <class VectorXd = Eigen::VectorXd>
+    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
     Eigen::VectorXd log_likelihood(In<VectorXd> response) const {
       if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
-      return weight_.transpose() * response + offset_;
+      const MatrixXd& weight = weight_;
+      return weight.transpose() * response + offset_;
     }
     double shrinkage() const { return shrinkage_; }
 
@@ -15259,9 +15520,10 @@ class PlaceFilter {
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
   template <class VectorXd = Eigen::VectorXd>
   const Eigen::VectorXd& update(In<VectorXd> log_likelihood) {
-    const double n = double(probability_.size());
-    probability_ = ((1.0 - change_) * probability_.array() + change_ / n).max(1e-300);
-    probability_ = detail::decoding_of((probability_.array().log() + log_likelihood.array()).matrix()).probability;
+    VectorXd& p = probability_;
+    const double n = double(p.size());
+    p = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
+    p = detail::decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
     return probability_;
   }
   const Eigen::VectorXd& probability() const { return probability_; }
@@ -15288,7 +15550,8 @@ struct BayesDecoder {
       if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);
       for (Eigen::Index k = 0; k < n; ++k) filter.update(steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
-      return detail::decoding_of(filter.probability().array().max(1e-300).log().matrix());
+      const VectorXd& p = filter.probability();
+      return detail::decoding_of(p.array().max(1e-300).log().matrix());
     }
 
    private:
@@ -15298,8 +15561,8 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class = void>
-  Model fit(const LabelledResponses& training) const {
+  template <class LabelledResponses = LabelledResponses>
+  Model fit(In<LabelledResponses> training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
@@ -15334,14 +15597,14 @@ struct DecodingReport {
 
 /// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it. `fold[i]` of observation i.
 /// Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
-template <Decoder D>
-DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
+template <Decoder D, class LabelledResponses = LabelledResponses, class Decoding = Decoding, class MatrixXi = Eigen::MatrixXi>
+DecodingReport cross_validate(const D& decoder, In<LabelledResponses> data, const std::vector<int>& fold) {
   validate(data);
   if (fold.size() != data.place.size()) throw InvalidArgument(detail::text("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
   const std::set<int> folds(fold.begin(), fold.end());
   if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
   DecodingReport report;
-  report.confusion = Eigen::MatrixXi::Zero(data.places(), data.places());
+  report.confusion = MatrixXi::Zero(data.places(), data.places());
   report.predictions.resize(data.place.size());
   int right = 0;
   for (const int out : folds) {
@@ -15386,9 +15649,11 @@ struct OnsetDetector {
     double baseline_N = 0.0;
   };
   /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are not finite.
+  template <class = void>
   std::optional<Onset> find(std::span<const double> force_N) const;
 };
 
+template <class>
 inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
   require_in_range("samples without contact", baseline, 2, 1e9, "");
   require_in_range("samples above the threshold", hold, 1, 1e6, "");
@@ -15425,6 +15690,7 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
 
 /// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches `force_N`, interpolated linearly [m].
 /// Nothing when there is no onset or the force is not reached. Both series at the same times.
+template <class = void>
 inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, const OnsetDetector& detector = {}) {
   if (force.size() != marker_m.size()) throw InvalidArgument(detail::text("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
   require_positive("force to reach", force_N, "N");
@@ -16244,9 +16510,9 @@ concept ContactJacobian = requires(const J& j, const JointVector& q, const Conta
 };
 
 /// Torques of unit normal forces at several contacts, joints × contacts [m].
-template <ContactJacobian J>
-Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::span<const ContactPoint> contacts) {
-  Eigen::MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
+template <ContactJacobian J, class JointVector = JointVector, class MatrixXd = Eigen::MatrixXd>
+MatrixXd contact_columns(const J& jacobian, In<JointVector> q, std::span<const ContactPoint> contacts) {
+  MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
   for (std::size_t i = 0; i < contacts.size(); ++i) a.col(Eigen::Index(i)) = jacobian.column(q, contacts[i]);
   return a;
 }
@@ -16283,22 +16549,27 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
-    return torques(p, p.finger * Vec3(0.0, c.y_m, 0.0), p.finger.linear().col(2), true);
+    const Isometry3d& finger = p.finger;
+    return torques(p, finger * Vec3(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
-  template <class = void>
+  template <class Isometry3d = Eigen::Isometry3d>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
-    return torques(p, p.finger.linear().col(1), p.finger.linear().col(2), false);
+    const Isometry3d& finger = p.finger;
+    return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
   template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class Vec3 = Vec3>
-  Vec3 normal(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger.linear().col(2); }
+  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
+  Vec3 normal(const JointVector& q, const ContactPoint& c) const {
+    const Isometry3d finger = pose(q, c.link).finger;
+    return finger.linear().col(2);
+  }
 
  private:
   struct Pose {
@@ -16306,7 +16577,7 @@ class SerialChain {
     Eigen::Isometry3d finger;
   };
 
-  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd>
+  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd, class Pose = Pose>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -16326,8 +16597,8 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class Vec3 = Vec3>
-  JointVector torques(const Pose& p, In<Vec3> place, In<Vec3> n, bool is_place) const {
+  template <class Vec3 = Vec3, class Pose = Pose, class JointVector = JointVector>
+  JointVector torques(In<Pose> p, In<Vec3> place, In<Vec3> n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;
@@ -16399,6 +16670,11 @@ struct ContactBelief {
 /// A measurement that arrives late is put where it belongs, and what came after it is done again.
 template <ContactJacobian Jacobian>
 class ContactFilter {
+  using Vector2d = Dependent<Eigen::Vector2d, Jacobian>;
+  using Matrix2d = Dependent<Eigen::Matrix2d, Jacobian>;
+  using JointVector = Dependent<lumo::JointVector, Jacobian>;
+  using ContactBelief = Dependent<lumo::ContactBelief, Jacobian>;
+
  public:
   struct Config {
     int link = 0;
@@ -16549,7 +16825,7 @@ void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
 }
 
 template <ContactJacobian Jacobian>
-ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
+typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
@@ -16557,7 +16833,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
-  Eigen::Matrix2d information;
+  Matrix2d information;
   for (int k = 0; k < 8; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
     const JointVector a = jacobian_.column(q, {config_.link, inside}), slope = jacobian_.slope(q, {config_.link, inside});
@@ -16570,7 +16846,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     }
     if (k == 0) force = at / aa;  // of that place
     information << place_weight, 0.0, 0.0, aa;
-    Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
+    Vector2d gradient(place_weight * (place - y), at - aa * force);
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
       const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
@@ -16580,7 +16856,7 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
     }
     information(1, 0) = information(0, 1);
     belief.covariance = information.inverse();
-    const Eigen::Vector2d step = belief.covariance * gradient;
+    const Vector2d step = belief.covariance * gradient;
     y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
     force += step[1];
     if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;
@@ -16635,6 +16911,7 @@ class Faults {
 };
 
 /// Names, separated by spaces.
+template <class = void>
 inline std::string to_string(Faults faults) {
   static constexpr std::array<const char*, std::size_t(Fault::count)> names{
       "frame_dropped", "frames_missing", "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
@@ -16696,14 +16973,14 @@ namespace lumo {
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not tell apart come back
 /// as null directions: three contacts on two joints, two on one link of one joint, any at a joint's axis.
-template <ContactJacobian J>
-Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+template <ContactJacobian J, class JointVector = JointVector, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
+Identification solve_forces(const J& jacobian, In<JointVector> q, In<JointVector> contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
   // A contact within a tenth of a millimetre of all axes counts as on them.
-  const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
+  const MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < 1e-4) return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
-  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
+  if (largest < 1e-4) return {VectorXd::Zero(m), MatrixXd::Zero(m, m), 0, MatrixXd::Identity(m, m), 0.0};
+  return identify(a, contact_torque_Nm, VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
 }
 
 /// One contact from torques alone: place and force together, as far as the joints tell.
@@ -16717,8 +16994,9 @@ struct TorqueOnlySolution {
 
 /// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only
 /// baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the range's middle.
-template <ContactJacobian J>
-TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m,
+template <ContactJacobian J, class JointVector = JointVector, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d,
+          class Identification = Identification>
+TorqueOnlySolution solve_torque_only(const J& jacobian, In<JointVector> q, In<JointVector> contact_torque_Nm, int link, double from_m, double to_m,
     double torque_sigma_Nm) {
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
@@ -16733,12 +17011,12 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
   double misfit = 0.0;
   s.force_N = force_at(s.y_m, misfit);
   const auto sensitivity = [&] {
-    Eigen::MatrixXd h(jacobian.joints(), 2);
+    MatrixXd h(jacobian.joints(), 2);
     h.col(0) = 0.01 * s.force_N * jacobian.slope(q, {link, s.y_m});
     h.col(1) = jacobian.column(q, {link, s.y_m});
     return h;
   };
-  const auto look = [&] { return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
+  const auto look = [&] { return identify(sensitivity(), VectorXd(contact_torque_Nm), Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
   Identification local = look();
   if (local.complete()) {
     constexpr int cells = 64;
@@ -16756,7 +17034,7 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
   s.rank = int(local.rank);
   if (s.rank == 1) s.null_direction = local.null_space.col(0);
   if (s.rank == 2) {
-    const Eigen::Vector2d unit(0.01, 1.0);
+    const Vector2d unit(0.01, 1.0);
     s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
   }
   return s;
@@ -16816,8 +17094,8 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
-  template <class = void>
-  Verdict check_light(const Profile& p, double exposure_s, double gain) {
+  template <class Profile = Profile>
+  Verdict check_light(In<Profile> p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
     last_ = p.value;
@@ -16853,10 +17131,11 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
-  template <class = void>
+  template <class VectorXd = Eigen::VectorXd>
   double led_ratio(double y) const {
+    const VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;
-    (config_.position_m.array() - y).abs().minCoeff(&i);
+    (position_m.array() - y).abs().minCoeff(&i);
     return ratio_[i];
   }
 
@@ -16891,7 +17170,10 @@ struct LongitudinalBins {
 
   Eigen::Index size() const { return edges_m.size() - 1; }
   template <class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd centres_m() const { return 0.5 * (edges_m.head(size()) + edges_m.tail(size())); }
+  Eigen::VectorXd centres_m() const {
+    const VectorXd& edges = edges_m;
+    return 0.5 * (edges.head(size()) + edges.tail(size()));
+  }
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.
   friend void validate(const LongitudinalBins& b) {
@@ -16912,6 +17194,7 @@ namespace lumo::detail {
 /// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
 class Strip {
  public:
+  template <class = void>
   Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
 
   bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
@@ -16921,6 +17204,7 @@ class Strip {
   void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
 
   /// Share of bytes of the measured channel that are 255, on every eighth row read.
+  template <class = void>
   double saturated_share(const ImageView& image) const;
 
  private:
@@ -16929,6 +17213,7 @@ class Strip {
     int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
   };
 
+  template <class = void>
   void flush();
 
   int width_, height_, places_ = 0, channels_, channel_;
@@ -16942,6 +17227,7 @@ class Strip {
   std::vector<double> integral_;               ///< of the mean, from the first place
 };
 
+template <class>
 inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
   require_in_range("frame width", width, 1, 32768, "px");
@@ -17002,6 +17288,7 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
   integral_.resize(std::size_t(places_) + 1);
 }
 
+template <class>
 inline void Strip::flush() {
   for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
@@ -17054,6 +17341,7 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
   }
 }
 
+template <class>
 inline double Strip::saturated_share(const ImageView& image) const {
   std::size_t full = 0, seen = 0;
   int row = -1, turn = 7;
@@ -17174,6 +17462,7 @@ class JointMonitor {
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
+  template <class = void>
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
     require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
@@ -17195,8 +17484,8 @@ class JointMonitor {
     bool usable = true;
   };
 
-  template <class = void>
-  Verdict check(const JointSample& s, std::int64_t now_ns) {
+  template <class JointSample = JointSample>
+  Verdict check(In<JointSample> s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
@@ -17288,8 +17577,8 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
-  template <class VectorXd = Eigen::VectorXd>
-  void add(const Profile& p) {
+  template <class VectorXd = Eigen::VectorXd, class Profile = Profile>
+  void add(In<Profile> p) {
     if (count_ == 0) mean_ = squares_ = VectorXd::Zero(p.value.size());
     if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
     if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
@@ -17307,11 +17596,12 @@ class UnloadedReference {
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
-    return (squares_ / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+    const VectorXd& squares = squares_;
+    return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
-  template <class = void>
-  void subtract(Profile& p) const { p.value -= mean_; }
+  template <class Profile = Profile>
+  void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
 
  private:
   int count_ = 0;
@@ -17623,6 +17913,7 @@ struct ForceErrors {
   Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
   /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
   /// no gap.
+  template <class = void>
   std::optional<double> recovery() const {
     const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
     return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
@@ -17645,6 +17936,7 @@ class ContactTorques {
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
+  template <class = void>
   static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;
@@ -17972,6 +18264,7 @@ namespace lumo {
 
 /// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`: Session::wrench_clock leads onto the frames'.
 /// Throws InvalidArgument where that leaves two samples at the same time.
+template <class = void>
 inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {}, double tare_N = 0.0) {
   std::vector<std::int64_t> stamp_ns;
   Eigen::MatrixXd force_N(1, Eigen::Index(wrenches.size()));
@@ -17997,6 +18290,7 @@ class LogTruth {
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
   /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
+  template <class = void>
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
@@ -18011,6 +18305,7 @@ class LogTruth {
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
+  template <class = void>
   static LogTruth from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     detail::StampColumn stamp(csv);
@@ -18024,6 +18319,7 @@ class LogTruth {
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
+  template <class = void>
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
       const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
@@ -18085,6 +18381,7 @@ namespace lumo {
 
 /// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean [N·m]. What sticks is another at each
 /// rest, and under a contact it adds to the contact's torque unseen. Rests count from 0.1 s on. Nothing for fewer than three.
+template <class = void>
 inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint, const TorqueModel& model) {
   double squares = 0.0, sum = 0.0;
   int rests = 0, count = 0;
@@ -18286,6 +18583,7 @@ struct Ensemble {
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 
+  template <class = void>
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
@@ -18299,6 +18597,7 @@ struct Ensemble {
 inline Ensemble flat_ensemble() { return {}; }
 
 /// The paper's contacts under five approach angles: 4 × 5 × 7.
+template <class = void>
 inline Ensemble curved_ensemble() {
   Ensemble e;
   e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};
@@ -18403,11 +18702,13 @@ struct Observations {
 };
 
 /// Did all scenarios converge, or were held where that is accepted?
+template <class = void>
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
   return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
+template <class = void>
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
@@ -18716,6 +19017,7 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
 /// taken on one mesh and added to the common mean. `watts` names the mean power or its standard error.
+template <class = void>
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
@@ -18891,6 +19193,7 @@ struct Evaluation {
 };
 
 /// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
+template <class = void>
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
 /// The paper's two objectives from what was observed.
@@ -18919,6 +19222,7 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress), pipeline);
 }
 
+template <class>
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios) {
   std::optional<std::pair<Estimate, std::size_t>> worst;
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
@@ -18978,6 +19282,7 @@ class MemoryLog {
   explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
 
   /// All entries, without their records.
+  template <class = void>
   std::vector<LogEntry> entries() const {
     std::vector<LogEntry> list = entries_;
     for (LogEntry& e : list) e.record.clear();
@@ -19026,6 +19331,7 @@ inline std::string exact_text(double value) {
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
+template <class = void>
 inline std::string trial_text(int id, const std::vector<double>& values) {
   std::string s = std::to_string(id);
   for (const double v : values) s += ' ' + exact_text(v);
@@ -19039,6 +19345,7 @@ inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
 }
 
 /// Throws StoreError for an entry that is none of these.
+template <class = void>
 inline TrialEntry parse_trial(const LogEntry& entry) {
   const auto refuse = [&] { throw StoreError(StoreError::Reason::corrupt, text("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content)); };
   std::string_view rest = entry.content;
@@ -19265,6 +19572,7 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
 namespace lumo {
 
 /// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs. Source: paper §III-D.
+template <class = void>
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   Problem p;
   p.space = finger_space();
@@ -19280,6 +19588,7 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
 }
 
 /// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
+template <class = void>
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
@@ -19289,6 +19598,7 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
 }
 
 /// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
+template <class = void>
 inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
   if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
@@ -19296,6 +19606,7 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 }
 
 /// Was it the machine's limits, not the body's, that ended a solve?
+template <class = void>
 inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
   return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
@@ -19303,6 +19614,7 @@ inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
 inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
 
 /// What a campaign keeps of an evaluation; what the machine ended may be tried again.
+template <class = void>
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
   v.why = failure_of(e, accept_held);
@@ -19327,6 +19639,7 @@ namespace lumo {
 
 /// The design to build: argmax of min(J_contact/max J_contact, J_obs/max J_obs), the first of equals. Pairs (J_contact, J_obs); nothing when
 /// there are none, or one objective is nowhere positive. Source: paper §III-D.
+template <class = void>
 inline std::optional<std::size_t> balanced_choice(const std::vector<std::pair<double, double>>& objectives) {
   double contact = 0.0, observation = 0.0;
   for (const auto& [c, o] : objectives) contact = std::max(contact, c), observation = std::max(observation, o);
@@ -19410,6 +19723,7 @@ struct MatchedStudy {
 };
 
 /// Contacts at the middle of the finger, along the pad normal, with the smallest and the largest sphere of the paper.
+template <class = void>
 inline Ensemble middle_contacts() {
   Ensemble e;
   e.diameters_m = {10e-3, 30e-3};
@@ -19422,6 +19736,7 @@ inline constexpr int largest_study = 500;
 
 /// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
 /// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
+template <class = void>
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
   if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
@@ -19516,6 +19831,7 @@ struct PairedSummary {
 };
 
 /// Empty without differences.
+template <class = void>
 inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& differences) {
   if (differences.empty()) return std::nullopt;
   PairedSummary s;
@@ -19554,26 +19870,28 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses, class TrainingData = TrainingData>
+    Model(In<LabelledResponses> t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
+      const VectorXd& coordinate = grid_;
       TrainingData data{MatrixXd(1, n), VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
       for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
       MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
-      mean_.resize(d, t.places());
+      MatrixXd mean(d, t.places());
       MatrixXd variance(d, t.places());
       for (Eigen::Index f = 0; f < d; ++f) {
         data.y = t.response.row(f).transpose();
         const auto process = GaussianProcess<>::fit(data);
         residual.row(f) = t.response.row(f) - process.mean(data.x).transpose();
-        const auto places = process.predict(t.place_m.transpose()), fine = process.predict(grid_.transpose());
-        mean_.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
+        const auto places = process.predict(t.place_m.transpose()), fine = process.predict(coordinate.transpose());
+        mean.row(f) = places.mean.transpose(), variance.row(f) = places.variance.transpose();
         on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
       }
       double share = config.shrinkage;
       covariance_ = detail::shrunk_covariance(residual, t.places(), share);
-      for (Eigen::Index p = 0; p < mean_.cols(); ++p) place_.push_back(factor(variance.col(p)));
+      for (Eigen::Index p = 0; p < mean.cols(); ++p) place_.push_back(factor(variance.col(p)));
       for (Eigen::Index g = 0; g < grid_.size(); ++g) fine_.push_back(factor(grid_variance.col(g)));
+      mean_ = std::move(mean);
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
@@ -19587,12 +19905,12 @@ struct GaussianProcessDecoder {
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
     template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
     Factor factor(In<VectorXd> variance) const { return Factor(covariance_ + MatrixXd(variance.asDiagonal())); }
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Factor>& factors) {
+    template <class Some, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
+    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Some>& factors) {
       if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
       VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
-        const Factor& l = factors[std::size_t(p)];
+        const Some& l = factors[std::size_t(p)];
         const VectorXd z = l.matrixL().solve(response - mean.col(p));
         log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
       }
@@ -19842,7 +20160,7 @@ struct PadGrid {
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
 /// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
-template <class P, Executor E>
+template <class P, Executor E, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd, class StateRecord = StateRecord, class PadResponses = PadResponses>
 PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
   require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
@@ -19859,21 +20177,21 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   PadResponses r;
   r.diameter_m = grid.diameter_m;
   const std::vector<double> at = sight.positions_m();
-  r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
-  const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
+  r.position_m = Eigen::Map<const VectorXd>(at.data(), bins);
+  const Eigen::Map<const VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
   r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
   r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
-  r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
+  r.load_N = Eigen::Map<const VectorXd>(grid.load_N.data(), loads);
   r.place_m.resize(grid.places);
   r.depth_m.resize(loads, grid.places);
-  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
-  r.error = Eigen::VectorXd::Zero(loads);
+  r.tilt_place_m = Eigen::Map<const VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
+  r.error = VectorXd::Zero(loads);
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     const bool straight = k < std::size_t(grid.places);
-    Eigen::MatrixXd part(bins, loads);
+    MatrixXd part(bins, loads);
     for (Eigen::Index l = 0; l < loads; ++l) {
       const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
-      const Eigen::MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? Eigen::MatrixXd(0.5 * (right + left)) : Eigen::MatrixXd(0.5 * (right - left) / grid.tilt_rad);
+      const MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? MatrixXd(0.5 * (right + left)) : MatrixXd(0.5 * (right - left) / grid.tilt_rad);
       part.col(l) = wanted.colwise().mean().transpose();
       if (!straight) continue;
       double squares = 0.0;
@@ -19910,6 +20228,7 @@ struct CastSection {
   double half_width() const { return outline.front()[0]; }
   double height() const { return outline.back()[1]; }
   /// Area inside the cut outline, ridge and gaps taken off [m²].
+  template <class = void>
   double area_m2() const;
 };
 
@@ -19917,14 +20236,17 @@ struct CastSection {
 inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
 
 /// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws InfeasibleDesign.
+template <class = void>
 CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
 
+template <class>
 inline double CastSection::area_m2() const {
   double half = 0.0;
   for (std::size_t i = 0; i + 1 < outline.size(); ++i) half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
   return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
 }
 
+template <class>
 inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options, const Chords& chords) {
   validate(options);
   const HalfSection half = half_section(design, Twin::none, chords, options.pad);
@@ -20039,9 +20361,11 @@ class FacetedSolid {
   using Loop = std::vector<Vec3>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
+  template <class = void>
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
   /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
   /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  template <class = void>
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
@@ -20054,7 +20378,9 @@ class FacetedSolid {
     std::vector<std::vector<int>> holes;
   };
 
+  template <class = void>
   int vertex(const Vec3& p);
+  template <class = void>
   std::vector<int> numbers(const Loop& loop);
   template <class Vec3 = Vec3>
   std::vector<int> with_corners_between(const std::vector<int>& loop) const;
@@ -20065,29 +20391,34 @@ class FacetedSolid {
 };
 
 /// The loop the other way round.
+template <class = void>
 inline FacetedSolid::Loop reversed(FacetedSolid::Loop loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }
 
+template <class>
 inline int FacetedSolid::vertex(const Vec3& p) {
   const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
 
+template <class>
 inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
   std::vector<int> n;
   for (const Vec3& p : loop) n.push_back(vertex(p));
   return n;
 }
 
+template <class>
 inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
   Face f{numbers(outline), {}};
   for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
   faces_.push_back(std::move(f));
 }
 
+template <class>
 inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
   const std::size_t n = from.size();
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
@@ -20220,6 +20551,7 @@ namespace lumo {
 
 /// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
 /// other, a handle behind it, and a step that stops at the mould.
+template <class = void>
 inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
@@ -20265,6 +20597,7 @@ struct Opening {
 };
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+template <class = void>
 std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
@@ -20276,6 +20609,7 @@ TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& o
 template <class = void>
 TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
+template <class>
 inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
@@ -20293,6 +20627,7 @@ namespace detail {
 /// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
 class MouldHalf {
  public:
+  template <class = void>
   MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
@@ -20315,18 +20650,21 @@ class MouldHalf {
   using Corners = std::vector<std::array<double, 2>>;
 
   /// Of corners (x, z), in a plane of constant y.
+  template <class = void>
   static Loop upright(const Corners& corners, double y) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
     return loop;
   }
   /// Of corners (y, z), in a plane of constant x.
+  template <class = void>
   static Loop lengthwise(const Corners& corners, double x) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
     return loop;
   }
   /// Of corners (x, y), in a plane of constant z.
+  template <class = void>
   static Loop level(const Corners& corners, double z) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
@@ -20334,6 +20672,7 @@ class MouldHalf {
   }
 
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
+  template <class = void>
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
     for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
@@ -20577,6 +20916,7 @@ struct CastVolume {
 template <class = void>
 std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
 
+template <class = void>
 CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
@@ -20616,6 +20956,7 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
   return kit;
 }
 
+template <class>
 inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -20670,6 +21011,7 @@ struct Drawing {
   std::vector<Label> labels;
 
   /// Lower left and upper right corner of all lines.
+  template <class = void>
   std::array<Point, 2> box() const {
     constexpr double far = std::numeric_limits<double>::infinity();
     Point low{far, far}, high{-far, -far};
@@ -20686,15 +21028,19 @@ struct Drawing {
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+template <class = void>
 Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
+template <class = void>
 Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
+template <class = void>
 Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
 
 namespace detail {
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
+template <class = void>
 inline void add_caption(Drawing& d, const std::string& words) {
   const int layer = int(d.layers.size());
   d.layers.push_back({"NOTES", 8, "#666666"});
@@ -20709,6 +21055,7 @@ inline void add_caption(Drawing& d, const std::string& words) {
 inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
 
 /// A half outline at x > 0 and its mirror image in one loop.
+template <class = void>
 inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
   for (std::size_t i = half.size(); i-- > 0;)
     if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
@@ -20717,6 +21064,7 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
+template <class>
 inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -20749,6 +21097,7 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
+template <class>
 inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -20763,6 +21112,7 @@ inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
+template <class>
 inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
@@ -20810,6 +21160,7 @@ namespace lumo {
 
 /// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
 /// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
+template <class = void>
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
   const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, detail::in_mm(p[0])), pair(code + 10, detail::in_mm(p[1])), pair(code + 20, "0"); };
@@ -20850,6 +21201,7 @@ inline void write_dxf(std::ostream& out, const Drawing& drawing) {
 namespace lumo {
 
 /// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group. Throws InputError when the stream fails.
+template <class = void>
 inline void write_svg(std::ostream& out, const Drawing& drawing) {
   using detail::in_mm;
   constexpr double margin = 5.0e-3;
