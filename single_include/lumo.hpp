@@ -1814,13 +1814,13 @@ constexpr T number_at(const Byte* bytes, ByteOrder order) {
 
 namespace lumo::detail {
 
-/// All bytes of a regular file; nothing where there is none, or it cannot be read. (A pipe would wait, a folder reads as empty.)
-inline std::optional<std::string> read_whole(const std::filesystem::path& path) {
+/// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
+inline std::optional<std::string> read_whole(const std::filesystem::path& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
   const auto size = std::filesystem::file_size(path, error);
   std::ifstream in(path, std::ios::binary);
-  if (error || !in) return std::nullopt;
+  if (error || !in || size > most) return std::nullopt;
   std::string bytes(std::size_t(size), '\0');
   in.read(bytes.data(), std::streamsize(bytes.size()));
   if (in.bad()) return std::nullopt;
@@ -14835,6 +14835,10 @@ template <class = void>
 inline void validate(const HandLink& l) {
   if (l.joints.empty()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': no joint moves it, at least one must"));
   if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j)); !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -14904,6 +14908,7 @@ struct Hole {
 template <class Vector2d = Eigen::Vector2d>
 inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
+  if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
   // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
   struct Near {
     int x, y;
@@ -14926,13 +14931,12 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
       if (count[k] > 0) around = std::min(around, double(sum[k]) / count[k]);
     return std::pair(double(sum[8]) / count[8], around);
   };
-  const int whole = std::max(1, int(std::ceil(reach)));
+  const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())), v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
   double best = min_contrast;
   std::optional<Vector2d> place;
-  for (int j = -whole; j <= whole; ++j)
-    for (int i = -whole; i <= whole; ++i) {
-      const int cx = int(std::lround(expected.x())) + i, cy = int(std::lround(expected.y())) + j;
-      if (std::hypot(i, j) > reach || cx < outer || cy < outer || cx > image.width - 1 - outer || cy > image.height - 1 - outer) continue;
+  for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image.height - 1 - edge); ++cy)
+    for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image.width - 1 - edge); ++cx) {
+      if (std::hypot(cx - u, cy - v) > reach) continue;
       const auto [disc, around] = look(cx, cy);
       if (around - disc > best) best = around - disc, place = Vector2d(cx, cy);
     }
@@ -15218,6 +15222,7 @@ inline void validate(const Session& s, const std::string& name) {
   require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, detail::text("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
   require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
           detail::text("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+  require(led_parallax(s) >= 0.5, detail::text("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m, " mm, must lie at most 1.41 times as deep as it is far"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
           detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
@@ -15248,7 +15253,8 @@ inline void validate(const Session& s, const std::string& name) {
     for (const int j : l.link.joints) require(j >= 0 && j < max_joints, detail::text("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
     require(l.hole_px.cols() == l.link.hole_m.cols(), detail::text("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
     require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, detail::text("link ", i, ": places of holes must lie within 1e5 px"));
-    require((l.hole_px.col(0) - l.hole_px.col(1)).norm() >= 2.0, detail::text("link ", i, ": its holes lie in one place of the picture"));
+    const double px_per_mm = 1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, detail::text("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
   for (std::size_t i = 0; i < s.segments.size(); ++i) {
     const Segment& g = s.segments[i];
@@ -16325,6 +16331,7 @@ class HandObserver {
     for (const HandLink& l : links_) {
       const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
       grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
+      require_in_range("cells of a link's grid", double(grid_.back()[0]) * grid_.back()[1], 1, 20000, "");
     }
   }
 
@@ -16493,7 +16500,7 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
     if (!map) continue;
     const Grid green = read(l, *map, image);
     auto& all = library_[std::size_t(l)];
-    if (near.first >= 0) {
+    if (near.first >= 0 && near.second <= config_.max_joint_step_rad) {
       steps_[std::size_t(l)].push_back(levelled(green - all[std::size_t(near.first)].green).cwiseAbs());
       noise_[std::size_t(l)].resize(0, 0);
     }
@@ -16639,7 +16646,13 @@ class HandTouches {
     CsvReader csv(in, name);
     const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
     HandTouches t;
-    while (csv.next()) t.rows_.push_back({csv.integer(stamp), {int(csv.integer(link)), 1e-3 * csv.number(y), csv.number(force)}});
+    while (csv.next()) {
+      const std::int64_t number = csv.integer(link);
+      const double y_m = 1e-3 * csv.number(y);
+      if (number < 0 || number > 15) csv.fail(link, "must lie in [0, 15]");
+      if (std::abs(y_m) > 10.0) csv.fail(y, "must lie within 10000 mm");
+      t.rows_.push_back({csv.integer(stamp), {int(number), y_m, csv.number(force)}});
+    }
     std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     return t;
   }
@@ -18509,53 +18522,71 @@ inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles
 namespace lumo {
 
 /// Where a finger is touched, as its camera's pictures come. The pictures of the first `rest_s` seconds must show it unloaded: they tell where it lies and what its light is at
-/// rest. `make(readout, unloaded)` gives the localiser; `told(estimate)` is called for each picture after that which can be read, and says whether to go on. Ends with
-/// the camera. Returns how many pictures could not be read. Throws InputError, with `name` before the message, where the rest shows no finger.
+/// rest. `make(readout, unloaded)` gives the localiser; `told(stamp_ns, estimate, faults)` is called for each picture after that, without an estimate where it cannot be read or
+/// FrameMonitor does not trust it, and says whether to go on. Ends with the camera. Throws InputError, with `name` before the message, where the rest shows no
+/// finger, or no picture comes for `patience_s`.
 template <Camera C, class MakeLocalizer, class Told>
-int locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, double rest_s = 1.0) {
+void locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, double rest_s = 1.0, double patience_s = 2.0) {
+  using Clock = std::chrono::steady_clock;
   require_in_range("time that the finger rests", rest_s, 0.05, 60.0, "s");
+  require_positive("patience with the camera", patience_s, "s");
+  const auto since = [](Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); };
   const auto next = [&] {
+    const auto from = Clock::now();
     auto frame = camera.next();
     while (!frame && camera.state() == StreamState::open) {
+      if (since(from) > patience_s) throw InputError(detail::text(name, ": has given no picture for ", patience_s, " s"));
       std::this_thread::sleep_for(std::chrono::microseconds(200));   // cameras that wait by themselves have done so
       frame = camera.next();
     }
     return frame;
   };
   MeanImage mean;
+  std::vector<Image> kept;   // a camera's own pixels are gone with its next picture
   std::vector<Frame> rest;
-  std::vector<std::vector<std::uint8_t>> pixels;
   auto frame = next();
-  for (const std::int64_t first = frame ? frame->stamp_ns : 0; frame && 1e-9 * double(frame->stamp_ns - first) <= rest_s; frame = next()) {
+  const std::int64_t first = frame ? frame->stamp_ns : 0;
+  for (const auto from = Clock::now(); frame && 1e-9 * double(frame->stamp_ns - first) <= rest_s && since(from) <= rest_s + patience_s; frame = next()) {
     const ImageView& v = frame->image;
     if (v.empty() || rest.size() >= 300) continue;
     mean.add(v);
-    // The camera's own pixels are gone with the next picture.
-    const std::size_t row = std::size_t(v.width) * std::size_t(channels(v.format));
-    pixels.emplace_back();
-    for (int y = 0; y < v.height; ++y) pixels.back().insert(pixels.back().end(), v.row(y), v.row(y) + row);
+    kept.push_back(Image::black(v.width, v.height, v.format));
+    for (int y = 0; y < v.height; ++y) std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), kept.back().row(y));
     rest.push_back(*frame);
-    rest.back().image = {pixels.back().data(), v.width, v.height, std::ptrdiff_t(row), v.format};
   }
   if (rest.empty()) throw InputError(detail::text(name, ": gives no pictures"));
   GreenProfile readout = view_finger(mean.image().view(), session, name).readout(bins);
   UnloadedReference unloaded;
   Profile p;
-  for (const Frame& f : rest)
-    if (readout.read(f, p)) unloaded.add(p);
-  if (unloaded.count() < 2) throw InputError(detail::text(name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));
-  rest.clear(), pixels.clear();
-  auto localizer = make(readout, unloaded);
-  int unreadable = 0;
-  for (; frame; frame = next()) {
-    if (!readout.read(*frame, p)) {
-      ++unreadable;
-      continue;
-    }
-    unloaded.subtract(p);
-    if (!told(localizer.update(p))) break;
+  for (std::size_t k = 0; k < rest.size(); ++k) {
+    rest[k].image = kept[k].view();
+    if (readout.read(rest[k], p)) unloaded.add(p);
   }
-  return unreadable;
+  if (unloaded.count() < 2) throw InputError(detail::text(name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));
+  FrameMonitor::Config trusted;
+  trusted.position_m = readout.positions_m(), trusted.unloaded = unloaded.mean();
+  if (rest.size() > 1) trusted.period_s = std::max(1e-4, 1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));
+  trusted.exposure_s = rest.front().exposure_s, trusted.gain = rest.front().gain;
+  trusted.led_m.clear();
+  for (int k = 0; k < session.led_count; ++k) trusted.led_m.push_back(session.led_first_y_m + k * session.led_pitch_m);
+  FrameMonitor monitor(trusted);
+  rest.clear(), kept.clear();
+  auto localizer = make(readout, unloaded);
+  for (; frame; frame = next()) {
+    std::optional<LocationEstimate> estimate;
+    auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
+    if (verdict.usable) {
+      const Faults time = verdict.faults;
+      if (!readout.read(*frame, p)) verdict = FrameMonitor::reject(Fault::frame_corrupt);
+      else verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
+      verdict.faults |= time;
+    }
+    if (verdict.usable) {
+      unloaded.subtract(p);
+      estimate = localizer.update(p);
+    }
+    if (!told(frame->stamp_ns, estimate, verdict.faults)) break;
+  }
 }
 
 }  // namespace lumo
@@ -18790,7 +18821,9 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
   config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  config.joints.spike = 6.0 * std::max(0.05, reference.torque.front().noise_Nm / reference.torque.front().torque_constant_Nm_per_A);
+  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, samples.front().unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  config.joints.spike = 6.0 * scatter;
   if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
   config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
   config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
