@@ -1,6 +1,6 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
-//   lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm]
-// bias_mm: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+//   lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm] [end_bias_mm]
+// bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
@@ -64,6 +64,7 @@ struct Totals {
   int samples = 0, located = 0, force_samples = 0;
   double location = 0.0, location_held = 0.0, force_held = 0.0;
   std::map<int, double> at_place;            ///< location error [m]
+  std::map<int, double> held_at_place;
   std::map<int, int> at_place_count;
   std::vector<Sequence> sequences;
 
@@ -119,6 +120,7 @@ void run_force(const PadLight& light, int seed, double noise, Totals& totals, Ma
       if (rig.truth()[k].contact == c) part.push_back(estimates[k]);
     const LocationScore there = location_score(part, truth, 5.0, seen);
     const int place = rig.plan().contacts[std::size_t(c)].place;
+    totals.held_at_place[place] += there.coverage_90 * there.located;
     totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
     totals.sequences.push_back({force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
@@ -133,21 +135,24 @@ void print(const char* name, double noise, const Totals& t) {
               t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused), 100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
   std::printf("    mean location error by place [mm]:");
   for (const auto& [place, sum] : t.at_place) std::printf(" %.2f", 1e3 * sum / std::max(1, t.at_place_count.at(place)));
+  std::printf("; 90 %% holds [%%]:");
+  for (const auto& [place, sum] : t.held_at_place) std::printf(" %.0f", 100.0 * sum / std::max(1, t.at_place_count.at(place)));
   std::printf("\n");
   std::fflush(stdout);
 }
 
-double bias_m = 1.3_mm;
+double bias_m = 0.75_mm, end_bias_m = 1.25_mm;
 
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m)); }
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m)); }
 PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm]\n"), 2;
+  if (argc < 2) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm] [end_bias_mm]\n"), 2;
   const int seeds = argc > 2 ? std::atoi(argv[2]) : 50, first = argc > 3 ? std::atoi(argv[3]) : 1;
   if (argc > 4) bias_m = 1e-3 * std::atof(argv[4]);
+  if (argc > 5) end_bias_m = 1e-3 * std::atof(argv[5]);
   const auto kept = read_pad_responses(argv[1]);
   if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
   const PadLight light(*kept);

@@ -2,7 +2,13 @@
 
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/finger_view.hpp"
+#include "lumo/sense/log_estimates.hpp"
 #include "plain_pad.hpp"
+
+#include <cmath>
+#include <optional>
+#include <sstream>
+#include <vector>
 
 using namespace lumo;
 
@@ -84,6 +90,57 @@ TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells 
   const SidePainter painter(CameraRig{}, LightRig{}, SideGeometry{}, {}, light.responses().position_m, 1);
   const double lamp = painter.lamp_pixel(22e-3).x() - painter.lamp_pixel(0.0).x(), side = painter.pixel(22e-3, 5e-3).x() - painter.pixel(0.0, 5e-3).x();
   CHECK(side / lamp == Approx((0.25 + 14.75e-3 / 1.41) / 0.25).epsilon(1e-3));
+}
+
+TEST_CASE("whoever tells how deep the LEDs lie and where the camera is has them without parallax", "[lab]") {
+  const PadLight light(plain_pad());
+  LabPlan plan{"one contact", 0.0, {}};
+  plan.contacts.push_back({0, 0.0, 0, detail::lab_holds({5}, 0.3, 0.5), 0.0, 1.0});
+  const VirtualRig rig(light, plan, 1, 0.0);
+  const Image image = rig.image(0);
+  const SidePainter painter(rig.rig().camera, rig.rig().light, SideGeometry{}, {}, light.responses().position_m, 1);
+  const auto error_m = [&](const Session& session, double y) {
+    const AxisMap map = view_finger(image.view(), session, "lab").leds.map;
+    return map.y_m(map.u_px(painter.pixel(y, 4.5e-3))) - y;
+  };
+  Session silent = rig.session();
+  silent.camera_distance_m = 0.0;
+  for (const double y : {-25e-3, -10e-3, 0.0, 15e-3, 25e-3}) {
+    INFO("y " << 1e3 * y << " mm");
+    CHECK(std::abs(error_m(rig.session(), y)) < 0.2e-3);
+    CHECK(error_m(silent, y) == Approx(0.042 * y).margin(0.2e-3));   // 14.75 mm / 1.41 behind the side, 250 mm away
+  }
+}
+
+TEST_CASE("the finger's localiser finds places along a pad with clear ends, and its intervals hold them", "[lab]") {
+  PadResponses clear = plain_pad();
+  for (Eigen::Index k = 0; k < clear.place_m.size(); ++k) {   // an end at 30 mm throws a contact's light back
+    const Eigen::VectorXd image = (-0.5 * ((clear.position_m.array() - (60e-3 - clear.place_m[k])) / 4e-3).square()).exp();
+    clear.change[std::size_t(k)] += image * (2e-5 * clear.load_N.transpose());
+  }
+  const PadLight light(clear);
+  int samples = 0, located = 0;
+  double error = 0.0, held = 0.0;
+  for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+    LabPlan plan{"six places", 0.0, {}};
+    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, 10e-3 * (p - 2.5), 0, detail::lab_holds({5, 10}, 0.2, 0.3), 0.0, 1.0});
+    const VirtualRig rig(light, plan, seed);
+    const UnloadedStretch rest = UnloadedStretch::of(rig.session(), rig.frames().front().stamp_ns);
+    VirtualCamera first(rig), all(rig);
+    const FingerView view = view_finger(first, rig.session(), rest, "lab");
+    GreenProfile readout = view.readout(LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55));
+    const std::vector<Profile> profiles = read_profiles(all, readout);
+    const UnloadedReference unloaded = unloaded_reference(profiles, rest, "lab");
+    const auto estimates = locate(profiles, unloaded, BayesLocalizer(finger_localizer(readout, unloaded)));
+    std::istringstream table(truth_text(rig.truth()));
+    const LocationScore s = location_score(estimates, LogTruth::from_table(table, "truth"), 4.5, [](const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; });
+    samples += s.samples, located += s.located, error += s.mae_m * s.located, held += s.coverage_90 * s.located;
+  }
+  INFO(located << " of " << samples << " located, mean error " << 1e3 * error / located << " mm, " << 100.0 * held / located << " % held");
+  CHECK(samples > 150);
+  CHECK(located > 0.98 * samples);
+  CHECK(error < 0.6e-3 * located);
+  CHECK(held > 0.85 * located);
 }
 
 TEST_CASE("current times constant is force times arm, apart from what the rig adds", "[lab]") {

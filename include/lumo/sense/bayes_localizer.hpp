@@ -33,6 +33,7 @@ class BayesLocalizer {
     double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
     double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
+    double end_bias_sigma_m = 0.0;  ///< the same, on top, of contacts within 5 mm of an end; less up to 10 mm from it; assumed
     double min_separation_m = 12.0_mm;  ///< of two contacts
     double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
     double change_rate_per_s = 2.0;     ///< how often contacts come and go
@@ -72,6 +73,10 @@ class BayesLocalizer {
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
   template <class Vector3d = Eigen::Vector3d>
   void predict(double step_s);
+  double bias_variance_m2(double y) const {
+    const double near = config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0, end = near * config_.end_bias_sigma_m;
+    return config_.bias_sigma_m * config_.bias_sigma_m + end * end;
+  }
   template <class = void>
   ContactLocation one() const;
   template <class = void>
@@ -113,6 +118,7 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
   require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
   require_in_range("bias of a bump", config_.bias_sigma_m, 0.0, 1.0, "m");
+  require_in_range("bias of a bump near an end", config_.end_bias_sigma_m, 0.0, 1.0, "m");
   require_in_range("separation of two contacts", config_.min_separation_m, 0.0, 10.0, "m");
   require_in_range("creep of a contact", config_.creep_m_per_sqrt_s, 0.0, 10.0, "m/sqrt(s)");
   require_positive("gap of the localiser", config_.gap_s, "s");
@@ -295,7 +301,7 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
 template <class>
 inline ContactLocation BayesLocalizer::one() const {
   const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
-  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = config_.bias_sigma_m * config_.bias_sigma_m;
+  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
   // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
   // nothing to what was known.
   const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
@@ -316,9 +322,13 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
     double det = 1.0;
     const auto h = heights(pair_, 1.0, det);
     // Each bends the other. Places of pairs are not followed in time.
-    const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = 4.0 * config_.bias_sigma_m * config_.bias_sigma_m;
-    e.contact[0] = {grid_[pair_.first], cell2 + bias2, std::max(0.0, h[0]), bias2, cell2};
-    e.contact[1] = {grid_[pair_.second], cell2 + bias2, std::max(0.0, h[1]), bias2, cell2};
+    const double cell2 = config_.spacing_m * config_.spacing_m / 12.0;
+    const auto at = [&](Eigen::Index cell, double height) {
+      const double bias2 = 4.0 * bias_variance_m2(grid_[cell]);
+      return ContactLocation{grid_[cell], cell2 + bias2, std::max(0.0, height), bias2, cell2};
+    };
+    e.contact[0] = at(pair_.first, h[0]);
+    e.contact[1] = at(pair_.second, h[1]);
   }
   return e;
 }

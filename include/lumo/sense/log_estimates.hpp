@@ -41,12 +41,12 @@ struct LogReference {
 /// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
 /// the ends' mirror images were, by seeds 1 to 10 of the virtual lab, so these do not judge it.
 template <class = void>
-inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 1.3_mm) {
+inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 0.75_mm, double end_bias_m = 1.25_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
   c.from_m = -27.5_mm, c.to_m = 27.5_mm;
   c.bias_sigma_m = bias_m;
-  c.end_m = 30.0_mm;
+  c.end_m = 30.0_mm, c.end_bias_sigma_m = end_bias_m;
   return c;
 }
 
