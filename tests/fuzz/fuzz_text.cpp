@@ -3,9 +3,11 @@
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/mesh/surface_file.hpp"
+#include "lumo/sense/hand_log.hpp"
 #include "lumo/sense/photodiode_log.hpp"
 #include "lumo/support/json.hpp"
 
+#include <cmath>
 #include <cstdint>
 #include <sstream>
 #include <string>
@@ -40,7 +42,15 @@ void parse(std::uint8_t which, const std::string& text) {
   switch (which) {
     case 's': {
       const std::string written = to_json(session_from_json(text, "session"));
-      if (to_json(session_from_json(written, "session")) != written) fuzz::finding("a session that does not read back", written);
+      const Session s = session_from_json(written, "session");
+      if (to_json(s) != written) fuzz::finding("a session that does not read back", written);
+      if (!s.links.empty()) hand_observer(s);
+      return;
+    }
+    case 'h': {
+      std::istringstream in(text);
+      for (const auto& t : HandTouches::from_table(in, "truth").at(0))
+        if (t.link < 0 || t.link > 15 || !(std::abs(t.y_m) <= 10.0) || !std::isfinite(t.force_N)) fuzz::finding("a touch beyond any hand");
       return;
     }
     case 'f': return check_table(text, [](auto& in, const char* n) { return read_frame_log(in, n); }, [](const auto& rows) { return frame_log_text(rows); });

@@ -62,6 +62,7 @@ int main(int count, char** words) {
   write("text/wrench", 'w', wrench_log_text(log.wrenches));
   write("text/marker", 'm', marker_log_text(log.markers));
   write("text/diodes", 'p', photodiode_log_text(log.photodiodes));
+  write("text/touches", 'h', "stamp_ns,link,y_mm,force_N\n0,0,-9.5,8\n0,3,12,1e-3\n33333333,15,0,5\n");
   write("text/obj", 'o', "# a tetrahedron\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/2 4/4\nf 1//1 4//1 -2//1\nf 2 3 4\n");
   std::string stl = "solid seed\n", binary(80, ' ');
   binary += std::string("\4\0\0\0", 4);

@@ -67,6 +67,10 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
   CHECK(message(head + R"(, "leds": {"pitch": 11}})") == "s.json.leds: key 'pitch' is not known, the nearest is 'pitch_mm'");
   CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
   CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
+  CHECK(message(head + R"(, "leds": {"depth_mm": -1}})") == "s.json: depth of the LEDs is -1 mm, must lie in [0, 1000] mm");
+  CHECK(message(head + R"(, "leds": {"camera_distance_mm": 5}})").starts_with("s.json: distance of the camera is 5 mm, must lie in [10, 100000] mm"));
+  CHECK(message(head + R"(, "leds": {"depth_mm": 900, "camera_distance_mm": 20}})").starts_with("s.json: LEDs lie 900 mm deep before a camera at 20 mm"));
+  CHECK(message(head + R"(, "joint_to_joint_mm": [0]})") == "s.json: way from joint to joint is 0 mm, must lie in (0, 10000] mm");
   CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
   const std::string holes = R"("joints": [0], "holes_mm": [-22, -4, 22, -4], "holes_px": [10, 20, 90, 20])";
   CHECK(message(head + R"(, "links": [{}]})") == "s.json: link 0: link '': no joint moves it, at least one must");
