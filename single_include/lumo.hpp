@@ -22411,23 +22411,9 @@ inline Image VirtualRig::image(std::size_t k) const {
 
 }  // namespace lumo
 
-// ---- lumo/lab/hand_lab.hpp
+// ---- lumo/lab/hand_plan.hpp
 
 namespace lumo {
-
-/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
-/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
-struct HandRig {
-  int width = 640, height = 480;                     ///< of the picture [px]
-  double scale_m_per_px = 0.55_mm;
-  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
-  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
-  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
-  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
-  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
-  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
-  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
-};
 
 using HandJoints = std::array<double, 4>;            ///< proximal and distal of the left finger, then of the right; bending inwards is positive [rad]
 
@@ -22487,6 +22473,26 @@ inline std::string truth_text(const std::vector<HandTruth>& truth) {
     for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + csv_number(1e3 * c.y_m) + ',' + csv_number(c.load_N) + '\n';
   return t;
 }
+
+}  // namespace lumo
+
+// ---- lumo/lab/hand_lab.hpp
+
+namespace lumo {
+
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
+/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
+struct HandRig {
+  int width = 640, height = 480;                     ///< of the picture [px]
+  double scale_m_per_px = 0.55_mm;
+  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
+  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
+  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
+  double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
+  std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
+  double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
+  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
+};
 
 /// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
