@@ -22180,7 +22180,7 @@ class VirtualRig {
   std::vector<JointSample> joints_;
   std::vector<WrenchSample> wrenches_;
   std::vector<MarkerSample> markers_;
-  double end_s_ = 0.0, DN_per_power_ = 1.0;
+  double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
 /// The rig's camera as frames come from it. The rig stays the caller's.
@@ -22220,7 +22220,7 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     }
   }
   const PadResponses& r = light.responses();
-  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
@@ -22405,7 +22405,7 @@ inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
-  light *= DN_per_power_ * lamps_[k];
+  light *= per_DN_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
 }
 
@@ -22541,7 +22541,7 @@ class HandLab {
   const PadLight* light_;
   HandPlan plan_;
   std::uint64_t seed_;
-  double noise_, DN_per_power_ = 1.0;
+  double noise_, per_DN_ = 1.0;
   Rig rig_;
   HandRig hand_;
   SideGeometry side_;
@@ -22587,7 +22587,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     }
   }
   const PadResponses& r = light.responses();
-  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN);
 
   // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
   const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
@@ -22695,7 +22695,7 @@ inline Image HandLab::image(std::size_t k) const {
       if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
     const LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
-    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, DN_per_power_ * lamps_[k] * light});
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
   const VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];

@@ -85,7 +85,7 @@ class HandLab {
   const PadLight* light_;
   HandPlan plan_;
   std::uint64_t seed_;
-  double noise_, DN_per_power_ = 1.0;
+  double noise_, per_DN_ = 1.0;
   Rig rig_;
   HandRig hand_;
   SideGeometry side_;
@@ -131,7 +131,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     }
   }
   const PadResponses& r = light.responses();
-  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN);
 
   // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
   const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
@@ -239,7 +239,7 @@ inline Image HandLab::image(std::size_t k) const {
       if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
     const LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
-    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, DN_per_power_ * lamps_[k] * light});
+    links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
   const VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];

@@ -111,7 +111,7 @@ class VirtualRig {
   std::vector<JointSample> joints_;
   std::vector<WrenchSample> wrenches_;
   std::vector<MarkerSample> markers_;
-  double end_s_ = 0.0, DN_per_power_ = 1.0;
+  double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
 /// The rig's camera as frames come from it. The rig stays the caller's.
@@ -151,7 +151,7 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     }
   }
   const PadResponses& r = light.responses();
-  DN_per_power_ = light.scale_to(rig_.camera.level_DN);
+  per_DN_ = light.scale_to(rig_.camera.level_DN);
 
   session_.title = plan_.title;
   session_.clock = "virtual";
@@ -336,7 +336,7 @@ inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
-  light *= DN_per_power_ * lamps_[k];
+  light *= per_DN_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));
 }
 
