@@ -21674,6 +21674,9 @@ struct MotorRig {
 struct SpecimenRig {
   double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
   double lamps = 1.0;                 ///< power of its LEDs, relative
+
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms more.
+  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 
 /// All of it.
@@ -22148,11 +22151,7 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) {
-    Segment s;
-    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
-    session_.segments.push_back(s);
-  }
+  void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
   void deform();
   template <class = void>
   void record_joints();
@@ -22215,7 +22214,7 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
-      require_in_range("load of a contact", s.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
+      require_in_range("load of a contact", s.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
       require_positive("time to reach a load", s.ramp_s, "s");
     }
   }
@@ -22244,7 +22243,7 @@ inline void VirtualRig::draw_contacts() {
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(std::min(1.0, rig_.specimen.stiffness) * light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -22583,7 +22582,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
       require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
+      require_in_range("load of a touch", c.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
     }
   }
   const PadResponses& r = light.responses();
@@ -22633,11 +22632,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) {
-    Segment s;
-    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
-    session_.segments.push_back(s);
-  };
+  const auto segment = [&](double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); };
   segment(0.0, free_s, "free");
   for (const auto& [from, to] : held) segment(from, to, "hold");
 
@@ -22684,7 +22679,7 @@ template <class VectorXd>
 inline Image HandLab::image(std::size_t k) const {
   struct Seen {
     LinkMap map;
-    double c, s;      ///< of its turn, over the scale
+    double c, s;      ///< cosine and sine of its turn
     VectorXd light;
   };
   const HandTruth& truth = truth_.at(k);

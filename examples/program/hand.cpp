@@ -10,11 +10,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <filesystem>
-#include <fstream>
 #include <optional>
 #include <string>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -34,14 +31,6 @@ struct Seen {
   int references = 0;
 };
 
-std::optional<HandTouches> touches_of(const OpenLog& log) {
-  const std::string file = log.truth_file();
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return std::nullopt;
-  std::ifstream in(file, std::ios::binary);
-  return HandTouches::from_table(in, file);
-}
-
 /// One strip for each link: places along it over time.
 std::string draw_places(const HandObserver& hand, const Seen& seen, const std::optional<HandTouches>& truth) {
   constexpr double strip = 96, gap = 14;
@@ -53,9 +42,8 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
   detail::Frame f = detail::frame_for(beside, 900, 0);
   f.bottom = f.top + double(links) * (strip + gap) - gap;
   Svg svg(900, f.bottom + 58);
-  const double from = 1e-9 * double(seen.stamp_ns.front()), to = 1e-9 * double(seen.stamp_ns.back());
   const auto seconds = [&](std::int64_t stamp) { return 1e-9 * double(stamp - seen.stamp_ns.front()); };
-  f.x_ticks = detail::ticks(0.0, std::max(to - from, 1e-3), 8);
+  f.x_ticks = detail::ticks(0.0, std::max(seconds(seen.stamp_ns.back()), 1e-3), 8);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
   detail::headline(svg, f.left, "Contacts on the hand's links", truth ? "place along each link, against what really pressed" : "place along each link");
   detail::x_axis(svg, f, "time since the references ended [s]");
@@ -138,7 +126,7 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
     if (observer.references(int(l)) == 0) progress.note(o.log + ": link '" + one_line(observer.links()[l].name) + "' is found in no picture of the unloaded hand: are holes_px its holes?");
   if (seen.stamp_ns.empty()) throw InputError(o.log + ": has no pictures but of the unloaded hand");
 
-  const auto truth = touches_of(log);   // opened now that all estimates are made
+  const auto truth = left_truth<HandTouches>(log);   // opened now that all estimates are made
   HandScore score;
   std::string table = "stamp_ns,link,name,y_mm,z_mm,y_low_mm,y_high_mm,area_mm2,peak_DN,mean_DN,u_px,v_px\n";
   Json contacts = Json::array(), told = Json::array();

@@ -24,7 +24,6 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <system_error>
@@ -64,11 +63,8 @@ namespace {
 
 /// The truth where a lab left one, else what segments and the force sensor say. Opened when all estimates are made.
 LogTruth truth_of(const OpenLog& log) {
-  const std::string file = log.truth_file();
-  std::error_code error;
-  if (!std::filesystem::exists(file, error)) return about(log.path, [&] { return LogTruth::from_log(log.session, log.wrenches); });
-  std::ifstream in(file, std::ios::binary);
-  return LogTruth::from_table(in, file);
+  if (auto truth = left_truth<LogTruth>(log)) return std::move(*truth);
+  return about(log.path, [&] { return LogTruth::from_log(log.session, log.wrenches); });
 }
 
 // decode

@@ -9,8 +9,11 @@
 #include "program/progress.hpp"
 
 #include <filesystem>
+#include <fstream>
 #include <memory>
+#include <optional>
 #include <string>
+#include <system_error>
 #include <variant>
 #include <vector>
 
@@ -67,6 +70,16 @@ struct SensedLog {
   std::vector<Profile> profiles;         ///< of `bins`
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };
+
+/// What a lab left beside a log of what was really so; nothing where there is none. For whoever compares, when all estimates are made. Throws InputError.
+template <class Table>
+std::optional<Table> left_truth(const OpenLog& log) {
+  const std::string file = log.truth_file();
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) return std::nullopt;
+  std::ifstream in(file, std::ios::binary);
+  return Table::from_table(in, file);
+}
 
 /// A command's words on InvalidArgument are about the log, not about the command line.
 template <class Work>

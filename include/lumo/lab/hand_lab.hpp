@@ -127,7 +127,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     for (const HandTouch& c : g.touches) {
       require_in_range("link of a touch", c.link, 0, 3, "");
       require_in_range("place of a touch", 1e3 * std::abs(c.y_m), 0.0, 1e3 * light.reach_m(), "mm");
-      require_in_range("load of a touch", c.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
+      require_in_range("load of a touch", c.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
     }
   }
   const PadResponses& r = light.responses();
@@ -177,11 +177,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) {
-    Segment s;
-    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
-    session_.segments.push_back(s);
-  };
+  const auto segment = [&](double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); };
   segment(0.0, free_s, "free");
   for (const auto& [from, to] : held) segment(from, to, "hold");
 
@@ -228,7 +224,7 @@ template <class VectorXd>
 inline Image HandLab::image(std::size_t k) const {
   struct Seen {
     LinkMap map;
-    double c, s;      ///< of its turn, over the scale
+    double c, s;      ///< cosine and sine of its turn
     VectorXd light;
   };
   const HandTruth& truth = truth_.at(k);

@@ -3,6 +3,7 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -88,6 +89,9 @@ struct MotorRig {
 struct SpecimenRig {
   double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
   double lamps = 1.0;                 ///< power of its LEDs, relative
+
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms more.
+  double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 
 /// All of it.

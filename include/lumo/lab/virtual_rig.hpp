@@ -79,11 +79,7 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) {
-    Segment s;
-    s.from_ns = lab_stamp(from_s), s.to_ns = lab_stamp(to_s), s.kind = kind;
-    session_.segments.push_back(s);
-  }
+  void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
   void deform();
   template <class = void>
   void record_joints();
@@ -146,7 +142,7 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
     require_in_range("view of a contact", c.view, 0, double(plan_.views.size()) - 1.0, "");
     require_in_range("place's number", c.place, 0, 1000, "");
     for (const LoadStep& s : c.steps) {
-      require_in_range("load of a contact", s.load_N, 0.0, std::min(1.0, rig_.specimen.stiffness) * light.max_load_N(), "N");
+      require_in_range("load of a contact", s.load_N, 0.0, rig_.specimen.bears_N(light.max_load_N()), "N");
       require_positive("time to reach a load", s.ramp_s, "s");
     }
   }
@@ -175,7 +171,7 @@ inline void VirtualRig::draw_contacts() {
   for (const LabContact& c : plan_.contacts) {
     const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(std::min(1.0, rig_.specimen.stiffness) * light_->max_load_N(), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
