@@ -13982,32 +13982,49 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
+namespace detail {
+
+inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
+
+inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
+  if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::string t = "stamp_ns";
+  for (int j = 0; j < joints; ++j)
+    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + numbered(column, j);
+  return t + '\n';
+}
+
+inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
+  std::string t = stamp_text(s.stamp_ns, last);
+  for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
+  return t + '\n';
+}
+
+}  // namespace detail
+
 /// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
-  std::string t = video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
+  std::string t = detail::frame_header(video);
   std::optional<std::int64_t> last;
-  for (const FrameRecord& f : frames) {
-    if (!video && !detail::is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
-    if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(detail::text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
-    t += detail::stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
-  }
+  for (const FrameRecord& f : frames) t += detail::frame_row(f, video, last);
   return t;
 }
 
 inline std::string joint_log_text(const std::vector<JointSample>& samples) {
-  const auto joints = samples.empty() ? Eigen::Index(1) : samples.front().effort.size();
-  const Effort unit = samples.empty() ? Effort::current_A : samples.front().unit;
-  std::string t = "stamp_ns";
-  for (int j = 0; j < int(joints); ++j)
-    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
-  t += '\n';
+  if (samples.empty()) return detail::joint_header(1, Effort::current_A);
+  const auto joints = samples.front().effort.size();
+  const Effort unit = samples.front().unit;
+  std::string t = detail::joint_header(int(joints), unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += detail::stamp_text(s.stamp_ns, last);
-    for (Eigen::Index j = 0; j < joints; ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
-    t += '\n';
+    t += detail::joint_row(s, last);
   }
   return t;
 }
@@ -16622,6 +16639,11 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
   return {std::move(stamp), std::move(position)};
 }
 
+/// Does a log's plan say that nothing touches the hand then?
+inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
+  return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
+}
+
 /// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a std::optional<HandEstimate>: nothing where the frame lies in a
 /// segment of kind "free" or "unloaded", and becomes a reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more than
 /// `max_gap_s` apart say nothing in between.
@@ -16629,16 +16651,22 @@ template <Camera C, class Each>
 int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
-    const std::int64_t at = frame->stamp_ns - std::llround(1e9 * session.frame_delay_s);
-    const auto joints = positions.at(at, max_gap_s);
-    const bool free = std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
-      return (s.kind == "free" || s.kind == "unloaded") && frame->stamp_ns >= s.from_ns && frame->stamp_ns <= s.to_ns;
-    });
+    const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
     std::optional<HandEstimate> estimate;
-    if (free) references += joints && hand.add_reference(*joints, frame->image) > 0;
+    if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
     else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
   }
+  return references;
+}
+
+/// Shows a hand's observer a log's pictures of the unloaded hand only. Returns how many became references.
+template <Camera C>
+int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, double max_gap_s = 0.1) {
+  int references = 0;
+  for (auto frame = camera.next(); frame; frame = camera.next())
+    if (is_unloaded(session, frame->stamp_ns))
+      if (const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s)) references += hand.add_reference(*joints, frame->image) > 0;
   return references;
 }
 
@@ -18527,36 +18555,69 @@ inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles
 
 }  // namespace lumo
 
-// ---- lumo/sense/live_location.hpp
+// ---- lumo/sense/live_rest.hpp
 
 namespace lumo {
 
-/// Where a finger is touched, as its camera's pictures come. The pictures of the first `rest_s` seconds must show it unloaded: they tell where it lies and what its light is at
-/// rest. `make(readout, unloaded)` gives the localiser; `told(stamp_ns, estimate, faults)` is called for each picture after that, without an estimate where it cannot be read or
-/// FrameMonitor does not trust it, and says whether to go on. Ends with the camera. Throws InputError, with `name` before the message, where the rest shows no
-/// finger, or no picture comes for `patience_s`.
-template <Camera C, class MakeLocalizer, class Told>
-void locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, double rest_s = 1.0, double patience_s = 2.0) {
-  using Clock = std::chrono::steady_clock;
-  require_in_range("time that the finger rests", rest_s, 0.05, 60.0, "s");
-  require_positive("patience with the camera", patience_s, "s");
-  const auto since = [](Clock::time_point t) { return std::chrono::duration<double>(Clock::now() - t).count(); };
-  const auto next = [&] {
-    const auto from = Clock::now();
-    auto frame = camera.next();
-    while (!frame && camera.state() == StreamState::open) {
-      if (since(from) > patience_s) throw InputError(detail::text(name, ": has given no picture for ", patience_s, " s"));
-      std::this_thread::sleep_for(std::chrono::microseconds(200));   // cameras that wait by themselves have done so
-      frame = camera.next();
-    }
-    return frame;
-  };
+/// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
+inline std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+/// How live streams are waited for.
+struct LiveWait {
+  double rest_s = 1.0;        ///< how long the finger rests unloaded at the start
+  double patience_s = 2.0;    ///< without any picture
+  std::function<std::int64_t()> now_ns = steady_ns;   ///< on the clock of the stamps
+  std::function<void()> meanwhile = {};               ///< is called while no picture is there; may be empty
+};
+
+/// Throws InvalidArgument.
+inline void validate(const LiveWait& w) {
+  require_in_range("time that the finger rests", w.rest_s, 0.05, 60.0, "s");
+  require_positive("patience with the camera", w.patience_s, "s");
+}
+
+namespace detail {
+
+/// Lets others run for a fifth of a millisecond; cameras that wait by themselves have done so before.
+inline void idle(const LiveWait& w) {
+  if (w.meanwhile) w.meanwhile();
+  std::this_thread::sleep_for(std::chrono::microseconds(200));
+}
+
+/// The next picture, or nothing when the camera has ended. Throws InputError, with `name` before the message, where none comes in time.
+template <Camera C>
+std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::string& name) {
+  const std::int64_t from = w.now_ns();
+  auto frame = camera.next();
+  while (!frame && camera.state() == StreamState::open) {
+    if (1e-9 * double(w.now_ns() - from) > w.patience_s) throw InputError(text(name, ": has given no picture for ", w.patience_s, " s"));
+    idle(w);
+    frame = camera.next();
+  }
+  return frame;
+}
+
+}  // namespace detail
+
+/// What the first pictures of a live camera tell about a finger that nothing touches.
+struct LiveRest {
+  FingerView view;
+  GreenProfile readout;
+  UnloadedReference unloaded;
+  FrameMonitor::Config trusted;      ///< pictures like those
+  std::optional<Frame> next;         ///< the first one after the rest; its pixels are the camera's
+};
+
+/// Looks at the finger for `wait.rest_s`. Throws InputError, with `name` before the message, where no finger is seen or no picture comes for `wait.patience_s`.
+template <Camera C>
+LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins& bins, const LiveWait& wait, const std::string& name) {
+  validate(wait);
   MeanImage mean;
   std::vector<Image> kept;   // a camera's own pixels are gone with its next picture
   std::vector<Frame> rest;
-  auto frame = next();
-  const std::int64_t first = frame ? frame->stamp_ns : 0;
-  for (const auto from = Clock::now(); frame && 1e-9 * double(frame->stamp_ns - first) <= rest_s && since(from) <= rest_s + patience_s; frame = next()) {
+  auto frame = detail::next_picture(camera, wait, name);
+  const std::int64_t first = frame ? frame->stamp_ns : 0, from = wait.now_ns();
+  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name)) {
     const ImageView& v = frame->image;
     if (v.empty() || rest.size() >= 300) continue;
     mean.add(v);
@@ -18565,7 +18626,8 @@ void locate_live(C& camera, const Session& session, const LongitudinalBins& bins
     rest.push_back(*frame);
   }
   if (rest.empty()) throw InputError(detail::text(name, ": gives no pictures"));
-  GreenProfile readout = view_finger(mean.image().view(), session, name).readout(bins);
+  const FingerView view = view_finger(mean.image().view(), session, name);
+  GreenProfile readout = view.readout(bins);
   UnloadedReference unloaded;
   Profile p;
   for (std::size_t k = 0; k < rest.size(); ++k) {
@@ -18579,20 +18641,35 @@ void locate_live(C& camera, const Session& session, const LongitudinalBins& bins
   trusted.exposure_s = rest.front().exposure_s, trusted.gain = rest.front().gain;
   trusted.led_m.clear();
   for (int k = 0; k < session.led_count; ++k) trusted.led_m.push_back(session.led_first_y_m + k * session.led_pitch_m);
-  FrameMonitor monitor(trusted);
-  rest.clear(), kept.clear();
-  auto localizer = make(readout, unloaded);
-  for (; frame; frame = next()) {
+  return {view, std::move(readout), std::move(unloaded), std::move(trusted), frame};
+}
+
+}  // namespace lumo
+
+// ---- lumo/sense/live_location.hpp
+
+namespace lumo {
+
+/// Where a finger is touched, as its camera's pictures come. The pictures of the first `wait.rest_s` seconds must show it unloaded: they tell where it lies and what its light is
+/// at rest. `make(readout, unloaded)` gives the localiser; `told(stamp_ns, estimate, faults)` is called for each picture after that, without an estimate where it cannot be read
+/// or FrameMonitor does not trust it, and says whether to go on. Ends with the camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
+template <Camera C, class MakeLocalizer, class Told>
+void locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, const LiveWait& wait = {}) {
+  LiveRest rest = look_at_rest(camera, session, bins, wait, name);
+  FrameMonitor monitor(rest.trusted);
+  auto localizer = make(rest.readout, rest.unloaded);
+  Profile p;
+  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name)) {
     std::optional<LocationEstimate> estimate;
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {
       const Faults time = verdict.faults;
-      if (!readout.read(*frame, p)) verdict = FrameMonitor::reject(Fault::frame_corrupt);
+      if (!rest.readout.read(*frame, p)) verdict = FrameMonitor::reject(Fault::frame_corrupt);
       else verdict = monitor.check_light(p, frame->exposure_s, frame->gain);
       verdict.faults |= time;
     }
     if (verdict.usable) {
-      unloaded.subtract(p);
+      rest.unloaded.subtract(p);
       estimate = localizer.update(p);
     }
     if (!told(frame->stamp_ns, estimate, verdict.faults)) break;
@@ -18762,12 +18839,17 @@ struct LogEstimate {
   double seconds = 0.0;                      ///< from decoded picture to estimate
 };
 
+/// What a run without contact tells of each joint.
+struct JointReference {
+  std::vector<TorqueModel> torque;           ///< none without joint samples
+  std::vector<double> standstill_Nm;         ///< what may stick unseen
+};
+
 /// Knowledge of a log's finger from its unloaded stretch: what estimators start from.
 struct LogReference {
   FingerView view;
   UnloadedReference unloaded;
-  std::vector<TorqueModel> torque;           ///< of each joint; none without joint samples
-  std::vector<double> standstill_Nm;         ///< what may stick unseen
+  JointReference joints;
 };
 
 /// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
@@ -18799,14 +18881,15 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
 template <class = void>
-inline void identify_joints(LogReference& reference, const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+inline JointReference identify_joints(const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+  JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
     if (s.stamp_ns <= until_ns) {
       free.push_back(s);
       if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > 0.05) moving.push_back(s);
     }
-  if (free.empty()) return;
+  if (free.empty()) return reference;
   const auto joints = int(free.front().effort.size());
   for (int j = 0; j < joints; ++j) {
     TorqueModel start;
@@ -18814,6 +18897,27 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
     reference.torque.push_back(identify_unloaded(moving.size() >= 100 ? moving : free, j, start).model);
     reference.standstill_Nm.push_back(standstill_scatter(free, j, reference.torque.back()).value_or(0.02));
   }
+  return reference;
+}
+
+/// Settings of a force estimator for joints that were identified without contact (`reference`). Periods are those of the streams.
+template <class Estimator>
+typename Estimator::Config force_config(const JointReference& reference, const Session& session, Effort unit, double joint_period_s, double frame_period_s, double map_sigma_m, int link) {
+  typename Estimator::Config config;
+  config.torque = reference.torque;
+  config.filter.link = link;
+  config.joints.joints = int(reference.torque.size());
+  config.joints.period_s = joint_period_s;
+  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  config.joints.spike = 6.0 * scatter;
+  config.frames.period_s = frame_period_s;
+  config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
+  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
+  config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
+  config.frame_timeout_s = std::max(0.2, 4.0 * frame_period_s), config.joint_timeout_s = std::max(0.05, 10.0 * joint_period_s);
+  config.map_sigma_m = map_sigma_m;
+  return config;
 }
 
 /// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
@@ -18821,27 +18925,16 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
 template <class MakeCamera, LocationEstimator L, ContactJacobian J>
 std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
                                          const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
-  if (samples.size() < 2 || reference.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
+  if (samples.size() < 2 || reference.joints.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
   Replay<Source> camera(make_camera());
   Replay<RecordedActuator> actuator{RecordedActuator(samples)};
   using Estimator = ForceEstimator<Replay<Source>, Replay<RecordedActuator>, L, GreenProfile, J>;
-  typename Estimator::Config config;
-  config.torque = reference.torque;
-  config.filter.link = link;
-  config.joints.joints = int(reference.torque.size());
-  config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
-  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, samples.front().unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
-  config.joints.spike = 6.0 * scatter;
-  if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
-  config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
-  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
-  config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
-  config.frame_timeout_s = std::max(0.2, 4.0 * config.frames.period_s), config.joint_timeout_s = std::max(0.05, 10.0 * config.joints.period_s);
-  config.map_sigma_m = map_sigma_m;
-  Estimator estimator(camera, actuator, reference.view.readout(bins), localizer, jacobian, reference.unloaded, config);
-  const ContactTorques torques(samples, reference.torque);
+  const double joint_period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
+  const double frame_period_s = frame_ns.size() > 1 ? 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1) : FrameMonitor::Config{}.period_s;
+  Estimator estimator(camera, actuator, reference.view.readout(bins), localizer, jacobian, reference.unloaded,
+                      force_config<Estimator>(reference.joints, session, samples.front().unit, joint_period_s, frame_period_s, map_sigma_m, link));
+  const ContactTorques torques(samples, reference.joints.torque);
   std::vector<LogEstimate> list;
   for (const std::int64_t now : frame_ns) {
     camera.until(now);
@@ -18852,7 +18945,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
     e.force = estimator.step(now);
     e.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
     e.location = estimator.location();
-    e.joints = torques.at(now, std::max(0.02, 5.0 * config.joints.period_s));
+    e.joints = torques.at(now, std::max(0.02, 5.0 * joint_period_s));
     list.push_back(std::move(e));
   }
   return list;
@@ -21659,8 +21752,8 @@ struct MotorRig {
   double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
   double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm = 0.075;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double white_Nm = 0.065;                  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double stiction_Nm = 0.079;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double white_Nm = 0.0685;                 ///< σ of one sample; current noise and ripple: set for 1.29 N
   double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
   double weight_Nm = 0.06;                  ///< of the finger, times sin q; assumed
   double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed

@@ -1,17 +1,22 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
-//   lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm] [end_bias_mm]
-// bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+//   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
+#include "lumo/campaign/gaussian_process_decoder.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
+#include "lumo/sense/bayes_decoder.hpp"
 #include "lumo/sense/cross_validation.hpp"
+#include "lumo/sense/linear_decoder.hpp"
 #include "lumo/sense/log_estimates.hpp"
 #include "lumo/sense/nearest_template.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/segment_responses.hpp"
+#include "program/chart.hpp"
 
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 #include <map>
 #include <random>
 #include <sstream>
@@ -98,16 +103,15 @@ struct Totals {
 };
 
 template <class Make>
-void run_force(const PadLight& light, int seed, double noise, Totals& totals, Make make) {
-  const VirtualRig rig(light, force_plan(), std::uint64_t(seed), noise);
-  const Painted log(rig);
+void run_force(const Painted& log, Totals& totals, Make make) {
+  const VirtualRig& rig = *log.rig;
   const UnloadedStretch rest = UnloadedStretch::of(rig.session(), log.stamps.front());
   PaintedCamera first = log.camera(), all = log.camera();
-  LogReference reference{view_finger(first, rig.session(), rest, "lab"), {}, {}, {}};
+  LogReference reference{view_finger(first, rig.session(), rest, "lab"), {}, {}};
   const LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
   GreenProfile readout = reference.view.readout(bins);
   reference.unloaded = unloaded_reference(read_profiles(all, readout), rest, "lab");
-  identify_joints(reference, rig.joints(), rig.session(), rest.to_ns);
+  reference.joints = identify_joints(rig.joints(), rig.session(), rest.to_ns);
   const MomentArm arm{rig.session().joint_to_origin_m};
   const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins, make(readout, reference.unloaded), arm, rig.session(),
                                          std::sqrt(reference.view.leds.map.variance_m2(0.0)));
@@ -122,7 +126,7 @@ void run_force(const PadLight& light, int seed, double noise, Totals& totals, Ma
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
     totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
-    totals.sequences.push_back({force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.torque[0].noise_Nm), place});
+    totals.sequences.push_back({force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
     totals.force_held += totals.sequences.back().score.coverage_90 * totals.sequences.back().score.samples;
   }
@@ -146,33 +150,57 @@ double bias_m = 0.75_mm, end_bias_m = 1.25_mm;
 BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m)); }
 PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
 
+/// What decoders say of the same folds.
+struct Tally {
+  int right = 0, all = 0;
+  void add(const DecodingReport& r) { right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size()); }
+  double percent() const { return 100.0 * right / std::max(1, all); }
+};
+
+void draw_curves(const std::string& file, const char* title, const char* quantity, std::vector<program::Curve> curves) {
+  program::LineChart chart{title, "baseline design, Solaris, 10 mm sphere, at 5 N and more", "noise of the virtual rig, times the assumed one", quantity, {}};
+  chart.curves = std::move(curves);
+  std::ofstream(file) << program::draw(chart);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 2) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE [seeds] [first seed] [bias_mm] [end_bias_mm]\n"), 2;
-  const int seeds = argc > 2 ? std::atoi(argv[2]) : 50, first = argc > 3 ? std::atoi(argv[3]) : 1;
-  if (argc > 4) bias_m = 1e-3 * std::atof(argv[4]);
-  if (argc > 5) end_bias_m = 1e-3 * std::atof(argv[5]);
+  if (argc < 3) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"), 2;
+  const std::string folder = argv[2];
+  const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
+  if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
+  if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);
   const auto kept = read_pad_responses(argv[1]);
   if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
   const PadLight light(*kept);
 
+  std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true}, {"peak", std::string(program::palette[1]), {}, 2.0, true}}, gaps = errors;
   std::printf("| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
-  for (const double noise : {1.0, 0.5, 2.0, 4.0}) {
+  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
     Totals a, b;
-    const int count = noise == 1.0 ? seeds : std::max(1, seeds / 5);
-    for (int s = first; s < first + count; ++s) run_force(light, s, noise, a, bayes);
+    for (int s = first; s < first + seeds; ++s) {
+      const VirtualRig rig(light, force_plan(), std::uint64_t(s), noise);
+      const Painted log(rig);
+      run_force(log, a, bayes);
+      run_force(log, b, peak);
+    }
     print("probabilistic", noise, a);
-    for (int s = first; s < first + count; ++s) run_force(light, s, noise, b, peak);
     print("peak", noise, b);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const Totals& t = k == 0 ? a : b;
+      errors[k].points.push_back({noise, 1e3 * t.location / std::max(1, t.located)});
+      gaps[k].points.push_back({noise, 100.0 * t.recovery().value});
+    }
   }
+  draw_curves(folder + "/location_against_noise.svg", "Error of location", "mean error [mm]", errors);
+  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen", "gap recovered [%]", gaps);
 
-  std::printf("\n| noise | predictions | right %% | Wilson 95 %% | D_neighbor DN/N | W_recontact DN/N | Q |\n");
-  for (const double noise : {1.0, 0.5, 2.0, 4.0}) {
-    int right = 0, all = 0;
+  std::printf("\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | D_neighbor DN/N | W_recontact DN/N | Q |\n");
+  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
+    Tally nearest, linear, process, filter;
     std::vector<double> D, W, Q;
-    const int count = noise == 1.0 ? seeds : std::max(1, seeds / 5);
-    for (int s = first; s < first + count; ++s) {
+    for (int s = first; s < first + seeds; ++s) {
       const VirtualRig rig(light, recontact_plan(), std::uint64_t(s), noise);
       VirtualCamera start(rig), camera(rig);
       const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
@@ -182,12 +210,18 @@ int main(int argc, char** argv) {
       D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
       std::vector<Profile> regions;  // five bins each
       for (const Profile& p : profiles) regions.push_back({p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
-      const DecodingTask task = decoding_task(hold_responses(regions, rig.session().segments), {2.0, 5.0});
-      const DecodingReport r = cross_validate(NearestTemplate{}, task.data, task.fold);
-      right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+      const auto holds = hold_responses(regions, rig.session().segments);
+      const DecodingTask task = decoding_task(holds, {2.0, 5.0});
+      const std::vector<double> loads = common_loads(holds, 2.0);
+      const DecodingTask whole = decoding_task(holds, loads);
+      nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
+      linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
+      process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
+      filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
     }
-    const Interval w = wilson_interval(right, all);
-    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.3f | %.3f | %.1f |\n", noise, all, 100.0 * w.value, 100.0 * w.low, 100.0 * w.high, median(D), median(W), median(Q));
+    const Interval w = wilson_interval(nearest.right, nearest.all);
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all, 100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(),
+                filter.percent(), median(D), median(W), median(Q));
     std::fflush(stdout);
   }
 }

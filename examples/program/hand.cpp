@@ -93,11 +93,16 @@ class Spells {
 
 }  // namespace
 
+OpenLog open_hand_log(const std::string& path, Progress& progress) {
+  OpenLog log = open_log(path, progress);
+  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
+  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
+  return log;
+}
+
 std::string hand(const Options& o, Output& files, Progress& progress) {
-  const OpenLog log = open_log(o.log, progress);
+  const OpenLog log = open_hand_log(o.log, progress);
   const Session& session = log.session;
-  if (session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
-  if (log.joints.empty()) throw InputError(o.log + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
   HandObserver observer = about(log.session_place(), [&] { return hand_observer(session); });
   const auto links = observer.links().size();
   Seen seen;

@@ -21,17 +21,17 @@ namespace {
 
 /// Options as typed: the numbers are read below, strictly, not by the parser's own conversions.
 struct Typed {
-  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, joints, stiffness, lamps, cache, camera, seconds, compression;
+  std::string theta, material, threads, out, diameter, angle, y, loads, ensemble, evaluations, ray_error, seed, seeds, designs, source, decoder, localizer, from, noise, joints, stiffness, lamps, cache, camera, seconds, exposure, gain, rate, pixels, can, motors, motor_ranges, compression;
   std::string clearance, plate, wall, strip_width, strip_height, gate, vent;
   std::string mode, solver, element, size, sweeps, law, contact_stiffness, contact_points, friction;
   std::vector<std::string> stores;
   bool csv = false;
 };
 
-std::vector<std::string_view> split(std::string_view s) {
+std::vector<std::string_view> split(std::string_view s, char separator = ',') {
   std::vector<std::string_view> fields;
   while (true) {
-    const std::size_t comma = s.find(',');
+    const std::size_t comma = s.find(separator);
     fields.push_back(s.substr(0, comma));
     if (comma == std::string_view::npos) return fields;
     s.remove_prefix(comma + 1);
@@ -149,7 +149,52 @@ CastingOptions read_casting(const Typed& t) {
   return o;
 }
 
-bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::hand || c == Command::calibrate || c == Command::convert; }
+bool of_log(Command c) { return c == Command::decode || c == Command::metrics || c == Command::locate || c == Command::force || c == Command::hand || c == Command::calibrate || c == Command::convert || c == Command::record; }
+
+/// Fields between `separator`s.
+template <std::size_t N>
+std::array<double, N> read_numbers(const char* option, std::string_view typed, char separator, const Limits& limits, const char* unit, const char* wanted) {
+  std::array<double, N> values{};
+  const auto fields = split(typed, separator);
+  if (fields.size() != N) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be ", wanted));
+  for (std::size_t i = 0; i < N; ++i) values[i] = in_range(option, fields[i], limits, unit);
+  return values;
+}
+
+/// The live camera and the motors.
+void read_devices(Options& o, const Typed& t) {
+  const bool streamed = o.command == Command::locate || o.command == Command::force || o.command == Command::hand;
+  if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
+  for (const auto& [option, typed] : {std::pair{"--seconds", &t.seconds}, {"--exposure", &t.exposure}, {"--gain", &t.gain}, {"--rate", &t.rate}, {"--pixels", &t.pixels}, {"--can", &t.can}})
+    if (!typed->empty() && !o.camera) throw UsageError(lumo::detail::text(option, " is of a live camera, which --camera chooses"));
+  for (const auto& [option, typed] : {std::pair{"--motors", &t.motors}, {"--motor-ranges", &t.motor_ranges}})
+    if (!typed->empty() && t.can.empty()) throw UsageError(lumo::detail::text(option, " is of motors, whose bus --can chooses"));
+  if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
+  if (!t.exposure.empty()) o.exposure_ms = in_range("--exposure", t.exposure, {0.1, 1e5}, "ms");
+  if (!t.gain.empty()) o.gain = in_range("--gain", t.gain, {0.0, 1e9}, "");
+  if (!t.rate.empty()) o.rate_per_s = in_range("--rate", t.rate, {0.1, 1000.0}, "1/s");
+  if (!t.pixels.empty()) {
+    const auto size = read_numbers<2>("--pixels", t.pixels, 'x', {16.0, 10000.0}, "px", "a width and a height such as 640x480");
+    o.pixels = {int(size[0]), int(size[1])};
+    if (size[0] != o.pixels[0] || size[1] != o.pixels[1]) throw UsageError("--pixels is " + in_quotes(t.pixels) + ", must be whole numbers");
+  }
+  o.can = t.can;
+  if (!t.motors.empty()) {
+    o.motors.clear();
+    for (const std::string_view field : split(t.motors)) {
+      o.motors.push_back(whole_number("--motors", field, 0, 255));
+      if (std::count(o.motors.begin(), o.motors.end(), o.motors.back()) > 1 || o.motors.size() > 8) throw UsageError("--motors is " + in_quotes(t.motors) + ", must be at most 8 different numbers");
+    }
+  }
+  if (!t.motor_ranges.empty()) o.motor_ranges = read_numbers<3>("--motor-ranges", t.motor_ranges, ',', {1e-3, 1e4}, "", "three numbers: position [rad], velocity [rad/s], torque [N·m]");
+  if (!o.camera) return;
+  if (streamed && !t.out.empty()) throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output (lumo record makes a log)");
+  if (!t.from.empty()) throw UsageError("--from chooses frames by their true force, which a live camera does not tell");
+  if ((o.command == Command::force || o.command == Command::hand) && o.can.empty()) throw UsageError(lumo::detail::text("--can is missing: lumo ", name(o.command), " needs the motors' samples beside a live camera's pictures"));
+  if (o.command != Command::locate && o.command != Command::record && o.command != Command::doctor && o.log.empty())
+    throw UsageError(lumo::detail::text("the log is missing (see lumo ", name(o.command), " --help)"));
+  if ((o.command == Command::decode || o.command == Command::metrics) && t.out.empty()) throw UsageError("--out is missing: what the camera sees is recorded there");
+}
 
 void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
@@ -174,11 +219,9 @@ void read(Options& o, const Typed& t) {
   if (!t.lamps.empty()) o.lamps = in_range("--lamps", t.lamps, {0.1, 3.0}, "");
   if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
   if (!t.cache.empty()) o.cache = t.cache;
-  if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
-  if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
-  if (o.command == Command::locate && o.camera && !t.out.empty()) throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output");
-  if (o.command == Command::locate && o.camera && !t.from.empty()) throw UsageError("--from chooses frames by their true force, which a live camera does not tell");
-  if (!t.seconds.empty() && !o.camera) throw UsageError("--seconds is of a live camera, which --camera chooses");
+  read_devices(o, t);
+  if (o.command == Command::record && !o.camera) throw UsageError("--camera is missing (see lumo record --help)");
+  if (o.command == Command::record && t.out.empty()) throw UsageError("--out is missing (see lumo record --help)");
   const std::string_view command = name(o.command);
   if (command.starts_with("lab ")) {
     if (t.material.empty()) o.material = "Sol";
@@ -256,12 +299,12 @@ std::optional<double> parse_number(std::string_view s) {
 }
 
 std::string_view name(Command command) {
-  static constexpr std::array<std::string_view, 30> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
+  static constexpr std::array<std::string_view, 31> names = {"section",         "mesh",            "press",           "trace",           "evaluate",        "fabricate",
                                                              "optimize",        "campaign run",    "campaign status", "campaign verify", "campaign export",
                                                              "campaign select", "campaign report", "study carrier",   "study void",      "study readings",
                                                              "study solver",    "doctor",          "lab recontact",   "lab cycle",       "lab imaging",
                                                              "lab force",       "lab hand",        "decode",          "metrics",         "locate",
-                                                             "force",           "hand",            "calibrate",       "convert"};
+                                                             "force",           "hand",            "calibrate",       "convert",         "record"};
   return names[std::size_t(command)];
 }
 
@@ -390,16 +433,38 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     threads(c);
     common(c);
   };
+  const auto picture_options = [&](CLI::App* c) {
+    text_option(c, "--exposure", t.exposure, "Of the camera [ms], default 1", "N");
+    text_option(c, "--gain", t.gain, "Of the camera, its driver's number, default 64", "N");
+    text_option(c, "--rate", t.rate, "Pictures a second, default 30", "N");
+    text_option(c, "--pixels", t.pixels, "Size of its pictures, default 640x480", "WxH");
+  };
+  const auto devices = [&](CLI::App* c, Command command) {
+    const char* what = command == Command::locate  ? "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG, if given, describes the finger"
+                       : command == Command::force ? "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG tells of the joints, by its part without contact, and describes the finger"
+                       : command == Command::hand  ? "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it"
+                       : command == Command::record ? "Number of the camera"
+                                                   : "Number of a live camera: LOG's plan (its segments) is carried out and recorded in DIR/recording, then evaluated";
+    text_option(c, "--camera", t.camera, what, "N");
+    text_option(c, "--seconds", t.seconds, command == Command::locate || command == Command::force || command == Command::hand ? "How long to look through the camera [s], default: until interrupted" : "How long to record [s], default: to the plan's end, or until interrupted where there is none", "N");
+    picture_options(c);
+    if (command == Command::locate) return;
+    text_option(c, "--can", t.can, "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and commands nothing", "NAME");
+    text_option(c, "--motors", t.motors, "Their CAN identifiers, in the order of the joints, default 1", "LIST");
+    text_option(c, "--motor-ranges", t.motor_ranges, "Ends of the protocol's ranges: position [rad], velocity [rad/s], torque [N·m], default 12.5,65,18", "LIST");
+  };
   const auto of_a_log = [&](CLI::App* c, Command command) {
-    c->add_option("LOG", o.log, "Folder of the log, or an MCAP file (docs/log_format.md)");
+    c->add_option("LOG", o.log, command == Command::record ? "Folder of a log, or an MCAP file, whose session is the plan (docs/log_format.md)" : "Folder of the log, or an MCAP file (docs/log_format.md)");
+    if (command == Command::record) {
+      devices(c, command);
+      text_option(c, "--out", t.out, "Folder of the new log; must not be there, or be empty", "DIR");
+      common(c);
+      return;
+    }
     if (command == Command::decode) text_option(c, "--decoder", t.decoder, "nearest (template, default), linear, gp (Gaussian process) or bayes (a filter over all loads from 2 N)", "NAME");
     if (command == Command::metrics) text_option(c, "--baseline", o.baseline, "Log of the pad to compare with, for the gain", "LOG");
     if (command == Command::locate || command == Command::force) text_option(c, "--localizer", t.localizer, "bayes (default) or peak (the paper's)", "NAME");
-    if (command == Command::locate) {
-      text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
-      text_option(c, "--camera", t.camera, "Number of a live camera instead of a log's pictures; the first second must show the unloaded finger. LOG, if given, describes the finger", "N");
-      text_option(c, "--seconds", t.seconds, "How long to look through the camera [s], default: until interrupted", "N");
-    }
+    if (command == Command::locate) text_option(c, "--from", t.from, "Least true force of the frames that count [N], default 5", "N");
     if (command == Command::convert) {
       c->add_option("OUT", o.target, "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
       text_option(c, "--compression", t.compression, "Of an MCAP file: zstd (default), lz4 or none", "NAME");
@@ -417,6 +482,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
       common(c);
       return;
     }
+    devices(c, command);
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
     common(c);
   };
@@ -430,11 +496,11 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                          Entry{Command::optimize, "Optimise any objectives by ask and tell: JSON lines on standard output and input"},
                          Entry{Command::decode, "Place from regional responses, one repetition left out"},
                          Entry{Command::metrics, "How far apart places are, and how well contacts repeat"}, Entry{Command::locate, "Where the finger was touched, frame by frame"},
-                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::hand, "Contacts on all links of a hand at once"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
+                         Entry{Command::force, "How hard, from joint torque at the place seen, with its baselines"}, Entry{Command::hand, "Contacts on all links of a hand at once"}, Entry{Command::record, "Record a live camera and motors as a log, by a plan"}, Entry{Command::calibrate, "One specimen's stiffness, lamps and camera gain from one press and a dark view"},
                          Entry{Command::convert, "A log's folder as an MCAP file, as ROS 2 has them, or the other way round"},
                          Entry{Command::doctor, "What was found, which version, and what is off"}}) {
     CLI::App* c = app.add_subcommand(std::string(name(e.command)), e.help);
-    if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), common(c);
+    if (e.command == Command::doctor) text_option(c, "--camera", t.camera, "Number of a camera to look through: rate, exposure, LEDs found", "N"), picture_options(c), common(c);
     else if (of_log(e.command)) of_a_log(c, e.command);
     else if (e.command == Command::optimize) optimization(c);
     else if (e.command == Command::fabricate) fabrication(c);

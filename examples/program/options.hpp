@@ -16,7 +16,7 @@
 namespace lumo::program {
 
 enum class Command { section, mesh, press, trace, evaluate, fabricate, optimize, campaign_run, campaign_status, campaign_verify, campaign_export, campaign_select, campaign_report, study_carrier, study_void, study_readings, study_solver, doctor,
-                     lab_recontact, lab_cycle, lab_imaging, lab_force, lab_hand, decode, metrics, locate, force, hand, calibrate, convert };
+                     lab_recontact, lab_cycle, lab_imaging, lab_force, lab_hand, decode, metrics, locate, force, hand, calibrate, convert, record };
 enum class Ensemble { flat, curved };
 
 inline constexpr int most_designs = 500;   ///< of a study
@@ -63,7 +63,12 @@ struct Options {
   bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
   std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
   std::optional<int> camera;             ///< number of a live one
+  double exposure_ms = 1.0, gain = 64.0, rate_per_s = 30.0;   ///< of it
+  std::array<int, 2> pixels = {640, 480};
   double seconds = 0.0;                  ///< to look through it; 0: until interrupted
+  std::string can;                       ///< interface of the motors' bus; empty: no motors
+  std::vector<int> motors = {1};         ///< on it, in the order of the joints
+  std::array<double, 3> motor_ranges = {12.5, 65.0, 18.0};   ///< position [rad], velocity [rad/s], torque [N·m]
   CastingOptions casting;
 };
 

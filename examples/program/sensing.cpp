@@ -5,31 +5,48 @@
 #include "lumo/sense/cross_validation.hpp"
 #include "lumo/sense/bayes_decoder.hpp"
 #include "lumo/sense/linear_decoder.hpp"
-#include "lumo/sense/live_location.hpp"
 #include "lumo/sense/nearest_template.hpp"
 #include "lumo/sense/normal_force.hpp"
-#include "lumo/sense/peak_localizer.hpp"
-#include "lumo/sense/planar_finger.hpp"
 #include "lumo/sense/segment_responses.hpp"
 #include "program/chart.hpp"
 #include "program/convert.hpp"
 #include "program/hand.hpp"
 #include "program/json.hpp"
 #include "program/lab.hpp"
+#include "program/live.hpp"
+#include "program/localizers.hpp"
 #include "program/sensing_log.hpp"
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <iostream>
 #include <memory>
 #include <system_error>
 #include <utility>
 
 namespace lumo::program {
+
+PlanarFinger finger_of(const OpenLog& log) { return {log.session.joint_to_joint_m, log.session.joint_to_origin_m}; }
+
+JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
+  if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
+  const int joints = finger_of(log).joints();
+  if (log.joints.front().effort.size() != joints)
+    throw InputError(lumo::detail::text(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
+  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
+  if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
+  return reference;
+}
+
+std::vector<JointSample> on_frames_clock(const OpenLog& log) {
+  std::vector<JointSample> samples = log.joints;
+  for (JointSample& j : samples) j.stamp_ns = log.session.joint_clock(j.stamp_ns);
+  return samples;
+}
+
+UnloadedStretch unloaded_stretch(const OpenLog& log) { return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns); }
 
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics) {
   std::error_code error;
@@ -44,11 +61,10 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   SensedLog s;
   s.bins = bins;
   s.log = open_log(path, progress);
-  s.joints = s.log.joints;
+  s.joints = on_frames_clock(s.log);
+  s.stretch = unloaded_stretch(s.log);
   about(path, [&] {
-    for (JointSample& j : s.joints) j.stamp_ns = s.log.session.joint_clock(j.stamp_ns);
     for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
-    s.stretch = UnloadedStretch::of(s.log.session, s.frame_ns.empty() ? 0 : s.frame_ns.front());
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);
     GreenProfile readout = s.view.readout(bins);
@@ -159,14 +175,11 @@ std::string metrics(const Options& o, Output& files, Progress& progress) {
 
 // locate and force
 
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded)); }
-PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
-
 /// Calls `use` with the localiser that was asked for.
 template <class Use>
 auto with_localizer(const Options& o, const SensedLog& s, const UnloadedReference& unloaded, Use use) {
   const GreenProfile readout = s.view.readout(s.bins);
-  return o.localizer == "peak" ? use(peak(readout, unloaded)) : use(bayes(readout, unloaded));
+  return o.localizer == "peak" ? use(peak_localizer(readout, unloaded)) : use(bayes_localizer(readout, unloaded));
 }
 
 std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
@@ -220,61 +233,22 @@ std::string located(const Options& o, Output& files, Progress& progress) {
                             " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
-/// One line for each picture; after --seconds, how long after its stamp each was told.
-std::string located_live(const Options& o, Progress& progress) {
-  Session session;
-  if (!o.log.empty()) session = open_log(o.log, progress).session;
-  V4l2Camera::Config config;
-  config.device = "/dev/video" + std::to_string(*o.camera);
-  using Clock = std::chrono::steady_clock;   // the one that V4L2 stamps by
-  std::vector<double> late_ms;
-  int untrusted = 0;
-  std::int64_t first = 0;
-  auto begun = Clock::now();
-  const auto told = [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
-    const auto now = Clock::now();
-    if (late_ms.empty()) first = stamp_ns, begun = now;
-    late_ms.push_back(1e-6 * double(std::chrono::duration_cast<std::chrono::nanoseconds>(now.time_since_epoch()).count() - stamp_ns));
-    untrusted += !e;
-    const auto y = e && e->contacts == 1 ? std::optional(1e3 * e->contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
-    if (o.json)
-      print(Json{{"stamp_ns", stamp_ns}, {"contacts", e ? Json(e->contacts) : Json(nullptr)}, {"y_mm", maybe(y)}, {"y_sigma_mm", maybe(sigma)}, {"probability", e ? number(e->probability) : Json(nullptr)},
-                 {"faults", to_string(faults)}}.dump() + "\n");
-    else
-      print(cell(1e-9 * double(stamp_ns - first), 3) + " s  " + (!e ? "picture not used: " + to_string(faults) : y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e->contacts == 0 ? "no contact" : "two contacts") + "\n");
-    return std::cout && (o.seconds == 0.0 || std::chrono::duration<double>(now - begun).count() < o.seconds);   // whoever read has gone: enough
-  };
-  about(config.device, [&] {
-    V4l2Camera camera(config);
-    progress.note("leave the finger alone for a second");
-    const auto bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
-    if (o.localizer == "peak") locate_live(camera, session, bins, peak, told, config.device);
-    else locate_live(camera, session, bins, bayes, told, config.device);
-  });
-  if (late_ms.empty()) throw InputError(config.device + ": gives no pictures after the first second");
-  progress.note(lumo::detail::text(late_ms.size(), " pictures, ", untrusted, " not used; from stamp to estimate ", cell(quantile(late_ms, 0.5), 2), " ms (median), ", cell(quantile(late_ms, 0.99), 2), " ms (99 %)"));
-  return "";
-}
-
 std::string force(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
-  LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), {}, {}};
-  identify_joints(reference, s.joints, s.log.session, s.stretch.to_ns);
-  const PlanarFinger finger(s.log.session.joint_to_joint_m, s.log.session.joint_to_origin_m);
-  if (reference.torque.empty()) throw InputError(o.log + ": has no joint samples (joint.csv) to estimate a force from");
-  if (int(reference.torque.size()) != finger.joints())
-    throw InputError(lumo::detail::text(s.log.session_place(), ": joint_to_joint_mm tells of ", finger.joints(), finger.joints() == 1 ? " joint" : " joints", ", the samples have ", reference.torque.size()));
+  const PlanarFinger finger = finger_of(s.log);
+  const LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), finger_joints(s.log, s.stretch.to_ns)};
+  const std::vector<TorqueModel>& torque = reference.joints.torque;
   const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
   const auto estimates = about(o.log, [&] {
     return with_localizer(o, s, reference.unloaded, [&](const auto& l) {
       return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, finger, s.log.session, map_sigma, finger.pad_link());
     });
   });
-  const Eigen::VectorXd residual = ContactTorques(s.joints, reference.torque).residual();   // positions, torques
+  const Eigen::VectorXd residual = ContactTorques(s.joints, torque).residual();   // positions, torques
   const Eigen::Index joints = residual.size() / 2;
   const double off_rad = residual.head(joints).maxCoeff(), off_Nm = residual.tail(joints).maxCoeff();
   const double clock_s = s.log.session.joint_clock.residual_s;
-  const double noise_Nm = std::max_element(reference.torque.begin(), reference.torque.end(), [](const auto& a, const auto& b) { return a.noise_Nm < b.noise_Nm; })->noise_Nm;
+  const double noise_Nm = std::max_element(torque.begin(), torque.end(), [](const auto& a, const auto& b) { return a.noise_Nm < b.noise_Nm; })->noise_Nm;
   const LogTruth truth = truth_of(s.log);
   const ForceScore score = force_score(estimates, truth, finger, -25.0_mm, 25.0_mm, noise_Nm, 0.5, finger.pad_link());
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
@@ -312,53 +286,30 @@ std::string force(const Options& o, Output& files, Progress& progress) {
                             cell(1e3 * off_Nm, 1), " mN·m (RMS: noise, and what interpolation at the pictures' times misses)", clock_s > 0.0 ? lumo::detail::text(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
 }
 
-// doctor --camera
-
-std::string watched(int camera, bool as_json) {
-  V4l2Camera::Config config;
-  config.device = "/dev/video" + std::to_string(camera);
-  config.wait_s = 0.05;
-  V4l2Camera source(config);
-  MeanImage mean;
-  std::int64_t first = 0, last = 0;
-  int frames = 0;
-  for (const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(2); std::chrono::steady_clock::now() < end && source.state() == StreamState::open;)
-    if (const auto f = source.next()) {
-      mean.add(f->image);
-      if (frames++ == 0) first = f->stamp_ns;
-      last = f->stamp_ns;
-    }
-  if (frames < 2) throw InputError(config.device + ": gives no frames");
-  const Image image = mean.image();
-  double light = 0.0;
-  for (int y = 0; y < image.height; ++y)
-    for (int x = 0; x < image.width; ++x) light += image.view().green(x, y) / (double(image.width) * image.height);
-  const auto leds = LedDetector{}.find(image.view());
-  const double rate = 1e9 * (frames - 1) / double(last - first);
-  if (as_json)
-    return Json{{"device", config.device}, {"width", image.width}, {"height", image.height}, {"frames_per_s", number(rate)}, {"exposure_s", number(source.exposure_s())}, {"gain", number(source.gain())},
-                {"mean_green_DN", number(light)}, {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)}, {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}.dump(2) + "\n";
-  return lumo::detail::text(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
-                            " DN\n", leds ? lumo::detail::text("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
-}
-
 }  // namespace
 
 std::string sense(const Options& o, Output& files, Progress& progress, char**) {
   switch (o.command) {
-    case Command::doctor: return watched(*o.camera, o.json);
+    case Command::doctor: return watch(o);
+    case Command::record: return record(o, *o.out, progress);
     case Command::lab_recontact:
     case Command::lab_cycle:
     case Command::lab_imaging:
     case Command::lab_force:
     case Command::lab_hand: return lab(o, progress);
-    case Command::hand: return hand(o, files, progress);
+    case Command::hand: return o.camera ? sense_live(o, progress) : hand(o, files, progress);
     case Command::calibrate: return calibrate(o, progress);
     case Command::convert: return convert(o, progress);
-    case Command::locate:
-      if (o.camera) return located_live(o, progress);
-      break;
     default: break;
+  }
+  const bool streamed = o.command == Command::locate || o.command == Command::force;
+  if (o.camera && streamed) return sense_live(o, progress);
+  if (o.camera) {   // the plan is carried out, then looked at
+    Options recorded = o;
+    recorded.log = *o.out + "/recording";
+    recorded.camera.reset();
+    record(o, recorded.log, progress);
+    return sense(recorded, files, progress, nullptr);
   }
   progress.stage("reading the log");
   switch (o.command) {

@@ -2,6 +2,7 @@
 
 #include "lumo/sense/log_estimates.hpp"
 #include "lumo/sense/mcap_camera.hpp"
+#include "lumo/sense/planar_finger.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/opencv.hpp"
@@ -34,6 +35,18 @@ struct OpenLog : RecordedLog {
 
 /// Reads a log's folder, or an MCAP file; where that was cut, a note tells it and the log ends there. Throws InputError.
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics = {});
+
+/// A log of a hand: its session describes links, and it has joint samples. Throws InputError.
+OpenLog open_hand_log(const std::string& path, Progress& progress);
+
+/// A log's joint samples, stamped on the frames' clock.
+std::vector<JointSample> on_frames_clock(const OpenLog& log);
+/// When nothing touches the log's finger for the first time.
+UnloadedStretch unloaded_stretch(const OpenLog& log);
+/// As the session describes it.
+PlanarFinger finger_of(const OpenLog& log);
+/// What the log's samples before a time, without contact, tell of the finger's joints. Throws InputError where there are none, or of other joints than the session's.
+JointReference finger_joints(const OpenLog& log, std::int64_t until_ns);
 
 /// A log's pictures, from a folder, a video or an MCAP file.
 class LogCamera {

@@ -93,9 +93,11 @@ class Lab(unittest.TestCase):
         self.assertEqual(list(self.folder.glob("stopped*")), [])
 
     def test_decode(self):
-        filtered = self.result("decode", self.folder / "recontact", "--decoder", "bayes")
-        self.assertGreaterEqual(filtered["accuracy"], 0.9)
-        self.assertEqual(len(filtered["predictions"]), 30)
+        for decoder in ["linear", "gp", "bayes"]:
+            with self.subTest(decoder=decoder):
+                other = self.result("decode", self.folder / "recontact", "--decoder", decoder)
+                self.assertGreaterEqual(other["accuracy"], 0.9)
+                self.assertEqual(len(other["predictions"]), 30)
         r = self.result("decode", self.folder / "recontact", "--out", self.folder / "d")
         self.assertEqual(set(r), {"accuracy", "confusion", "predictions"})
         self.assertEqual(sum(map(sum, r["confusion"])), 30)
@@ -296,7 +298,26 @@ class Lab(unittest.TestCase):
             self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "doctor", "--camera", "63")
             self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", "--camera", "63", "--seconds", "5", "--quiet")
             self.refused(BAD_FILE, ["/dev/video63", "no such camera"], "locate", self.folder / "force", "--camera", "63", "--quiet")
-        self.refused(USAGE, ["--seconds", "--camera"], "locate", self.folder / "force", "--seconds", "5")
+            for command in ["decode", "metrics", "record"]:   # no folder is made before the camera is there
+                self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / "recontact", "--camera", "63", "--out", self.folder / "live", "--quiet")
+            self.assertFalse((self.folder / "live").exists())
+        if not os.path.exists("/sys/class/net/nocan0"):
+            for command in ["force", "hand"]:
+                self.refused(BAD_FILE, ["nocan0"], command, self.folder / command, "--camera", "63", "--can", "nocan0", "--quiet")
+        log = self.folder / "force"
+        self.refused(USAGE, ["--seconds", "--camera"], "locate", log, "--seconds", "5")
+        self.refused(USAGE, ["--motors", "--can"], "force", log, "--camera", "63", "--motors", "2")
+        self.refused(USAGE, ["--motors is '1,1'"], "force", log, "--camera", "63", "--can", "nocan0", "--motors", "1,1")
+        self.refused(USAGE, ["--motor-ranges is '3'", "three numbers"], "force", log, "--camera", "63", "--can", "nocan0", "--motor-ranges", "3")
+        self.refused(USAGE, ["--can is missing"], "force", log, "--camera", "63")
+        self.refused(USAGE, ["--pixels is '640'", "640x480"], "locate", "--camera", "63", "--pixels", "640")
+        self.refused(USAGE, ["--exposure is '0'", "ms"], "doctor", "--camera", "63", "--exposure", "0")
+        self.refused(USAGE, ["--out", "lumo record"], "force", log, "--camera", "63", "--can", "nocan0", "--out", self.folder / "live")
+        self.refused(USAGE, ["--out is missing"], "metrics", log, "--camera", "63")
+        self.refused(USAGE, ["log is missing"], "hand", "--camera", "63", "--can", "nocan0")
+        self.refused(USAGE, ["--camera is missing"], "record", log, "--out", self.folder / "live")
+        self.refused(USAGE, ["--out is missing"], "record", log, "--camera", "63")
+        self.refused(USAGE, ["--from", "live"], "locate", "--camera", "63", "--from", "3")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
 #include "../catch.hpp"
 
 #include "lumo/sense/hand_log.hpp"
+#include "lumo/sense/live_hand.hpp"
 #include "synthetic.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -302,4 +304,63 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   CHECK_THROWS_AS(joint_positions(joints, session), InvalidArgument);
   std::istringstream none("stamp_ns,link,y_mm\n1,2,3\n");
   CHECK_THROWS_AS(HandTouches::from_table(none, "truth.csv"), InputError);
+}
+
+TEST_CASE("a live hand is told picture by picture, with the joints at the time of each", "[hand][live]") {
+  struct Stage {
+    int picture = -1;   ///< the newest
+    static std::int64_t stamp(int k) { return 1'000'000'000 + 40'000'000LL * k; }
+    static double turn(int k) { return 0.06 + 0.01 * k; }
+  } stage;
+  struct HandCamera {
+    Stage* stage;
+    Image image{};
+    std::optional<Frame> next() {
+      if (state() != StreamState::open) return std::nullopt;
+      const int k = ++stage->picture;
+      HandScene s;
+      const double q = Stage::turn(k);
+      s.joints = {q, 0.06, -q, -0.06}, s.seed = std::uint64_t(800 + k);
+      if (k >= 3) s.touches = {{1, 8.0, 30.0}};
+      image = s.paint();
+      return Frame{image.view(), Stage::stamp(k), 0.0, 0.0, k};
+    }
+    StreamState state() const { return stage->picture == 9 ? StreamState::ended : StreamState::open; }
+  } camera{&stage};
+  struct HandMotors {   // every 20 ms, with the newest a little older than the picture; nothing comes with pictures 6 and 7
+    Stage* stage;
+    int count = 0;
+    std::optional<JointSample> next() {
+      if (stage->picture < 0 || stage->picture == 6 || stage->picture == 7) return std::nullopt;
+      const double k = stage->picture - 0.6 + 0.5 * (count % 2);
+      if (count / 2 > stage->picture) return std::nullopt;
+      if (count / 2 < stage->picture) count = 2 * stage->picture;
+      ++count;
+      const double q = 0.06 + 0.01 * k;
+      JointVector joints(4);
+      joints << q, 0.06, -q, -0.06;
+      return JointSample{std::int64_t(double(Stage::stamp(0)) + 40e6 * k), joints, JointVector::Zero(4), JointVector::Zero(4), Effort::torque_Nm};
+    }
+    StreamState state() const { return StreamState::open; }
+  } motors{&stage};
+  HandObserver hand = practised_hand();
+  int told = 0;
+  observe_hand_live(
+      camera, motors, hand, Session{},
+      [&](const HandEstimate& e, const ImageView& image) {
+        const int k = told++;
+        INFO("picture " << k);
+        CHECK(e.stamp_ns == Stage::stamp(k));
+        CHECK(image.width == 640);
+        const bool known = k != 7;   // 6 is near enough to the samples before it
+        CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
+        CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
+        if (!e.contacts.empty()) {
+          CHECK(e.contacts[0].link == 1);
+          CHECK(1e3 * e.contacts[0].y_m == Approx(8.0).margin(0.6));
+        }
+        return true;
+      },
+      "hand", {}, 0.06);
+  CHECK(told == 10);
 }

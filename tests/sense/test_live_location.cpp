@@ -65,7 +65,7 @@ TEST_CASE("a finger before a live camera is located picture by picture, until th
         if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
         return true;
       },
-      "camera", 1.0);
+      "camera");
   CHECK(told == 100 - 31);   // the first second is rest
 }
 
@@ -77,7 +77,7 @@ TEST_CASE("whoever is told may end it, and a camera that shows no finger is refu
   CHECK(camera.state() == StreamState::open);
   const auto refused = [&](auto& scene) {
     try {
-      locate_live(scene, Session{}, bins, make_peak, [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; }, "the camera", 1.0, 0.2);
+      locate_live(scene, Session{}, bins, make_peak, [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; }, "the camera", {.patience_s = 0.2});
     } catch (const InputError& e) {
       return std::string(e.what());
     }

@@ -74,8 +74,8 @@ struct MotorRig {
   double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
   double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
   double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm = 0.075;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double white_Nm = 0.065;                  ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double stiction_Nm = 0.079;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double white_Nm = 0.0685;                 ///< σ of one sample; current noise and ripple: set for 1.29 N
   double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
   double weight_Nm = 0.06;                  ///< of the finger, times sin q; assumed
   double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed

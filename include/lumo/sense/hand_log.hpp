@@ -46,6 +46,11 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
   return {std::move(stamp), std::move(position)};
 }
 
+/// Does a log's plan say that nothing touches the hand then?
+inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
+  return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
+}
+
 /// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a std::optional<HandEstimate>: nothing where the frame lies in a
 /// segment of kind "free" or "unloaded", and becomes a reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more than
 /// `max_gap_s` apart say nothing in between.
@@ -53,16 +58,22 @@ template <Camera C, class Each>
 int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each, double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
-    const std::int64_t at = frame->stamp_ns - std::llround(1e9 * session.frame_delay_s);
-    const auto joints = positions.at(at, max_gap_s);
-    const bool free = std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
-      return (s.kind == "free" || s.kind == "unloaded") && frame->stamp_ns >= s.from_ns && frame->stamp_ns <= s.to_ns;
-    });
+    const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
     std::optional<HandEstimate> estimate;
-    if (free) references += joints && hand.add_reference(*joints, frame->image) > 0;
+    if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
     else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
   }
+  return references;
+}
+
+/// Shows a hand's observer a log's pictures of the unloaded hand only. Returns how many became references.
+template <Camera C>
+int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, double max_gap_s = 0.1) {
+  int references = 0;
+  for (auto frame = camera.next(); frame; frame = camera.next())
+    if (is_unloaded(session, frame->stamp_ns))
+      if (const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s)) references += hand.add_reference(*joints, frame->image) > 0;
   return references;
 }
 

@@ -211,32 +211,49 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
+namespace detail {
+
+inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
+
+inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
+  if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+}
+
+inline std::string joint_header(int joints, Effort unit) {
+  std::string t = "stamp_ns";
+  for (int j = 0; j < joints; ++j)
+    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + numbered(column, j);
+  return t + '\n';
+}
+
+inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
+  std::string t = stamp_text(s.stamp_ns, last);
+  for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
+  return t + '\n';
+}
+
+}  // namespace detail
+
 /// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
-  std::string t = video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
+  std::string t = detail::frame_header(video);
   std::optional<std::int64_t> last;
-  for (const FrameRecord& f : frames) {
-    if (!video && !detail::is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
-    if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(detail::text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
-    t += detail::stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
-  }
+  for (const FrameRecord& f : frames) t += detail::frame_row(f, video, last);
   return t;
 }
 
 inline std::string joint_log_text(const std::vector<JointSample>& samples) {
-  const auto joints = samples.empty() ? Eigen::Index(1) : samples.front().effort.size();
-  const Effort unit = samples.empty() ? Effort::current_A : samples.front().unit;
-  std::string t = "stamp_ns";
-  for (int j = 0; j < int(joints); ++j)
-    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + detail::numbered(column, j);
-  t += '\n';
+  if (samples.empty()) return detail::joint_header(1, Effort::current_A);
+  const auto joints = samples.front().effort.size();
+  const Effort unit = samples.front().unit;
+  std::string t = detail::joint_header(int(joints), unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += detail::stamp_text(s.stamp_ns, last);
-    for (Eigen::Index j = 0; j < joints; ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
-    t += '\n';
+    t += detail::joint_row(s, last);
   }
   return t;
 }

@@ -13,7 +13,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -30,12 +29,17 @@ struct LogEstimate {
   double seconds = 0.0;                      ///< from decoded picture to estimate
 };
 
+/// What a run without contact tells of each joint.
+struct JointReference {
+  std::vector<TorqueModel> torque;           ///< none without joint samples
+  std::vector<double> standstill_Nm;         ///< what may stick unseen
+};
+
 /// Knowledge of a log's finger from its unloaded stretch: what estimators start from.
 struct LogReference {
   FingerView view;
   UnloadedReference unloaded;
-  std::vector<TorqueModel> torque;           ///< of each joint; none without joint samples
-  std::vector<double> standstill_Nm;         ///< what may stick unseen
+  JointReference joints;
 };
 
 /// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
@@ -67,14 +71,15 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
 template <class = void>
-inline void identify_joints(LogReference& reference, const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+inline JointReference identify_joints(const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+  JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
     if (s.stamp_ns <= until_ns) {
       free.push_back(s);
       if (s.velocity_rad_per_s.cwiseAbs().maxCoeff() > 0.05) moving.push_back(s);
     }
-  if (free.empty()) return;
+  if (free.empty()) return reference;
   const auto joints = int(free.front().effort.size());
   for (int j = 0; j < joints; ++j) {
     TorqueModel start;
@@ -82,6 +87,27 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
     reference.torque.push_back(identify_unloaded(moving.size() >= 100 ? moving : free, j, start).model);
     reference.standstill_Nm.push_back(standstill_scatter(free, j, reference.torque.back()).value_or(0.02));
   }
+  return reference;
+}
+
+/// Settings of a force estimator for joints that were identified without contact (`reference`). Periods are those of the streams.
+template <class Estimator>
+typename Estimator::Config force_config(const JointReference& reference, const Session& session, Effort unit, double joint_period_s, double frame_period_s, double map_sigma_m, int link) {
+  typename Estimator::Config config;
+  config.torque = reference.torque;
+  config.filter.link = link;
+  config.joints.joints = int(reference.torque.size());
+  config.joints.period_s = joint_period_s;
+  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  config.joints.spike = 6.0 * scatter;
+  config.frames.period_s = frame_period_s;
+  config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
+  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
+  config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
+  config.frame_timeout_s = std::max(0.2, 4.0 * frame_period_s), config.joint_timeout_s = std::max(0.05, 10.0 * joint_period_s);
+  config.map_sigma_m = map_sigma_m;
+  return config;
 }
 
 /// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
@@ -89,27 +115,16 @@ inline void identify_joints(LogReference& reference, const std::vector<JointSamp
 template <class MakeCamera, LocationEstimator L, ContactJacobian J>
 std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
                                          const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
-  if (samples.size() < 2 || reference.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
+  if (samples.size() < 2 || reference.joints.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
   Replay<Source> camera(make_camera());
   Replay<RecordedActuator> actuator{RecordedActuator(samples)};
   using Estimator = ForceEstimator<Replay<Source>, Replay<RecordedActuator>, L, GreenProfile, J>;
-  typename Estimator::Config config;
-  config.torque = reference.torque;
-  config.filter.link = link;
-  config.joints.joints = int(reference.torque.size());
-  config.joints.period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
-  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
-  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, samples.front().unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
-  config.joints.spike = 6.0 * scatter;
-  if (frame_ns.size() > 1) config.frames.period_s = 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1);
-  config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));
-  config.filter.torque_bias_s = 0.5;  // what sticks at rest tells nothing of what sticks under the next contact
-  config.frame_delay_s = session.frame_delay_s, config.joint_delay_s = session.joint_delay_s;
-  config.frame_timeout_s = std::max(0.2, 4.0 * config.frames.period_s), config.joint_timeout_s = std::max(0.05, 10.0 * config.joints.period_s);
-  config.map_sigma_m = map_sigma_m;
-  Estimator estimator(camera, actuator, reference.view.readout(bins), localizer, jacobian, reference.unloaded, config);
-  const ContactTorques torques(samples, reference.torque);
+  const double joint_period_s = 1e-9 * double(samples.back().stamp_ns - samples.front().stamp_ns) / double(samples.size() - 1);
+  const double frame_period_s = frame_ns.size() > 1 ? 1e-9 * double(frame_ns.back() - frame_ns.front()) / double(frame_ns.size() - 1) : FrameMonitor::Config{}.period_s;
+  Estimator estimator(camera, actuator, reference.view.readout(bins), localizer, jacobian, reference.unloaded,
+                      force_config<Estimator>(reference.joints, session, samples.front().unit, joint_period_s, frame_period_s, map_sigma_m, link));
+  const ContactTorques torques(samples, reference.joints.torque);
   std::vector<LogEstimate> list;
   for (const std::int64_t now : frame_ns) {
     camera.until(now);
@@ -120,7 +135,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vect
     e.force = estimator.step(now);
     e.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
     e.location = estimator.location();
-    e.joints = torques.at(now, std::max(0.02, 5.0 * config.joints.period_s));
+    e.joints = torques.at(now, std::max(0.02, 5.0 * joint_period_s));
     list.push_back(std::move(e));
   }
   return list;
