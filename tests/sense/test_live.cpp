@@ -83,7 +83,7 @@ class BenchMotor {
 
 static_assert(Actuator<BenchMotor>);
 
-const LongitudinalBins bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
+const LongitudinalBins bench_bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
 
 BayesLocalizer make_bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded)); }
 
@@ -94,7 +94,7 @@ std::vector<ForceEstimate> press(Bench& bench, double seconds) {
   LiveWait wait;
   wait.now_ns = [&] { return bench.now; };
   estimate_forces_live(
-      camera, motor, {{bench.joint()}, {0.01}}, Session{}, bins, make_bayes, MomentArm{Bench::joint_to_origin_m}, [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; },
+      camera, motor, {{bench.joint()}, {0.01}}, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m}, [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; },
       "bench", 0, wait);
   return told;
 }
