@@ -21933,7 +21933,7 @@ inline SideGeometry side_geometry(const Body& body) {
 
 }  // namespace lumo
 
-// ---- lumo/lab/side_painter.hpp
+// ---- lumo/lab/side_camera.hpp
 
 namespace lumo {
 
@@ -21943,31 +21943,53 @@ struct CameraPlace {
   double along_m = 0.0, height_m = 0.0;
 };
 
-/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel noise, gamma, 8 bits.
-/// The light of a bin fills the height of the visible side evenly (the responses do not tell more). LEDs are spots behind the side: in the pad's middle, as deep as
-/// refraction lets them seem, so that their pitch looks smaller than the side's.
-class SidePainter {
+/// A pinhole camera before the side of a pad.
+class SideCamera {
  public:
-  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
-  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
-  SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m, std::uint64_t seed);
+  template <class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
+  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
+      : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
+    // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
+    Matrix3d level;
+    level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
+    const Vector3d aim(side.half_width_m, place.along_m, 0.5 * (side.low_m + side.high_m) + place.height_m);
+    const Matrix3d turn = (AngleAxisd(place.yaw_rad, Vector3d::UnitZ()) * AngleAxisd(place.pitch_rad, Vector3d::UnitY()) * AngleAxisd(place.roll_rad, Vector3d::UnitX())).toRotationMatrix();
+    axes_ = turn * level;
+    eye_ = aim - camera.distance_m * axes_.col(2);
+  }
 
-  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
-
+  /// From a pixel to the middle of the window, over the focal length.
+  template <class Vector2d = Eigen::Vector2d>
+  Eigen::Vector2d off_axis(double u, double v) const { return (Vector2d(u, v) - centre_) / camera_.focal_px; }
+  /// Where the ray through a pixel meets the plane of the facing side.
+  template <class Vector3d = Eigen::Vector3d, class Vector2d = Eigen::Vector2d>
+  Eigen::Vector3d on_side(double u, double v) const {
+    const Vector2d off = off_axis(u, v);
+    const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
+    return eye_ + (side_.half_width_m - eye_.x()) / ray.x() * ray;
+  }
   /// Pixel of a point on the facing side.
   template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
   template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
+  /// Does a point of the facing side lie in the window, a pixel from its edge at least?
+  template <class Vector2d = Eigen::Vector2d>
+  bool shows(double y_m, double z_m) const {
+    const Vector2d p = pixel(y_m, z_m);
+    return p.x() >= 1.0 && p.y() >= 1.0 && p.x() <= camera_.width - 2.0 && p.y() <= camera_.height - 2.0;
+  }
+  /// The whole side?
+  template <class = void>
+  bool shows_side() const {
+    return shows(-side_.half_length_m, side_.low_m) && shows(-side_.half_length_m, side_.high_m) && shows(side_.half_length_m, side_.low_m) && shows(side_.half_length_m, side_.high_m);
+  }
+
+  const CameraRig& camera() const { return camera_; }
+  const SideGeometry& side() const { return side_; }
 
  private:
-  struct Pixel {
-    int bin;            ///< left one of the two that it lies between; −1: no light of the side
-    float share;        ///< of the right one
-    float side, spot, vignette, gain, room;
-  };
   template <class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
   Eigen::Vector2d project(In<Vector3d> p) const {
     const Vector3d d = axes_.transpose() * (p - eye_);
@@ -21979,23 +22001,50 @@ class SidePainter {
   Eigen::Vector3d eye_;
   Eigen::Matrix3d axes_;   ///< columns: right, down, forward
   Eigen::Vector2d centre_;
+};
+
+}  // namespace lumo
+
+// ---- lumo/lab/side_painter.hpp
+
+namespace lumo {
+
+/// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel noise, gamma, 8 bits.
+/// The light of a bin fills the height of the visible side evenly (the responses do not tell more). LEDs are spots behind the side: in the pad's middle, as deep as
+/// refraction lets them seem, so that their pitch looks smaller than the side's.
+class SidePainter {
+ public:
+  /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
+  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
+  SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed);
+
+  /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
+  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+
+  /// How it stands before the pad.
+  const SideCamera& view() const { return view_; }
+
+ private:
+  struct Pixel {
+    int bin;            ///< left one of the two that it lies between; −1: no light of the side
+    float share;        ///< of the right one
+    float side, spot, vignette, gain, room;
+  };
+
+  SideCamera view_;
   std::vector<Pixel> pixels_;
 };
 
-template <class VectorXd, class Vector2d, class Vector3d, class Matrix3d, class AngleAxisd>
-inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, const SideGeometry& side, const CameraPlace& place, In<VectorXd> position_m,
-                                std::uint64_t seed)
-    : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
-  const double middle = 0.5 * (side.low_m + side.high_m);
-  // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
-  Matrix3d level;
-  level << 0, 0, -1, 1, 0, 0, 0, -1, 0;
-  const Vector3d aim(side.half_width_m, place.along_m, middle + place.height_m);
-  const Matrix3d turn = (AngleAxisd(place.yaw_rad, Vector3d::UnitZ()) * AngleAxisd(place.pitch_rad, Vector3d::UnitY()) *
-                                AngleAxisd(place.roll_rad, Vector3d::UnitX())).toRotationMatrix();
-  axes_ = turn * level;
-  eye_ = aim - camera.distance_m * axes_.col(2);
-
+template <class VectorXd, class Vector2d, class Vector3d>
+inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed) : view_(view) {
+  const CameraRig& camera = view_.camera();
+  const SideGeometry& side = view_.side();
+  for (const double y : {-side.half_length_m, side.half_length_m})
+    for (const double z : {side.low_m, side.high_m})
+      if (!view_.shows(y, z)) {
+        const Vector2d corner = view_.pixel(y, z);
+        throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
+      }
   const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px, blur = camera.blur_px * scale;
   const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
   const Eigen::Index bins = position_m.size();
@@ -22004,9 +22053,8 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      const Vector2d off = (Vector2d(u, v) - centre_) / camera.focal_px;
-      const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
-      const Vector3d at = eye_ + (side.half_width_m - eye_.x()) / ray.x() * ray;
+      const Vector2d off = view_.off_axis(u, v);
+      const Vector3d at = view_.on_side(u, v);
       const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
       const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
       p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
@@ -22014,7 +22062,7 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
       p.side = float(cover);
       double spot = 0.0;
       for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Vector2d(u, v) - lamp_pixel(y)).norm() / sigma;
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
@@ -22023,25 +22071,20 @@ inline SidePainter::SidePainter(const CameraRig& camera, const LightRig& light, 
       p.gain = float(sensitivity.normal());
       p.room = float(1.0 + light.ambient_slope * (double(u) / (camera.width - 1) - 0.5));
     }
-  for (const double y : {-side.half_length_m, side.half_length_m})
-    for (const double z : {side.low_m, side.high_m}) {
-      const Vector2d corner = pixel(y, z);
-      if (!(corner.x() >= 1.0 && corner.y() >= 1.0 && corner.x() <= camera.width - 2.0 && corner.y() <= camera.height - 2.0))
-        throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
-    }
 }
 
 inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
-  Image image = Image::black(camera_.width, camera_.height, PixelFormat::grey);
-  for (int v = 0; v < camera_.height; ++v) {
+  const CameraRig& camera = view_.camera();
+  Image image = Image::black(camera.width, camera.height, PixelFormat::grey);
+  for (int v = 0; v < camera.height; ++v) {
     std::uint8_t* row = image.row(v);
-    const double row_offset = noise * camera_.row_DN * draws.normal();
-    for (int u = 0; u < camera_.width; ++u) {
-      const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera_.width) + std::size_t(u)];
+    const double row_offset = noise * camera.row_DN * draws.normal();
+    for (int u = 0; u < camera.width; ++u) {
+      const Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
       double signal = room_DN * p.room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
-      signal *= p.vignette * (1.0 + noise * camera_.pixel_gain * p.gain);
-      row[u] = detail::sensed(camera_, signal, noise, draws.normal(), row_offset);
+      signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
+      row[u] = detail::sensed(camera, signal, noise, draws.normal(), row_offset);
     }
   }
   return image;
@@ -22462,11 +22505,16 @@ inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
   Draws once(seed_, 6), jitter(seed_, 7);
-  CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
-                  noise_ * c.aim_sigma_m * once.normal()};
-  for (const LabView& v : plan_.views)
-    painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
-                           light_->responses().position_m, seed_);
+  // Whoever places it by hand looks at the picture, and places it again where the pad does not lie in it.
+  std::vector<SideCamera> cameras;
+  for (int trial = 0; trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(), [](const SideCamera& view) { return view.shows_side(); })); ++trial) {
+    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+                          noise_ * c.aim_sigma_m * once.normal()};
+    cameras.clear();
+    for (const LabView& v : plan_.views)
+      cameras.emplace_back(c, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+  }
+  for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
   SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;

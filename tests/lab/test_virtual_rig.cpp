@@ -1,5 +1,6 @@
 #include "../catch.hpp"
 
+#include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/finger_view.hpp"
 #include "lumo/sense/log_estimates.hpp"
@@ -62,9 +63,9 @@ TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
   const PadLight light(plain_pad());
   CameraRig camera;
   camera.row_DN = camera.pixel_gain = 0.0;
-  const SidePainter painter(camera, LightRig{}, SideGeometry{}, {}, light.responses().position_m, 1);
+  const SidePainter painter({camera, SideGeometry{}, {}}, LightRig{}, light.responses().position_m, 1);
   const Eigen::VectorXd level = Eigen::VectorXd::Constant(60, 100.0);
-  const Eigen::Vector2d at = painter.pixel(5.5e-3, 2.5e-3);  // away from LEDs
+  const Eigen::Vector2d at = painter.view().pixel(5.5e-3, 2.5e-3);  // away from LEDs
   const int u = int(std::lround(at.x())), v = int(std::lround(at.y()));
   double sum = 0.0, squares = 0.0;
   constexpr int n = 1500;
@@ -77,6 +78,22 @@ TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
   CHECK(variance == Approx(camera.shot_DN * 105.0 + camera.read_DN * camera.read_DN + 1.0 / 12.0).epsilon(0.1));
 }
 
+TEST_CASE("a camera is placed so that the pad lies in its picture, however badly it aims", "[lab]") {
+  const PadLight light(plain_pad());
+  int in_sight = 0;
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    const VirtualRig rig(light, short_plan(), seed, 4.0);
+    const Image image = rig.image(0);
+    double left = 0.0, right = 0.0;   // nothing shines at the picture's ends
+    for (int v = 0; v < image.height; ++v) left += image.view().green(0, v) / image.height, right += image.view().green(image.width - 1, v) / image.height;
+    in_sight += left < 35.0 && right < 35.0;
+  }
+  CHECK(in_sight == 60);
+  CHECK_FALSE(SideCamera(CameraRig{}, SideGeometry{}, {0.0, 0.0, 0.0, 0.03, 0.0}).shows_side());
+  CHECK_FALSE(SideCamera(CameraRig{}, SideGeometry{}, {0.0, 0.0, 0.6, 0.0, 0.0}).shows_side());
+  CHECK(SideCamera(CameraRig{}, SideGeometry{}, {0.02, 0.02, 0.02, 1e-3, 1e-3}).shows_side());
+}
+
 TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells places on the side to its parallax", "[lab]") {
   const PadLight light(plain_pad());
   for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
@@ -87,8 +104,8 @@ TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells 
     CHECK(view.band_high_m - view.band_low_m == Approx(9e-3).margin(1.5e-3));  // the visible side's height
   }
   // A point on the side, straight: LEDs lie 14.75/1.41 mm behind it, 4 % farther from the camera.
-  const SidePainter painter(CameraRig{}, LightRig{}, SideGeometry{}, {}, light.responses().position_m, 1);
-  const double lamp = painter.lamp_pixel(22e-3).x() - painter.lamp_pixel(0.0).x(), side = painter.pixel(22e-3, 5e-3).x() - painter.pixel(0.0, 5e-3).x();
+  const SidePainter painter({CameraRig{}, SideGeometry{}, {}}, LightRig{}, light.responses().position_m, 1);
+  const double lamp = painter.view().lamp_pixel(22e-3).x() - painter.view().lamp_pixel(0.0).x(), side = painter.view().pixel(22e-3, 5e-3).x() - painter.view().pixel(0.0, 5e-3).x();
   CHECK(side / lamp == Approx((0.25 + 14.75e-3 / 1.41) / 0.25).epsilon(1e-3));
 }
 
@@ -98,10 +115,10 @@ TEST_CASE("whoever tells how deep the LEDs lie and where the camera is has them 
   plan.contacts.push_back({0, 0.0, 0, detail::lab_holds({5}, 0.3, 0.5), 0.0, 1.0});
   const VirtualRig rig(light, plan, 1, 0.0);
   const Image image = rig.image(0);
-  const SidePainter painter(rig.rig().camera, rig.rig().light, SideGeometry{}, {}, light.responses().position_m, 1);
+  const SidePainter painter({rig.rig().camera, SideGeometry{}, {}}, rig.rig().light, light.responses().position_m, 1);
   const auto error_m = [&](const Session& session, double y) {
     const AxisMap map = view_finger(image.view(), session, "lab").leds.map;
-    return map.y_m(map.u_px(painter.pixel(y, 4.5e-3))) - y;
+    return map.y_m(map.u_px(painter.view().pixel(y, 4.5e-3))) - y;
   };
   Session silent = rig.session();
   silent.camera_distance_m = 0.0;

@@ -297,11 +297,16 @@ inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
   Draws once(seed_, 6), jitter(seed_, 7);
-  CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
-                  noise_ * c.aim_sigma_m * once.normal()};
-  for (const LabView& v : plan_.views)
-    painters_.emplace_back(c, l, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m},
-                           light_->responses().position_m, seed_);
+  // Whoever places it by hand looks at the picture, and places it again where the pad does not lie in it.
+  std::vector<SideCamera> cameras;
+  for (int trial = 0; trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(), [](const SideCamera& view) { return view.shows_side(); })); ++trial) {
+    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+                          noise_ * c.aim_sigma_m * once.normal()};
+    cameras.clear();
+    for (const LabView& v : plan_.views)
+      cameras.emplace_back(c, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+  }
+  for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
   SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
   const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
