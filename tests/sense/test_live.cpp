@@ -26,7 +26,8 @@ using synthetic::ms;
 struct Bench {
   static constexpr double joint_to_origin_m = 0.055, place_m = 12.0e-3;
   static constexpr std::int64_t begin = 5'000'000 * ms;
-  std::int64_t now = begin;
+  static inline std::int64_t now = begin;
+  Bench() { now = begin; }
   bool with_motor = true, camera_there = true;
   std::int64_t camera_goes_ns = INT64_MAX, motor_goes_ns = INT64_MAX;
 
@@ -92,7 +93,7 @@ std::vector<ForceEstimate> press(Bench& bench, double seconds) {
   BenchMotor motor(bench);
   std::vector<ForceEstimate> told;
   LiveWait wait;
-  wait.now_ns = [&] { return bench.now; };
+  wait.now_ns = [] { return Bench::now; };
   estimate_forces_live(
       camera, motor, {{bench.joint()}, {0.01}}, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m}, [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; },
       "bench", 0, wait);
@@ -150,7 +151,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   BenchCamera camera(bench), again(bench);
   BenchMotor motor(bench);
   LiveWait wait;
-  wait.now_ns = [&] { return bench.now; };
+  wait.now_ns = [] { return Bench::now; };
   Session plan;
   plan.title = "plan";
   plan.segments = {{0, 500 * ms, "unloaded"}};

@@ -85,7 +85,7 @@ class VirtualRig {
   void record_joints();
   template <class Vec3 = Vec3>
   void record_forces();
-  template <class = void>
+  template <class SideCamera = SideCamera>
   void record_frames();
   Sampled at(double t_s) const;
 
@@ -292,7 +292,7 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-template <class>
+template <class SideCamera>
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;

@@ -17,7 +17,7 @@ namespace lumo {
 /// Ends when camera and motors have. Throws as look_at_rest, and InputError where the motors say nothing during the rest.
 template <Camera C, Actuator A, class MakeLocalizer, ContactJacobian J, class Told>
 void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, const Session& session, const LongitudinalBins& bins, MakeLocalizer make,
-                          const J& jacobian, Told told, const std::string& name, int link = 0, LiveWait wait = {}) {
+                          const J& jacobian, Told told, const std::string& name, int link = 0, const LiveWait& wait = {}) {
   std::int64_t samples = 0, first = 0, last = 0;
   Effort unit = Effort::torque_Nm;
   const auto drain = [&] {
@@ -27,8 +27,7 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
       last = s->stamp_ns, unit = s->unit;
     }
   };
-  wait.meanwhile = drain;
-  LiveRest rest = look_at_rest(camera, session, bins, wait, name);
+  LiveRest rest = look_at_rest(camera, session, bins, wait, name, drain);
   drain();
   if (samples < 2 || last <= first) throw InputError(detail::text(name, ": ", samples, " samples came from the motors while the finger rested: does something command them?"));
   auto localizer = make(rest.readout, rest.unloaded);
@@ -37,7 +36,6 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
   auto config = force_config<Estimator>(joints, session, unit, 1e-9 * double(last - first) / double(samples - 1), rest.trusted.period_s, map_sigma_m, link);
   config.frames = std::move(rest.trusted);
   Estimator estimator(camera, actuator, std::move(rest.readout), std::move(localizer), jacobian, std::move(rest.unloaded), std::move(config));
-  wait.meanwhile = {};
   std::int64_t picture = 0, said = wait.now_ns();
   while (camera.state() == StreamState::open || actuator.state() == StreamState::open) {
     const ForceEstimate e = estimator.step(wait.now_ns());
@@ -46,7 +44,7 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
       picture = e.frame_stamp_ns, said = wait.now_ns();
       if (!told(e)) return;
     } else {
-      detail::idle(wait);
+      detail::idle();
     }
   }
 }

@@ -16,7 +16,7 @@ namespace lumo {
 /// and says whether to go on; no link is seen in pictures for which the joints are not known. Ends with the camera. Throws InputError, with `name` before the message, where no
 /// picture comes for `wait.patience_s`.
 template <Camera C, Actuator A, class Told>
-void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session& session, Told told, const std::string& name, LiveWait wait = {}, double max_gap_s = 0.1) {
+void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session& session, Told told, const std::string& name, const LiveWait& wait = {}, double max_gap_s = 0.1) {
   validate(wait);
   Session one_clock = session;
   one_clock.joint_clock = {};
@@ -26,8 +26,7 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
       if (recent.empty() || (s->stamp_ns > recent.back().stamp_ns && s->position_rad.size() == recent.back().position_rad.size())) recent.push_back(std::move(*s));
     if (recent.size() > 4096) recent.erase(recent.begin(), recent.end() - 2048);
   };
-  wait.meanwhile = drain;
-  for (auto frame = detail::next_picture(camera, wait, name); frame; frame = detail::next_picture(camera, wait, name)) {
+  for (auto frame = detail::next_picture(camera, wait, name, drain); frame; frame = detail::next_picture(camera, wait, name, drain)) {
     drain();
     const TimeSeries positions = joint_positions(std::span<const JointSample>(recent), one_clock);
     const std::int64_t at = frame->stamp_ns - std::llround(1e9 * session.frame_delay_s);

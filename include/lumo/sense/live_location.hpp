@@ -14,11 +14,11 @@ namespace lumo {
 /// or FrameMonitor does not trust it, and says whether to go on. Ends with the camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
 template <Camera C, class MakeLocalizer, class Told>
 void locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, const LiveWait& wait = {}) {
-  LiveRest rest = look_at_rest(camera, session, bins, wait, name);
+  LiveRest rest = look_at_rest(camera, session, bins, wait, name, [] {});
   FrameMonitor monitor(rest.trusted);
   auto localizer = make(rest.readout, rest.unloaded);
   Profile p;
-  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name)) {
+  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name, [] {})) {
     std::optional<LocationEstimate> estimate;
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {

@@ -12,7 +12,6 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <optional>
 #include <string>
 #include <thread>
@@ -22,38 +21,40 @@
 namespace lumo {
 
 /// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
-inline std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+template <class = void>
+std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// How live streams are waited for.
 struct LiveWait {
   double rest_s = 1.0;        ///< how long the finger rests unloaded at the start
   double patience_s = 2.0;    ///< without any picture
-  std::function<std::int64_t()> now_ns = steady_ns;   ///< on the clock of the stamps
-  std::function<void()> meanwhile = {};               ///< is called while no picture is there; may be empty
+  std::int64_t (*now_ns)() = steady_ns<>;   ///< on the clock of the stamps
 };
 
 /// Throws InvalidArgument.
-inline void validate(const LiveWait& w) {
+template <class LiveWait = LiveWait>
+void validate(In<LiveWait> w) {
   require_in_range("time that the finger rests", w.rest_s, 0.05, 60.0, "s");
   require_positive("patience with the camera", w.patience_s, "s");
 }
 
 namespace detail {
 
-/// Lets others run for a fifth of a millisecond; cameras that wait by themselves have done so before.
-inline void idle(const LiveWait& w) {
-  if (w.meanwhile) w.meanwhile();
+/// Lets others run; cameras that wait by themselves have done so before.
+template <class = void>
+void idle() {
   std::this_thread::sleep_for(std::chrono::microseconds(200));
 }
 
-/// The next picture, or nothing when the camera has ended. Throws InputError, with `name` before the message, where none comes in time.
-template <Camera C>
-std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::string& name) {
+/// The next picture, or nothing when the camera has ended; `meanwhile()` is called while none is there. Throws InputError, with `name` before the message, where none comes in time.
+template <Camera C, class Meanwhile>
+std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::string& name, Meanwhile meanwhile) {
   const std::int64_t from = w.now_ns();
   auto frame = camera.next();
   while (!frame && camera.state() == StreamState::open) {
     if (1e-9 * double(w.now_ns() - from) > w.patience_s) throw InputError(text(name, ": has given no picture for ", w.patience_s, " s"));
-    idle(w);
+    meanwhile();
+    idle();
     frame = camera.next();
   }
   return frame;
@@ -70,16 +71,16 @@ struct LiveRest {
   std::optional<Frame> next;         ///< the first one after the rest; its pixels are the camera's
 };
 
-/// Looks at the finger for `wait.rest_s`. Throws InputError, with `name` before the message, where no finger is seen or no picture comes for `wait.patience_s`.
-template <Camera C>
-LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins& bins, const LiveWait& wait, const std::string& name) {
+/// Looks at the finger for `wait.rest_s`; `meanwhile()` is called while no picture is there. Throws InputError, with `name` before the message, where no finger is seen or no picture comes for `wait.patience_s`.
+template <Camera C, class Meanwhile>
+LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins& bins, const LiveWait& wait, const std::string& name, Meanwhile meanwhile) {
   validate(wait);
   MeanImage mean;
   std::vector<Image> kept;   // a camera's own pixels are gone with its next picture
   std::vector<Frame> rest;
-  auto frame = detail::next_picture(camera, wait, name);
+  auto frame = detail::next_picture(camera, wait, name, meanwhile);
   const std::int64_t first = frame ? frame->stamp_ns : 0, from = wait.now_ns();
-  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name)) {
+  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name, meanwhile)) {
     const ImageView& v = frame->image;
     if (v.empty() || rest.size() >= 300) continue;
     mean.add(v);

@@ -12,10 +12,8 @@
 #include <cstdint>
 #include <deque>
 #include <fstream>
-#include <functional>
 #include <mutex>
 #include <optional>
-#include <span>
 #include <string>
 #include <string_view>
 #include <thread>
@@ -26,9 +24,10 @@ namespace lumo {
 
 /// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken is there when the program or the power ends. Stamps are told
 /// from the first picture's on. What comes before it, or does not come after what was last, is left out and counted.
+/// `encode(ImageView)` gives a std::vector<std::uint8_t>, the bytes of an image file; it is called from the recorder's thread.
+template <class Encode>
 class LogRecorder {
  public:
-  using Encode = std::function<std::vector<std::uint8_t>(const ImageView&)>;   ///< bytes of an image file; called from the recorder's thread
   static constexpr std::size_t most_waiting = 64;   ///< pictures that the disk is behind; more are left out
 
   /// `folder` and `folder`/frames are there. `session_json` is written as it is. Throws InputError.
@@ -158,16 +157,15 @@ class LogRecorder {
 
 /// Records camera and motors until `going_on(seconds)` says no, which is asked at each turn with the time since the first picture, or until the camera ends. Throws InputError,
 /// with `name` before the message, where no picture comes for `wait.patience_s`.
-template <Camera C, Actuator A, class GoingOn>
-void record_live(C& camera, A& actuator, LogRecorder& recorder, GoingOn going_on, const std::string& name, LiveWait wait = {}) {
+template <Camera C, Actuator A, class Recorder, class GoingOn>
+void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, const std::string& name, const LiveWait& wait = {}) {
   validate(wait);
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) recorder.add(*s);
   };
-  wait.meanwhile = drain;
-  auto frame = detail::next_picture(camera, wait, name);
+  auto frame = detail::next_picture(camera, wait, name, drain);
   if (!frame) throw InputError(name + ": gives no pictures");
-  for (const std::int64_t first = frame->stamp_ns; frame; frame = detail::next_picture(camera, wait, name)) {
+  for (const std::int64_t first = frame->stamp_ns; frame; frame = detail::next_picture(camera, wait, name, drain)) {
     if (!going_on(1e-9 * double(frame->stamp_ns - first))) break;
     recorder.add(*frame);
     drain();
