@@ -38,9 +38,9 @@ auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
   Pipeline<TetgenMesher, AnySimulation, Light<Readout>> p{TetgenMesher{}, simulation(m, silicone(o.material)), std::move(light)};
   p.focus = focus_of(m);
   p.mesh_order = m.mesh_order();
-  p.accept_held = m.paper;
+  p.accept_held = m.holds();
   p.rays.tolerance = o.ray_error_percent / 100.0;
-  p.mirror_once = m.solver != Mechanics::Solver::vbd;   // sweeps visit vertices one after the other: what they leave is not its own mirror image
+  p.mirror_once = !m.holds();   // sweeps visit vertices one after the other: what they leave is not its own mirror image
   return p;
 }
 
@@ -283,7 +283,7 @@ std::vector<double> make_depths(const Options& o, const std::array<double, 5>& t
   body.regions = 0;
   std::vector<double> depths;
   for (const ScenarioRecord& s : observe(body, ensemble.scenarios(), pipeline, TbbExecutor{o.threads}, shown_in(progress)).scenarios)
-    depths.push_back(is_scored(s.status, o.mechanics.paper) ? 1e3 * s.states.back().depth_m : undefined);
+    depths.push_back(is_scored(s.status, o.mechanics.holds()) ? 1e3 * s.states.back().depth_m : undefined);
   return depths;
 }
 
@@ -339,7 +339,7 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
       const EvaluationResult result = report(e);
       append(record, json(result));
       notes["seconds"] = json(result.seconds);
-      return verdict_of(e, o.mechanics.paper);
+      return verdict_of(e, o.mechanics.holds());
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, work);
   };

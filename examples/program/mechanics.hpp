@@ -11,7 +11,7 @@ struct Mechanics {
   enum class Law { neo_hookean, newton };
   enum class Points { surface, vertex };
 
-  bool paper = false;                        ///< the paper's: what is held is scored
+  bool paper = false;                        ///< the paper's
   Solver solver = Solver::quasi_static;
   Element element = Element::quadratic;
   double size_mm = 0.0;                      ///< of all edges; 0: graded, fine where the indenter touches
@@ -22,6 +22,8 @@ struct Mechanics {
   double friction = 0.0;                     ///< Coulomb's coefficient
 
   bool operator==(const Mechanics&) const = default;
+  /// Does it hold the indenter, short of an equilibrium? Whoever asks for that has it scored.
+  bool holds() const { return solver == Solver::vbd; }
   int mesh_order() const { return element == Element::linear ? 1 : 2; }
 };
 

@@ -105,7 +105,7 @@ std::vector<double> read_loads(std::string_view typed) {
 }
 
 /// How to compute presses. The mode decides solver, element and law; what else it says may be changed.
-Mechanics read_mechanics(const Typed& t, Command command) {
+Mechanics read_mechanics(const Typed& t) {
   const bool paper = !t.mode.empty() && one_of("--mode", t.mode, {"default", "paper"}) == "paper";
   Mechanics m = paper ? paper_mechanics() : Mechanics{};
   const auto choose = [&](const char* option, const std::string& typed, const char* first, auto first_value, const char* second, auto second_value, auto& into) {
@@ -127,8 +127,6 @@ Mechanics read_mechanics(const Typed& t, Command command) {
   if (!t.contact_points.empty())
     m.points = one_of("--contact-points", t.contact_points, {"surface", "vertex"}) == "vertex" ? Mechanics::Points::vertex : Mechanics::Points::surface;
   if (!t.friction.empty()) m.friction = in_range("--friction", t.friction, {0.0, 10.0}, "");
-  if (command == Command::evaluate && m.solver == vbd && !paper)
-    throw UsageError("--solver vbd holds the indenter without an equilibrium, which evaluate scores with --mode paper only");
   return m;
 }
 
@@ -242,7 +240,7 @@ void read(Options& o, const Typed& t) {
   if (!t.angle.empty()) o.angle_deg = in_range("--angle", t.angle, approach_angles_deg, "deg");
   if (!t.y.empty()) o.y_mm = in_range("--y", t.y, contact_places_mm, "mm");
   if (!t.loads.empty()) o.loads_N = read_loads(t.loads);
-  o.mechanics = read_mechanics(t, o.command);
+  o.mechanics = read_mechanics(t);
   o.casting = read_casting(t);
   if (o.command == Command::fabricate && !o.out) throw UsageError("--out is missing (see lumo fabricate --help)");
 }

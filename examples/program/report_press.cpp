@@ -50,7 +50,7 @@ Json press_model(const Options& request, const PressOutcome& outcome) {
   j["rest_um"] = micrometres(mesh.nodes, nodes);
   const double apex_mm = request.theta_mm[0] + request.theta_mm[1];
   for (const MechanicalState& s : press.states) {
-    if (!is_scored(s.status, request.mechanics.paper)) {
+    if (!is_scored(s.status, request.mechanics.holds())) {
       j["note"] = lumo::detail::text("no equilibrium at ", s.load_N, " N (", to_string(s.status), ")");
       break;
     }

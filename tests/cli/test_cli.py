@@ -133,8 +133,7 @@ class Refusals(unittest.TestCase):
             for text in ["0", "-1", "101", "nan", "little"]:
                 self.refused(USAGE, ["--ray-error", f"'{text}'"], *command, "--ray-error", text)
         self.refused(USAGE, ["unknown option '--ray-error'"], "trace", "--ray-error", "2")
-        self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd")
-        self.refused(USAGE, ["--solver vbd", "--mode paper"], "evaluate", "--solver", "vbd", "--mode", "default")
+        self.refused(INFEASIBLE, [], "evaluate", "--solver", "vbd", "--theta", "1,1,1,1,1")   # the solver is asked for, what it holds is scored
         for command in ["section", "mesh"]:
             self.refused(USAGE, ["unknown option '--solver'"], command, "--solver", "vbd")
         self.refused(USAGE, ["unknown option '--solver'"], "campaign", "run", "--store", "s", "--solver", "vbd")
