@@ -157,8 +157,8 @@ struct Tally {
   double percent() const { return 100.0 * right / std::max(1, all); }
 };
 
-void draw_curves(const std::string& file, const char* title, const char* quantity, std::vector<program::Curve> curves) {
-  program::LineChart chart{title, "baseline design, Solaris, 10 mm sphere, at 5 N and more", "noise of the virtual rig, times the assumed one", quantity, {}};
+void draw_curves(const std::string& file, const char* title, const char* of, const char* quantity, std::vector<program::Curve> curves) {
+  program::LineChart chart{title, of, "noise of the virtual rig, times the assumed one", quantity, {}};
   chart.curves = std::move(curves);
   std::ofstream(file) << program::draw(chart);
 }
@@ -193,8 +193,8 @@ int main(int argc, char** argv) {
       gaps[k].points.push_back({noise, 100.0 * t.recovery().value});
     }
   }
-  draw_curves(folder + "/location_against_noise.svg", "Error of location", "mean error [mm]", errors);
-  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen", "gap recovered [%]", gaps);
+  draw_curves(folder + "/location_against_noise.svg", "Error of location", "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
+  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen", "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
 
   std::printf("\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | D_neighbor DN/N | W_recontact DN/N | Q |\n");
   for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
