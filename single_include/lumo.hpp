@@ -18158,9 +18158,6 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
   const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
   const Dependent<Identification, Jacobian> forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
-  e.rank = int(forces.rank);
-  e.null_directions.setZero();
-  e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
   // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
   const MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
   Matrix2d by_place;
@@ -18173,8 +18170,13 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
     c.covariance_m_N = mixed(i, i);
-    if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
+    if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
   }
+  // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
+  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
+  axes.computeDirect(Matrix2d(covariance / (config_.known_force_N * config_.known_force_N)));  // ascending
+  e.rank = int((axes.eigenvalues().array() <= 1.0).count());
+  e.null_directions = axes.eigenvectors();
 }
 
 }  // namespace lumo
@@ -18560,38 +18562,40 @@ inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles
 namespace lumo {
 
 /// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
-inline std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+template <class = void>
+std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// How live streams are waited for.
 struct LiveWait {
   double rest_s = 1.0;        ///< how long the finger rests unloaded at the start
   double patience_s = 2.0;    ///< without any picture
-  std::function<std::int64_t()> now_ns = steady_ns;   ///< on the clock of the stamps
-  std::function<void()> meanwhile = {};               ///< is called while no picture is there; may be empty
+  std::int64_t (*now_ns)() = steady_ns<>;   ///< on the clock of the stamps
 };
 
 /// Throws InvalidArgument.
-inline void validate(const LiveWait& w) {
+template <class LiveWait = LiveWait>
+void validate(In<LiveWait> w) {
   require_in_range("time that the finger rests", w.rest_s, 0.05, 60.0, "s");
   require_positive("patience with the camera", w.patience_s, "s");
 }
 
 namespace detail {
 
-/// Lets others run for a fifth of a millisecond; cameras that wait by themselves have done so before.
-inline void idle(const LiveWait& w) {
-  if (w.meanwhile) w.meanwhile();
+/// Lets others run; cameras that wait by themselves have done so before.
+template <class = void>
+void idle() {
   std::this_thread::sleep_for(std::chrono::microseconds(200));
 }
 
-/// The next picture, or nothing when the camera has ended. Throws InputError, with `name` before the message, where none comes in time.
-template <Camera C>
-std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::string& name) {
+/// The next picture, or nothing when the camera has ended; `meanwhile()` is called while none is there. Throws InputError, with `name` before the message, where none comes in time.
+template <Camera C, class Meanwhile>
+std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::string& name, Meanwhile meanwhile) {
   const std::int64_t from = w.now_ns();
   auto frame = camera.next();
   while (!frame && camera.state() == StreamState::open) {
     if (1e-9 * double(w.now_ns() - from) > w.patience_s) throw InputError(text(name, ": has given no picture for ", w.patience_s, " s"));
-    idle(w);
+    meanwhile();
+    idle();
     frame = camera.next();
   }
   return frame;
@@ -18608,16 +18612,16 @@ struct LiveRest {
   std::optional<Frame> next;         ///< the first one after the rest; its pixels are the camera's
 };
 
-/// Looks at the finger for `wait.rest_s`. Throws InputError, with `name` before the message, where no finger is seen or no picture comes for `wait.patience_s`.
-template <Camera C>
-LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins& bins, const LiveWait& wait, const std::string& name) {
+/// Looks at the finger for `wait.rest_s`; `meanwhile()` is called while no picture is there. Throws InputError, with `name` before the message, where no finger is seen or no picture comes for `wait.patience_s`.
+template <Camera C, class Meanwhile>
+LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins& bins, const LiveWait& wait, const std::string& name, Meanwhile meanwhile) {
   validate(wait);
   MeanImage mean;
   std::vector<Image> kept;   // a camera's own pixels are gone with its next picture
   std::vector<Frame> rest;
-  auto frame = detail::next_picture(camera, wait, name);
+  auto frame = detail::next_picture(camera, wait, name, meanwhile);
   const std::int64_t first = frame ? frame->stamp_ns : 0, from = wait.now_ns();
-  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name)) {
+  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name, meanwhile)) {
     const ImageView& v = frame->image;
     if (v.empty() || rest.size() >= 300) continue;
     mean.add(v);
@@ -18655,11 +18659,11 @@ namespace lumo {
 /// or FrameMonitor does not trust it, and says whether to go on. Ends with the camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
 template <Camera C, class MakeLocalizer, class Told>
 void locate_live(C& camera, const Session& session, const LongitudinalBins& bins, MakeLocalizer make, Told told, const std::string& name, const LiveWait& wait = {}) {
-  LiveRest rest = look_at_rest(camera, session, bins, wait, name);
+  LiveRest rest = look_at_rest(camera, session, bins, wait, name, [] {});
   FrameMonitor monitor(rest.trusted);
   auto localizer = make(rest.readout, rest.unloaded);
   Profile p;
-  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name)) {
+  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name, [] {})) {
     std::optional<LocationEstimate> estimate;
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {
@@ -22293,7 +22297,7 @@ class VirtualRig {
   void record_joints();
   template <class Vec3 = Vec3>
   void record_forces();
-  template <class = void>
+  template <class SideCamera = SideCamera>
   void record_frames();
   Sampled at(double t_s) const;
 
@@ -22500,7 +22504,7 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-template <class>
+template <class SideCamera>
 inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;

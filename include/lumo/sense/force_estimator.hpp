@@ -273,9 +273,6 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
   const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
   const Dependent<Identification, Jacobian> forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
-  e.rank = int(forces.rank);
-  e.null_directions.setZero();
-  e.null_directions.rightCols(2 - forces.rank) = forces.null_space;
   // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
   const MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
   Matrix2d by_place;
@@ -288,8 +285,13 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
     c.covariance_m_N = mixed(i, i);
-    if (forces.complete()) c.force_N = std::max(0.0, forces.value[i]);
+    if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
   }
+  // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
+  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
+  axes.computeDirect(Matrix2d(covariance / (config_.known_force_N * config_.known_force_N)));  // ascending
+  e.rank = int((axes.eigenvalues().array() <= 1.0).count());
+  e.null_directions = axes.eigenvectors();
 }
 
 }  // namespace lumo
