@@ -191,11 +191,19 @@ double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 
 
 LineChart timeline(const std::string& title, const std::string& quantity) { return {title, "estimate at each frame against the truth", "time [s]", quantity, {}}; }
 
-void add_curves(LineChart& chart, std::vector<Point> truth, std::vector<Point> estimate) {
-  chart.curves.push_back({"truth", std::string(palette[6]), {}, 1.2, true});
-  chart.curves.back().points = std::move(truth);
-  chart.curves.push_back({"estimate", std::string(palette[1]), {}, 1.2, true});
-  chart.curves.back().points = std::move(estimate);
+/// What is not known for some frames interrupts a line.
+void add_curve(LineChart& chart, std::string label, std::string_view colour, double width, const std::vector<Point>& points) {
+  constexpr double gap_s = 0.15;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    if (i == 0 || points[i][0] - points[i - 1][0] > gap_s) chart.curves.push_back({std::exchange(label, ""), std::string(colour), {}, width, true});
+    chart.curves.back().points.push_back(points[i]);
+    chart.curves.back().markers = chart.curves.back().points.size() == 1;   // which no line shows
+  }
+}
+
+void add_curves(LineChart& chart, const std::vector<Point>& truth, const std::vector<Point>& estimate) {
+  add_curve(chart, "truth", palette[6], 2.4, truth);
+  add_curve(chart, "estimate", palette[1], 1.4, estimate);
 }
 
 std::string located(const Options& o, Output& files, Progress& progress) {
@@ -220,8 +228,7 @@ std::string located(const Options& o, Output& files, Progress& progress) {
   files.add("locations.csv", table);
   if (!points.empty()) {
     LineChart chart = timeline("Location", "y [mm]");
-    add_curves(chart, std::move(line), std::move(points));
-    for (Curve& c : chart.curves) c.width = 0.0;
+    add_curves(chart, line, points);
     files.add("locations.svg", draw(chart));
   }
   if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *seen(*strongest)));
@@ -267,8 +274,7 @@ std::string force(const Options& o, Output& files, Progress& progress) {
   files.add("forces.csv", table);
   if (!points.empty()) {
     LineChart chart = timeline("Force", "normal force [N]");
-    add_curves(chart, std::move(line), std::move(points));
-    for (Curve& c : chart.curves) c.markers = false;
+    add_curves(chart, line, points);
     files.add("forces.svg", draw(chart));
   }
   const auto mae = [](const ForceErrors::Error& e) { return e.samples > 0 ? e.mae_N : undefined; };
