@@ -17986,7 +17986,7 @@ class ForceEstimator {
   JointVector joint_q_, joint_torque_, joint_variance_;  ///< newest angles, smoothed contact torque and the variance of its noise
   std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
   std::array<bool, std::size_t(Fault::count)> faulty_{};
-  std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
+  std::int64_t begin_ns_ = 0, now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
   bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
 
   static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
@@ -18081,7 +18081,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
 ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::step(std::int64_t now_ns) {
-  if (!begun_) now_ns_ = frame_ns_ = joint_ns_ = now_ns;
+  if (!begun_) begin_ns_ = now_ns_ = frame_ns_ = joint_ns_ = now_ns;
   begun_ = true;
   now_ns_ = std::max(now_ns_, now_ns);
   for (int i = 0; i < config_.max_samples; ++i) {
@@ -18097,8 +18097,9 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
   if (camera_->state() == StreamState::failed) note(Fault::camera_lost);
   if (actuator_->state() == StreamState::failed) note(Fault::actuator_lost);
   const bool frames = within(frame_seen_, frame_ns_, config_.frame_timeout_s), joints = within(joint_seen_, joint_ns_, config_.joint_timeout_s);
-  if (!frames) note(Fault::frames_missing);
-  if (!joints) note(Fault::joint_missing);
+  const double since_s = 1e-9 * double(now_ns_ - begin_ns_);   // what begins is not missing yet
+  if (!frames && since_s > config_.frame_timeout_s) note(Fault::frames_missing);
+  if (!joints && since_s > config_.joint_timeout_s) note(Fault::joint_missing);
 
   ForceEstimate e;
   e.stamp_ns = now_ns_, e.frame_stamp_ns = frame_ns_, e.joint_stamp_ns = joint_ns_;
@@ -18170,7 +18171,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
     c.covariance_m_N = mixed(i, i);
-    if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
+    if (forces.complete() && std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
   }
   // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
   Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
@@ -18847,6 +18848,7 @@ struct LogEstimate {
 struct JointReference {
   std::vector<TorqueModel> torque;           ///< none without joint samples
   std::vector<double> standstill_Nm;         ///< what may stick unseen
+  double effort_step = 0.0;                  ///< of which all efforts are whole multiples apart, the coarsest joint's [A or N·m]; 0: none is seen
 };
 
 /// Knowledge of a log's finger from its unloaded stretch: what estimators start from.
@@ -18882,6 +18884,21 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
   return list;
 }
 
+/// The step in which a joint's efforts come, as a driver's few bits make it; 0 where they are not whole multiples of one apart.
+template <class = void>
+double effort_step(const std::vector<JointSample>& samples, int joint) {
+  double step = std::numeric_limits<double>::infinity();
+  int changes = 0;
+  for (std::size_t i = 1; i < samples.size(); ++i)
+    if (const double d = std::abs(samples[i].effort[joint] - samples[i - 1].effort[joint]); d > 0.0) step = std::min(step, d), ++changes;
+  if (changes < 20) return 0.0;   // too few to tell by
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    const double steps = (samples[i].effort[joint] - samples[i - 1].effort[joint]) / step;
+    if (std::abs(steps - std::round(steps)) > 1e-3) return 0.0;
+  }
+  return step;
+}
+
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
 template <class = void>
@@ -18900,6 +18917,7 @@ inline JointReference identify_joints(const std::vector<JointSample>& samples, c
     start.torque_constant_Nm_per_A = session.torque_constant_Nm_per_A[std::size_t(j)];
     reference.torque.push_back(identify_unloaded(moving.size() >= 100 ? moving : free, j, start).model);
     reference.standstill_Nm.push_back(standstill_scatter(free, j, reference.torque.back()).value_or(0.02));
+    reference.effort_step = std::max(reference.effort_step, effort_step(free, j));
   }
   return reference;
 }
@@ -18912,8 +18930,12 @@ typename Estimator::Config force_config(const JointReference& reference, const S
   config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = joint_period_s;
-  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
-  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  double scatter = 0.05, quietest = config.joints.max_effort;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) {
+    const double noise = unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm;
+    scatter = std::max(scatter, noise), quietest = std::min(quietest, noise);
+  }
+  config.joints.quantum = std::min(reference.effort_step, config.joints.max_effort), config.joints.noise = quietest;
   config.joints.spike = 6.0 * scatter;
   config.frames.period_s = frame_period_s;
   config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));

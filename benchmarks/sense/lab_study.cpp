@@ -16,6 +16,7 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <random>
@@ -160,7 +161,7 @@ struct Tally {
 void draw_curves(const std::string& file, const char* title, const char* of, const char* quantity, std::vector<program::Curve> curves) {
   program::LineChart chart{title, of, "noise of the virtual rig, times the assumed one", quantity, {}};
   chart.curves = std::move(curves);
-  std::ofstream(file) << program::draw(chart);
+  if (!(std::ofstream(file) << program::draw(chart)).flush()) std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
 }
 
 }  // namespace
@@ -168,6 +169,7 @@ void draw_curves(const std::string& file, const char* title, const char* of, con
 int main(int argc, char** argv) {
   if (argc < 3) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"), 2;
   const std::string folder = argv[2];
+  if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
   const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
   if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
   if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);

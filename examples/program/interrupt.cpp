@@ -4,6 +4,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <cstdlib>
 #include <mutex>
 #include <set>
@@ -18,6 +19,7 @@ namespace {
 
 std::recursive_mutex writing;            // held while files are written
 std::set<std::filesystem::path> unfinished;   // guarded by it
+std::atomic<bool> gentle = false, asked_to_stop = false;
 
 [[noreturn]] void stop() {
   for (const std::filesystem::path& folder : unfinished)
@@ -69,9 +71,12 @@ void stop_on_interrupt() {
   pthread_sigmask(SIG_BLOCK, &signals, nullptr);
   std::thread([signals] {
     int signal = 0;
-    while (sigwait(&signals, &signal) != 0) {}
-    const std::lock_guard whole(writing);
-    stop();
+    while (true) {
+      while (sigwait(&signals, &signal) != 0) {}
+      if (gentle && !asked_to_stop.exchange(true)) continue;
+      const std::lock_guard whole(writing);
+      stop();
+    }
   }).detach();
 }
 
@@ -83,6 +88,17 @@ UnfinishedFolder::UnfinishedFolder(std::filesystem::path path) : path_(std::move
 UnfinishedFolder::~UnfinishedFolder() {
   const FilesBeingWritten now;
   unfinished.erase(path_);
+}
+
+GentleStop::GentleStop() { gentle = true; }
+
+GentleStop::~GentleStop() { gentle = false; }
+
+bool GentleStop::asked() { return asked_to_stop; }
+
+void end_interrupted() {
+  const FilesBeingWritten none;
+  stop();
 }
 
 FilesBeingWritten::FilesBeingWritten() { writing.lock(); }

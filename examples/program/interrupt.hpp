@@ -25,6 +25,19 @@ class FilesBeingWritten {
   FilesBeingWritten& operator=(const FilesBeingWritten&) = delete;
 };
 
+/// While one of these lives the first interrupt is only noted, for work that ends well when it is asked to; the second one ends the program.
+class GentleStop {
+ public:
+  GentleStop();
+  ~GentleStop();
+  GentleStop(const GentleStop&) = delete;
+  GentleStop& operator=(const GentleStop&) = delete;
+  static bool asked();
+};
+
+/// Ends the program as an interrupt does.
+[[noreturn]] void end_interrupted();
+
 /// While one of these lives an interrupt removes this folder, which is of no use before it is whole.
 class UnfinishedFolder {
  public:

@@ -6,7 +6,9 @@
 #include "lumo/sense/log_recorder.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/planar_finger.hpp"
+#include "lumo/sense/recording_plan.hpp"
 #include "lumo/support/socketcan.hpp"
+#include "program/interrupt.hpp"
 #include "program/json.hpp"
 #include "program/localizers.hpp"
 #include "program/sensing_log.hpp"
@@ -44,25 +46,31 @@ MiniCheetahMotors motors_of(const Options& o) {
   return MiniCheetahMotors::open(o.can, c);
 }
 
+/// As many motors as the log's joints; said before a device is opened. Throws UsageError.
+void require_motors(const Options& o, int joints) {
+  if (int(o.motors.size()) != joints) throw UsageError(lumo::detail::text("--motors tells of ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors", ", the log of ", joints, joints == 1 ? " joint" : " joints"));
+}
+
 /// One line for each picture, and how long after its stamp it was told.
 class Told {
  public:
   Told(const Options& o, std::string device) : o_(o), device_(std::move(device)) {}
 
+  /// Since the first line.
   double seconds(std::int64_t stamp_ns) {
-    if (late_ms_.empty()) first_ = stamp_ns, begun_ = steady_ns();
+    if (begun_ == 0) first_ = stamp_ns, begun_ = steady_ns();
     return 1e-9 * double(stamp_ns - first_);
   }
-  /// Whether to go on.
-  bool operator()(std::int64_t stamp_ns, bool used, const std::string& line) {
-    late_ms_.push_back(1e-6 * double(steady_ns() - stamp_ns));
+  /// A line about a picture, or none (of a time without pictures). Says whether to go on.
+  bool operator()(std::optional<std::int64_t> picture_ns, bool used, const std::string& line) {
+    if (picture_ns) late_ms_.push_back(1e-6 * double(steady_ns() - *picture_ns));
     unused_ += !used;
     print(line + "\n");
     return std::cout && (o_.seconds == 0.0 || 1e-9 * double(steady_ns() - begun_) < o_.seconds);   // whoever read has gone: enough
   }
   void close(Progress& progress) {
-    if (late_ms_.empty()) throw InputError(device_ + ": gives no pictures after the first second");
-    progress.note(lumo::detail::text(late_ms_.size(), " pictures, ", unused_, " not used; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
+    if (late_ms_.empty()) throw InputError(device_ + ": gives no pictures that tell anything");
+    progress.note(lumo::detail::text(late_ms_.size(), " pictures, ", unused_, " lines without an estimate; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
   }
 
  private:
@@ -85,7 +93,7 @@ void locate(const Options& o, Told& told, Progress& progress) {
   if (!o.log.empty()) session = open_log(o.log, progress).session;
   const auto config = camera_of(o);
   V4l2Camera camera(config);
-  progress.note("leave the finger alone for a second");
+  progress.tell("leave the finger alone for a second");
   const auto line = [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
     const double seconds = told.seconds(stamp_ns);
     const auto y = e && e->contacts == 1 ? std::optional(1e3 * e->contact[0].y_m) : std::nullopt, sigma = y ? std::optional(1e3 * std::sqrt(e->contact[0].variance_m2)) : std::nullopt;
@@ -99,23 +107,30 @@ void locate(const Options& o, Told& told, Progress& progress) {
 
 void estimate_force(const Options& o, Told& told, Progress& progress) {
   const OpenLog log = open_log(o.log, progress);
-  const PlanarFinger finger = finger_of(log);
+  const PlanarFinger finger = about(log.session_place(), [&] { return finger_of(log); });
   const JointReference joints = finger_joints(log, unloaded_stretch(log).to_ns);
+  require_motors(o, finger.joints());
   const auto config = camera_of(o);
-  MiniCheetahMotors motors = motors_of(o);
   V4l2Camera camera(config);
-  progress.note("leave the finger alone for a second");
+  MiniCheetahMotors motors = motors_of(o);
+  progress.tell("leave the finger alone for a second");
+  std::int64_t newest = 0;
   const auto line = [&](const ForceEstimate& e) {
-    const ContactForce& c = e.contact[0];
     const double seconds = told.seconds(e.stamp_ns);
-    const bool good = e.state == EstimatorState::ok || e.state == EstimatorState::degraded;
-    const auto y = c.y_m ? std::optional(1e3 * *c.y_m) : std::nullopt;
-    if (o.json)
-      return told(e.stamp_ns, good, Json{{"stamp_ns", e.stamp_ns}, {"state", to_string(e.state)}, {"contacts", e.contacts}, {"force_N", maybe(c.force_N)}, {"force_sigma_N", number(std::sqrt(c.force_variance_N2))},
-                                         {"y_mm", maybe(y)}, {"y_sigma_mm", number(1e3 * std::sqrt(c.y_variance_m2))}, {"faults", to_string(e.faults)}}.dump());
-    const std::string faults = e.faults.any() ? ", " + to_string(e.faults) : std::string();
-    return told(e.stamp_ns, good, cell(seconds, 3) + " s  " + to_string(e.state) + faults + (e.contacts == 0 ? "  no contact" : (c.force_N ? "  F " + cell(*c.force_N, 2) + " ± " + cell(std::sqrt(c.force_variance_N2), 2) + " N" : "  F not known") +
-                                                               (y ? ", y " + cell(*y, 1) + " ± " + cell(1e3 * std::sqrt(c.y_variance_m2), 1) + " mm" : ", y not known")));
+    const bool good = e.state == EstimatorState::ok || e.state == EstimatorState::degraded, fresh = e.frame_stamp_ns > newest;
+    newest = std::max(newest, e.frame_stamp_ns);
+    const auto picture = fresh ? std::optional(e.frame_stamp_ns) : std::nullopt;
+    Json contacts = Json::array();
+    std::string text;
+    for (int k = 0; k < e.contacts; ++k) {
+      const ContactForce& c = e.contact[std::size_t(k)];
+      const auto y = c.y_m ? std::optional(1e3 * *c.y_m) : std::nullopt;
+      const double force_sigma = std::sqrt(c.force_variance_N2), y_sigma = 1e3 * std::sqrt(c.y_variance_m2);
+      contacts.push_back({{"force_N", maybe(c.force_N)}, {"force_sigma_N", number(force_sigma)}, {"y_mm", maybe(y)}, {"y_sigma_mm", number(y_sigma)}});
+      text += (c.force_N ? "  F " + cell(*c.force_N, 2) + " ± " + cell(force_sigma, 2) + " N" : "  F not known") + (y ? ", y " + cell(*y, 1) + " ± " + cell(y_sigma, 1) + " mm" : ", y not known");
+    }
+    if (o.json) return told(picture, good, Json{{"stamp_ns", e.stamp_ns}, {"frame_stamp_ns", e.frame_stamp_ns}, {"state", to_string(e.state)}, {"contacts", contacts}, {"faults", to_string(e.faults)}}.dump());
+    return told(picture, good, cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) + (text.empty() ? "  no contact" : text));
   };
   with_maker(o, [&](auto make) {
     estimate_forces_live(camera, motors, joints, log.session, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), make, finger, line, config.device, finger.pad_link());
@@ -127,12 +142,13 @@ void observe(const Options& o, Told& told, Progress& progress) {
   HandObserver observer = about(log.session_place(), [&] { return hand_observer(log.session); });
   const TimeSeries positions = about(o.log, [&] { return joint_positions(log.joints, log.session); });
   LogCamera recorded(log);
+  require_motors(o, int(log.joints.front().position_rad.size()));
   progress.stage("pictures of the unloaded hand");
   if (add_references(recorded, observer, positions, log.session) == 0) throw InputError(o.log + ": no picture of the unloaded hand in which a link is found");
   progress.finish();
   const auto config = camera_of(o);
-  MiniCheetahMotors motors = motors_of(o);
   V4l2Camera camera(config);
+  MiniCheetahMotors motors = motors_of(o);
   observe_hand_live(
       camera, motors, observer, log.session,
       [&](const HandEstimate& e, const ImageView&) {
@@ -174,8 +190,9 @@ void make_folder(const std::string& path) {
 }  // namespace
 
 std::string sense_live(const Options& o, Progress& progress) {
-  Told told(o, camera_of(o).device);
-  about(camera_of(o).device, [&] {
+  const std::string device = camera_of(o).device;
+  Told told(o, device);
+  about(device, [&] {
     if (o.command == Command::locate) locate(o, told, progress);
     else if (o.command == Command::force) estimate_force(o, told, progress);
     else observe(o, told, progress);
@@ -185,41 +202,60 @@ std::string sense_live(const Options& o, Progress& progress) {
 }
 
 std::string record(const Options& o, const std::string& to, Progress& progress) {
-  constexpr double notice_s = 2.0;
   Session session;
   if (!o.log.empty()) session = open_log(o.log, progress).session;
   session.video.clear();
   session.joint_clock = session.wrench_clock = {};   // camera and motors are stamped on one clock
-  std::vector<Segment>& plan = session.segments;
-  std::stable_sort(plan.begin(), plan.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
-  const std::int64_t begin = plan.empty() ? 0 : plan.front().from_ns;
-  std::int64_t end = 0;
-  for (Segment& s : plan) s.from_ns -= begin, s.to_ns -= begin, end = std::max(end, s.to_ns);
-  const double seconds = o.seconds > 0.0 ? o.seconds : plan.empty() ? std::numeric_limits<double>::infinity() : 1e-9 * double(end);
+  RecordingPlan plan(std::exchange(session.segments, {}));
+  const bool planned = !plan.segments().empty();
+  const double seconds = o.seconds > 0.0 ? o.seconds : planned ? plan.seconds() : std::numeric_limits<double>::infinity();
   const auto config = camera_of(o);
   V4l2Camera camera(config);
   std::optional<MiniCheetahMotors> motors;
   if (!o.can.empty()) motors.emplace(motors_of(o));
   make_folder(to);
-  LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return encode_image(".png", v); });
-  std::size_t next = 0;
+  const GentleStop gentle;
+  bool whole = false;   // it lasted as long as it was to
   const auto going_on = [&](double now_s) {
-    for (; next < plan.size() && 1e-9 * double(plan[next].from_ns) - notice_s <= now_s; ++next)
-      progress.note(lumo::detail::text(cell(now_s, 1), " s: in ", cell(std::max(0.0, 1e-9 * double(plan[next].from_ns) - now_s), 1), " s ", wanted(plan[next])));
-    return now_s <= seconds;
+    while (const Segment* s = plan.announced(now_s)) progress.tell(lumo::detail::text(cell(now_s, 1), " s: in ", cell(std::max(0.0, 1e-9 * double(s->from_ns) - now_s), 1), " s ", wanted(*s)));
+    whole = now_s > seconds;
+    return !whole && !GentleStop::asked();
   };
-  progress.note(to + (std::isinf(seconds) ? ": recording until it is interrupted" : lumo::detail::text(": recording for ", cell(seconds, 1), " s")));
-  about(config.device, [&] {
-    if (motors) record_live(camera, *motors, recorder, going_on, config.device);
-    else {
-      NoActuator none;
-      record_live(camera, none, recorder, going_on, config.device);
+  progress.tell(to + (std::isinf(seconds) ? ": recording until it is interrupted" : lumo::detail::text(": recording for ", cell(seconds, 1), " s")));
+  std::string fault;
+  std::size_t frames = 0, samples = 0, lost_frames = 0, lost_samples = 0;
+  {
+    LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return encode_image(".png", v); });
+    try {
+      if (motors) {
+        record_live(camera, *motors, recorder, going_on, config.device);
+      } else {
+        NoActuator none;
+        record_live(camera, none, recorder, going_on, config.device);
+      }
+      recorder.finish();
+    } catch (const Error& e) {
+      fault = e.what();
     }
-  });
-  recorder.finish();
-  if (camera.state() == StreamState::failed) progress.note(config.device + ": has gone; what it gave is recorded");
-  if (o.json) return Json{{"out", to}, {"frames", recorder.frames()}, {"joint_samples", recorder.samples()}, {"frames_left_out", recorder.lost_frames()}, {"joint_samples_left_out", recorder.lost_samples()}}.dump(2) + "\n";
-  return lumo::detail::text(to, ": ", recorder.frames(), " pictures, ", recorder.samples(), " joint samples; left out ", recorder.lost_frames(), " and ", recorder.lost_samples(), "\n");
+    frames = recorder.frames(), samples = recorder.samples(), lost_frames = recorder.lost_frames(), lost_samples = recorder.lost_samples();
+    session.segments = plan.done(recorder.end_ns());
+  }
+  if (frames == 0) {   // nothing to keep
+    std::error_code error;
+    fs::remove_all(to, error);
+    throw InputError(fault.empty() ? config.device + ": gives no pictures" : fault);
+  }
+  lumo::detail::write_whole(to + "/session.json", to_json(session));
+  const std::string counts = lumo::detail::text(to, ": ", frames, " pictures, ", samples, " joint samples; left out ", lost_frames, " and ", lost_samples,
+                                                planned ? lumo::detail::text("; ", session.segments.size(), " of ", plan.segments().size(), " segments done") : std::string());
+  if (fault.empty() && !whole && !GentleStop::asked()) fault = config.device + ": has gone";
+  if (!fault.empty()) throw InputError(fault + "; recorded is " + counts);
+  if (GentleStop::asked() && (planned || o.seconds > 0.0)) {
+    progress.tell(counts);
+    end_interrupted();
+  }
+  if (o.json) return Json{{"out", to}, {"frames", frames}, {"joint_samples", samples}, {"frames_left_out", lost_frames}, {"joint_samples_left_out", lost_samples}, {"segments", session.segments.size()}}.dump(2) + "\n";
+  return counts + "\n";
 }
 
 std::string watch(const Options& o) {

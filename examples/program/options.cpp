@@ -168,14 +168,15 @@ void read_devices(Options& o, const Typed& t) {
   for (const auto& [option, typed] : {std::pair{"--motors", &t.motors}, {"--motor-ranges", &t.motor_ranges}})
     if (!typed->empty() && t.can.empty()) throw UsageError(lumo::detail::text(option, " is of motors, whose bus --can chooses"));
   if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
-  if (!t.exposure.empty()) o.exposure_ms = in_range("--exposure", t.exposure, {0.1, 1e5}, "ms");
+  if (!t.exposure.empty()) o.exposure_ms = in_range("--exposure", t.exposure, {0.1, 200.0}, "ms");
   if (!t.gain.empty()) o.gain = in_range("--gain", t.gain, {0.0, 1e9}, "");
-  if (!t.rate.empty()) o.rate_per_s = in_range("--rate", t.rate, {0.1, 1000.0}, "1/s");
+  if (!t.rate.empty()) o.rate_per_s = in_range("--rate", t.rate, {5.0, 1000.0}, "1/s");
   if (!t.pixels.empty()) {
     const auto size = read_numbers<2>("--pixels", t.pixels, 'x', {16.0, 10000.0}, "px", "a width and a height such as 640x480");
     o.pixels = {int(size[0]), int(size[1])};
     if (size[0] != o.pixels[0] || size[1] != o.pixels[1]) throw UsageError("--pixels is " + in_quotes(t.pixels) + ", must be whole numbers");
   }
+  if (o.exposure_ms * o.rate_per_s > 1000.0) throw UsageError(lumo::detail::text("--exposure is ", o.exposure_ms, " ms, which ", o.rate_per_s, " pictures a second (--rate) do not leave"));
   o.can = t.can;
   if (!t.motors.empty()) {
     o.motors.clear();
@@ -444,7 +445,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
                        : command == Command::record ? "Number of the camera"
                                                    : "Number of a live camera: LOG's plan (its segments) is carried out and recorded in DIR/recording, then evaluated";
     text_option(c, "--camera", t.camera, what, "N");
-    text_option(c, "--seconds", t.seconds, command == Command::locate || command == Command::force || command == Command::hand ? "How long to look through the camera [s], default: until interrupted" : "How long to record [s], default: to the plan's end, or until interrupted where there is none", "N");
+    text_option(c, "--seconds", t.seconds, command == Command::locate || command == Command::force || command == Command::hand ? "How long to look through the camera [s], default: until interrupted" : command == Command::record ? "How long to record [s], default: to the plan's end, or until interrupted where there is none" : "How long to record [s], default: to the plan's end", "N");
     picture_options(c);
     if (command == Command::locate) return;
     text_option(c, "--can", t.can, "Interface of the bus on which motors answer their controller (mini-cheetah protocol); lumo listens and commands nothing", "NAME");

@@ -54,6 +54,13 @@ class Progress {
   /// Is there somebody who watches a bar?
   bool watched() const { return terminal_ && !quiet_; }
 
+  /// A line that somebody must read to do his part; --quiet does not silence it.
+  void tell(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    close();
+    std::fprintf(stderr, "lumo: %s\n", line.c_str());
+  }
+
   /// A line of its own, such as a file that was written.
   void note(const std::string& line) {
     const std::lock_guard lock(mutex_);

@@ -314,7 +314,12 @@ std::string sense(const Options& o, Output& files, Progress& progress, char**) {
     Options recorded = o;
     recorded.log = *o.out + "/recording";
     recorded.camera.reset();
-    record(o, recorded.log, progress);
+    if (open_log(o.log, progress).session.segments.empty()) throw InputError(o.log + ": its session has no segments, nothing tells what was touched when");
+    Options recording = o;
+    recording.json = false;
+    std::string counts = record(recording, recorded.log, progress);
+    counts.pop_back();
+    progress.note(counts);
     return sense(recorded, files, progress, nullptr);
   }
   progress.stage("reading the log");

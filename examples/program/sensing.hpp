@@ -8,8 +8,8 @@
 
 namespace lumo::program {
 
-/// The commands that need OpenCV: decode, metrics, locate, force, hand and calibrate on a log's folder, lab, which makes one, and doctor with a camera, looked
-/// through for two seconds. Returns what is to be printed; tables and pictures go into `files`.
+/// The commands that need OpenCV: decode, metrics, locate, force, hand, calibrate and convert on a log, the first five and record before a live camera, lab, which
+/// makes a log, and doctor with a camera, looked through for two seconds. Returns what is to be printed; tables and pictures go into `files`.
 ///
 /// OpenCV and the fifty libraries below it take a quarter of a second to load. So they are in a program of their own, lumo-sensing: there this runs the
 /// command; in lumo it goes on as that program, which lies beside it, with the same `arguments` as main() got, and does not return.

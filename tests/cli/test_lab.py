@@ -301,9 +301,16 @@ class Lab(unittest.TestCase):
             for command in ["decode", "metrics", "record"]:   # no folder is made before the camera is there
                 self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / "recontact", "--camera", "63", "--out", self.folder / "live", "--quiet")
             self.assertFalse((self.folder / "live").exists())
-        if not os.path.exists("/sys/class/net/nocan0"):
-            for command in ["force", "hand"]:
-                self.refused(BAD_FILE, ["nocan0"], command, self.folder / command, "--camera", "63", "--can", "nocan0", "--quiet")
+            for command, motors in [("force", "1"), ("hand", "1,2,3,4")]:
+                self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / command, "--camera", "63", "--can", "nocan0", "--motors", motors, "--quiet")
+            bare = self.folder / "bare"
+            bare.mkdir()
+            (bare / "session.json").write_text('{"format": "lumo-log", "version": 1}')
+            self.refused(BAD_FILE, ["no segments"], "decode", bare, "--camera", "63", "--out", self.folder / "live", "--quiet")
+        self.refused(USAGE, ["--motors", "1 motor", "4 joints"], "hand", self.folder / "hand", "--camera", "63", "--can", "nocan0", "--quiet")
+        self.refused(USAGE, ["--motors", "2 motors", "1 joint"], "force", self.folder / "force", "--camera", "63", "--can", "nocan0", "--motors", "1,2", "--quiet")
+        self.refused(USAGE, ["--exposure", "--rate"], "locate", "--camera", "63", "--exposure", "100")
+        self.refused(USAGE, ["--rate is '1'"], "locate", "--camera", "63", "--rate", "1")
         log = self.folder / "force"
         self.refused(USAGE, ["--seconds", "--camera"], "locate", log, "--seconds", "5")
         self.refused(USAGE, ["--motors", "--can"], "force", log, "--camera", "63", "--motors", "2")

@@ -101,7 +101,7 @@ class ForceEstimator {
   JointVector joint_q_, joint_torque_, joint_variance_;  ///< newest angles, smoothed contact torque and the variance of its noise
   std::array<std::int64_t, std::size_t(Fault::count)> fault_ns_{};
   std::array<bool, std::size_t(Fault::count)> faulty_{};
-  std::int64_t now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
+  std::int64_t begin_ns_ = 0, now_ns_ = 0, frame_ns_ = 0, joint_ns_ = 0;
   bool begun_ = false, frame_seen_ = false, joint_seen_ = false;
 
   static FrameMonitor::Config completed(FrameMonitor::Config c, const Readout_& readout, const UnloadedReference& unloaded) {
@@ -196,7 +196,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::take(con
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_, ContactJacobian Jacobian>
   requires std::same_as<typename Readout_::Sample, Frame>
 ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::step(std::int64_t now_ns) {
-  if (!begun_) now_ns_ = frame_ns_ = joint_ns_ = now_ns;
+  if (!begun_) begin_ns_ = now_ns_ = frame_ns_ = joint_ns_ = now_ns;
   begun_ = true;
   now_ns_ = std::max(now_ns_, now_ns);
   for (int i = 0; i < config_.max_samples; ++i) {
@@ -212,8 +212,9 @@ ForceEstimate ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>:
   if (camera_->state() == StreamState::failed) note(Fault::camera_lost);
   if (actuator_->state() == StreamState::failed) note(Fault::actuator_lost);
   const bool frames = within(frame_seen_, frame_ns_, config_.frame_timeout_s), joints = within(joint_seen_, joint_ns_, config_.joint_timeout_s);
-  if (!frames) note(Fault::frames_missing);
-  if (!joints) note(Fault::joint_missing);
+  const double since_s = 1e-9 * double(now_ns_ - begin_ns_);   // what begins is not missing yet
+  if (!frames && since_s > config_.frame_timeout_s) note(Fault::frames_missing);
+  if (!joints && since_s > config_.joint_timeout_s) note(Fault::joint_missing);
 
   ForceEstimate e;
   e.stamp_ns = now_ns_, e.frame_stamp_ns = frame_ns_, e.joint_stamp_ns = joint_ns_;
@@ -285,7 +286,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
     c.covariance_m_N = mixed(i, i);
-    if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
+    if (forces.complete() && std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
   }
   // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
   Eigen::SelfAdjointEigenSolver<Matrix2d> axes;

@@ -26,6 +26,7 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
       if (recent.empty() || (s->stamp_ns > recent.back().stamp_ns && s->position_rad.size() == recent.back().position_rad.size())) recent.push_back(std::move(*s));
     if (recent.size() > 4096) recent.erase(recent.begin(), recent.end() - 2048);
   };
+  while (actuator.next()) {}   // what queued up before is not of this time
   for (auto frame = detail::next_picture(camera, wait, name, drain); frame; frame = detail::next_picture(camera, wait, name, drain)) {
     drain();
     const TimeSeries positions = joint_positions(std::span<const JointSample>(recent), one_clock);

@@ -12,7 +12,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <utility>
@@ -33,6 +35,7 @@ struct LogEstimate {
 struct JointReference {
   std::vector<TorqueModel> torque;           ///< none without joint samples
   std::vector<double> standstill_Nm;         ///< what may stick unseen
+  double effort_step = 0.0;                  ///< of which all efforts are whole multiples apart, the coarsest joint's [A or N·m]; 0: none is seen
 };
 
 /// Knowledge of a log's finger from its unloaded stretch: what estimators start from.
@@ -68,6 +71,21 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
   return list;
 }
 
+/// The step in which a joint's efforts come, as a driver's few bits make it; 0 where they are not whole multiples of one apart.
+template <class = void>
+double effort_step(const std::vector<JointSample>& samples, int joint) {
+  double step = std::numeric_limits<double>::infinity();
+  int changes = 0;
+  for (std::size_t i = 1; i < samples.size(); ++i)
+    if (const double d = std::abs(samples[i].effort[joint] - samples[i - 1].effort[joint]); d > 0.0) step = std::min(step, d), ++changes;
+  if (changes < 20) return 0.0;   // too few to tell by
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    const double steps = (samples[i].effort[joint] - samples[i - 1].effort[joint]) / step;
+    if (std::abs(steps - std::round(steps)) > 1e-3) return 0.0;
+  }
+  return step;
+}
+
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
 template <class = void>
@@ -86,6 +104,7 @@ inline JointReference identify_joints(const std::vector<JointSample>& samples, c
     start.torque_constant_Nm_per_A = session.torque_constant_Nm_per_A[std::size_t(j)];
     reference.torque.push_back(identify_unloaded(moving.size() >= 100 ? moving : free, j, start).model);
     reference.standstill_Nm.push_back(standstill_scatter(free, j, reference.torque.back()).value_or(0.02));
+    reference.effort_step = std::max(reference.effort_step, effort_step(free, j));
   }
   return reference;
 }
@@ -98,8 +117,12 @@ typename Estimator::Config force_config(const JointReference& reference, const S
   config.filter.link = link;
   config.joints.joints = int(reference.torque.size());
   config.joints.period_s = joint_period_s;
-  double scatter = 0.05;   // of efforts: one limit for all joints, that of the one that scatters most
-  for (const TorqueModel& m : reference.torque) scatter = std::max(scatter, unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm);
+  double scatter = 0.05, quietest = config.joints.max_effort;   // of efforts: one limit for all joints, that of the one that scatters most
+  for (const TorqueModel& m : reference.torque) {
+    const double noise = unit == Effort::current_A ? std::abs(m.noise_Nm / m.torque_constant_Nm_per_A) : m.noise_Nm;
+    scatter = std::max(scatter, noise), quietest = std::min(quietest, noise);
+  }
+  config.joints.quantum = std::min(reference.effort_step, config.joints.max_effort), config.joints.noise = quietest;
   config.joints.spike = 6.0 * scatter;
   config.frames.period_s = frame_period_s;
   config.filter.torque_bias_Nm = std::max(0.005, *std::max_element(reference.standstill_Nm.begin(), reference.standstill_Nm.end()));

@@ -11,6 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <exception>
 #include <fstream>
 #include <mutex>
 #include <optional>
@@ -23,7 +24,7 @@
 namespace lumo {
 
 /// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken is there when the program or the power ends. Stamps are told
-/// from the first picture's on. What comes before it, or does not come after what was last, is left out and counted.
+/// from the first picture's on. What comes before it, or does not come after what was last, is left out and counted, as are samples that the motor's range has cut off.
 /// `encode(ImageView)` gives a std::vector<std::uint8_t>, the bytes of an image file; it is called from the recorder's thread.
 template <class Encode>
 class LogRecorder {
@@ -37,7 +38,12 @@ class LogRecorder {
     append(frames_, detail::frame_header(false), "frames.csv");
     writer_ = std::thread([this] { write(); });
   }
-  ~LogRecorder() { stop(); }
+  ~LogRecorder() {
+    try {
+      finish();
+    } catch (const Error&) {
+    }
+  }
   LogRecorder(const LogRecorder&) = delete;
   LogRecorder& operator=(const LogRecorder&) = delete;
 
@@ -59,19 +65,19 @@ class LogRecorder {
 
   /// Throws InputError where it cannot be written, or joints or kind of effort change.
   void add(const JointSample& s) {
-    if (!begin_) return void(++lost_samples_);
+    if (!begin_ || s.stamp_ns < *begin_ || s.saturated || !s.effort.allFinite() || !s.position_rad.allFinite() || !s.velocity_rad_per_s.allFinite()) return void(++lost_samples_);
     JointSample shifted = s;
     shifted.stamp_ns -= *begin_;
     if (last_joint_ && shifted.stamp_ns <= *last_joint_) return void(++lost_samples_);
-    if (samples_ == 0) {
+    if (samples_ == 0) joints_of_ = s.effort.size(), unit_ = s.unit;
+    if (s.effort.size() != joints_of_ || s.position_rad.size() != joints_of_ || s.velocity_rad_per_s.size() != joints_of_ || s.unit != unit_)
+      throw InputError(folder_ + "/joint.csv: the motors tell of other joints than before");
+    if (samples_++ == 0) {
       open(joints_, "joint.csv");
-      joint_rows_ = detail::joint_header(int(s.effort.size()), s.unit);
-      joints_of_ = s.effort.size(), unit_ = s.unit;
+      append(joints_, detail::joint_header(int(joints_of_), unit_), "joint.csv");
     }
-    if (s.effort.size() != joints_of_ || s.unit != unit_) throw InputError(folder_ + "/joint.csv: the motors tell of other joints than before");
     joint_rows_ += detail::joint_row(shifted, last_joint_);
-    ++samples_;
-    if (joint_rows_.size() > 16384) flush_joints();
+    if (joint_rows_.size() > 16384 || shifted.stamp_ns - flushed_ns_ > 200'000'000) flushed_ns_ = shifted.stamp_ns, flush_joints();
   }
 
   /// Waits until all is written. Throws InputError.
@@ -82,6 +88,8 @@ class LogRecorder {
   }
 
   std::size_t frames() const { return count_; }
+  /// Stamp of the newest picture that was taken, in the log; 0 without any.
+  std::int64_t end_ns() const { return last_frame_.value_or(0); }
   std::size_t samples() const { return samples_; }
   std::size_t lost_frames() const { return lost_frames_; }
   std::size_t lost_samples() const { return lost_samples_; }
@@ -119,8 +127,10 @@ class LogRecorder {
         const auto bytes = encode_(p.image.view());
         detail::write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
         append(frames_, detail::frame_row(p.record, false, last), "frames.csv");   // after its picture
-      } catch (const Error& e) {
+      } catch (const std::exception& e) {
         fault = e.what();
+      } catch (...) {
+        fault = folder_ + "/frames: a picture cannot be encoded";
       }
       lock.lock();
       if (!fault.empty()) {
@@ -144,6 +154,7 @@ class LogRecorder {
   std::ofstream frames_, joints_;
   std::string joint_rows_;
   std::optional<std::int64_t> begin_, last_frame_, last_joint_;
+  std::int64_t flushed_ns_ = 0;
   Eigen::Index joints_of_ = 0;
   Effort unit_ = Effort::torque_Nm;
   std::size_t count_ = 0, samples_ = 0, lost_frames_ = 0, lost_samples_ = 0;
