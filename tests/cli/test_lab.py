@@ -303,7 +303,7 @@ class Lab(unittest.TestCase):
             self.assertFalse((self.folder / "live").exists())
             for command, motors in [("force", "1"), ("hand", "1,2,3,4")]:
                 self.refused(BAD_FILE, ["/dev/video63", "no such camera"], command, self.folder / command, "--camera", "63", "--can", "nocan0", "--motors", motors, "--quiet")
-            bare = self.folder / "bare"
+            bare = self.folder / "unplanned"
             bare.mkdir()
             (bare / "session.json").write_text('{"format": "lumo-log", "version": 1}')
             self.refused(BAD_FILE, ["no segments"], "decode", bare, "--camera", "63", "--out", self.folder / "live", "--quiet")
