@@ -624,6 +624,83 @@ using In = const std::type_identity_t<T>&;
 template <class Type, class Parameter>
 using Dependent = std::conditional_t<true, Type, Parameter>;
 
+// Sums and products of small matrices are made at once, in place of Eigen's expressions, whose types a compiler makes anew for every formula; and plain sums
+// are the same bits on every processor. What is no plain matrix – a block, a column, a product with a transpose – goes to Eigen's own operators as ever.
+
+template <class T>
+concept SmallMatrix = std::same_as<T, Vec3> || std::same_as<T, Mat3> || std::same_as<T, Mat9>;
+
+template <class T>
+concept Factor = std::is_arithmetic_v<T>;
+
+template <SmallMatrix T>
+T operator+(const T& a, const T& b) {
+  T sum;
+  for (int k = 0; k < T::SizeAtCompileTime; ++k) sum.data()[k] = a.data()[k] + b.data()[k];
+  return sum;
+}
+
+template <SmallMatrix T>
+T operator-(const T& a, const T& b) {
+  T difference;
+  for (int k = 0; k < T::SizeAtCompileTime; ++k) difference.data()[k] = a.data()[k] - b.data()[k];
+  return difference;
+}
+
+template <SmallMatrix T>
+T operator-(const T& a) {
+  T opposite;
+  for (int k = 0; k < T::SizeAtCompileTime; ++k) opposite.data()[k] = -a.data()[k];
+  return opposite;
+}
+
+template <SmallMatrix T, Factor F>
+T operator*(const T& a, F factor) {
+  T product;
+  for (int k = 0; k < T::SizeAtCompileTime; ++k) product.data()[k] = a.data()[k] * static_cast<double>(factor);
+  return product;
+}
+
+template <SmallMatrix T, Factor F>
+T operator*(F factor, const T& a) {
+  return a * factor;
+}
+
+template <SmallMatrix T, Factor F>
+T operator/(const T& a, F divisor) {
+  T quotient;
+  for (int k = 0; k < T::SizeAtCompileTime; ++k) quotient.data()[k] = a.data()[k] / static_cast<double>(divisor);
+  return quotient;
+}
+
+template <std::same_as<Mat3> A, SmallMatrix B>
+  requires(B::RowsAtCompileTime == 3)
+B operator*(const A& a, const B& b) {
+  B product;
+  for (int j = 0; j < B::ColsAtCompileTime; ++j)
+    for (int i = 0; i < 3; ++i) product.data()[i + 3 * j] = a.data()[i] * b.data()[3 * j] + a.data()[i + 3] * b.data()[1 + 3 * j] + a.data()[i + 6] * b.data()[2 + 3 * j];
+  return product;
+}
+
+template <class = void>
+inline Vec3 elementwise_min(const Vec3& a, const Vec3& b) {
+  return {std::min(a.x(), b.x()), std::min(a.y(), b.y()), std::min(a.z(), b.z())};
+}
+template <class = void>
+inline Vec3 elementwise_max(const Vec3& a, const Vec3& b) {
+  return {std::max(a.x(), b.x()), std::max(a.y(), b.y()), std::max(a.z(), b.z())};
+}
+
+/// a bᵀ.
+template <std::same_as<Vec3> A, class B>
+  requires std::same_as<std::remove_const_t<B>, Vec3>
+Mat3 operator*(const A& a, const Eigen::Transpose<B>& b) {
+  Mat3 dyad;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) dyad.data()[i + 3 * j] = a.data()[i] * b.nestedExpression().data()[j];
+  return dyad;
+}
+
 /// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
 struct Symmetry {
   bool x = false;
@@ -3892,19 +3969,24 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
         for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
           const Vec3 q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
           if ((body.symmetry.x && q.x() < 0) || (body.symmetry.y && q.y() < 0)) continue;
-          low = low.cwiseMin(q);
-          high = high.cwiseMax(q);
+          low = elementwise_min(low, q);
+          high = elementwise_max(high, q);
           const double s = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
           if (s < nearest) nearest = s, seed = q;
         }
       }
-      if (!(low.array() <= high.array()).all()) continue;
+      if (!(low.x() <= high.x())) continue;   // no face
       const double slack = 1e-12 * size;
-      const auto inside = [&](const Vec3& p) { return (p.array() >= low.array() - slack).all() && (p.array() <= high.array() + slack).all(); };
+      const auto into_box = [&](const Vec3& p) { return elementwise_min(elementwise_max(p, low), high); };
+      const auto inside = [&](const Vec3& p) {
+        for (int axis = 0; axis < 3; ++axis)
+          if (!(p[axis] >= low[axis] - slack && p[axis] <= high[axis] + slack)) return false;
+        return true;
+      };
       // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
       for (double s = 0.0; s < 2.0 * reach;) {
         const Vec3 center = fold(start + s * direction);
-        const Vec3 q = closest_point(body.patches[patch].shape, center.cwiseMax(low).cwiseMin(high));
+        const Vec3 q = closest_point(body.patches[patch].shape, into_box(center));
         const double apart = (q - center).norm();
         if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
           if (const double t = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
@@ -3920,8 +4002,7 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
             const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
             for (int k = 0; k < 8; ++k) {
               const double turn = 0.25 * pi * k + spun;
-              Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
-              trial = closest_point(body.patches[patch].shape, trial);
+              const Vec3 trial = closest_point(body.patches[patch].shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
               if (!inside(trial)) continue;
               const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
               if (s < nearest - gain) nearest = s, seed = trial, moved = true;
@@ -4047,28 +4128,53 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 template <class Mat3 = Mat3>
 inline Mat3 cofactor(In<Mat3> F) {
   Mat3 c;
-  c.col(0) = F.col(1).cross(F.col(2));
-  c.col(1) = F.col(2).cross(F.col(0));
-  c.col(2) = F.col(0).cross(F.col(1));
+  for (int j = 0; j < 3; ++j) {
+    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+    for (int i = 0; i < 3; ++i) {
+      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
+    }
+  }
   return c;
 }
 
+/// A⁻ᵀ.
+template <class Mat3 = Mat3>
+inline Mat3 inverse_transposed(In<Mat3> A) {
+  const Mat3 c = cofactor(A);
+  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
+}
+
 /// Second derivative of det F by F, flattened by columns.
-template <class Vec3 = Vec3, class Mat3 = Mat3, class Mat9 = Mat9>
+template <class Mat3 = Mat3, class Mat9 = Mat9>
 inline Mat9 determinant_hessian(In<Mat3> F) {
-  const auto cross = [](const Vec3& v) {
-    Mat3 m;
-    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-    return m;
-  };
   Mat9 h = Mat9::Zero();
-  h.template block<3, 3>(0, 3) = -cross(F.col(2));
-  h.template block<3, 3>(0, 6) = cross(F.col(1));
-  h.template block<3, 3>(3, 0) = cross(F.col(2));
-  h.template block<3, 3>(3, 6) = -cross(F.col(0));
-  h.template block<3, 3>(6, 0) = -cross(F.col(1));
-  h.template block<3, 3>(6, 3) = cross(F.col(0));
+  for (int j = 0; j < 3; ++j)
+    for (int turn = 1; turn < 3; ++turn)
+      for (int i = 0; i < 3; ++i) {
+        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
+        const double* column = F.data() + 3 * (3 - j - j2);
+        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
+        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
+      }
   return h;
+}
+
+/// a ⊗ b, both flattened by columns.
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+inline Mat9 dyad(In<Mat3> a, In<Mat3> b) {
+  Mat9 product;
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
+  return product;
+}
+
+/// m I of nine rows.
+template <class Mat9 = Mat9>
+inline Mat9 isotropic(double m) {
+  Mat9 diagonal = Mat9::Zero();
+  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
+  return diagonal;
 }
 
 /// Energy density W(F) [J/m³].
@@ -4113,12 +4219,11 @@ struct NeoHookean {
   }
   template <class Mat3 = Mat3>
   Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
   Mat9 distortion_tangent(In<Mat3> F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
-    const Eigen::Map<const Vector9d> flat(c.data());
-    return mu * Mat9::Identity() + (mu / (J * J)) * flat * flat.transpose() - (mu / J) * determinant_hessian(F);
+    return isotropic(mu) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
   }
   VolumetricSample volumetric(double J) const {
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
@@ -4211,14 +4316,13 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>, class InvariantSample = InvariantSample>
+template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample>
 inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Vector9d> flat(c.data()), slope(full.gradient.data());
-  const Mat9 mixed = slope * flat.transpose();
+  const Mat9 mixed = dyad(full.gradient, c);
   return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
-          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + (m * (m + 1.0) * full.value / (J * J)) * flat * flat.transpose() -
+          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) -
                    (m * full.value / J) * determinant_hessian(F))};
 }
 
@@ -4476,18 +4580,27 @@ namespace detail {
 /// Signed distance from p to the box |x| ≤ half about the origin.
 template <class Vec3 = Vec3, class Mat3 = Mat3>
 inline DistanceSample distance_to_box(In<Vec3> half, In<Vec3> p) {
-  const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
-  const Vec3 q = p.cwiseAbs() - half;
-  int axis;
-  if (const double inside = q.maxCoeff(&axis); inside <= 0.0) return {inside, sign[axis] * Vec3::Unit(axis), Mat3::Zero()};
-  const Vec3 out = q.cwiseMax(0.0);
+  Vec3 sign, beyond, out;
+  int axis = 0;
+  for (int i = 0; i < 3; ++i) {
+    sign[i] = p[i] < 0.0 ? -1.0 : 1.0;
+    beyond[i] = std::abs(p[i]) - half[i];
+    out[i] = std::max(beyond[i], 0.0);
+    if (beyond[i] > beyond[axis]) axis = i;
+  }
+  if (beyond[axis] <= 0.0) {
+    Vec3 n = Vec3::Zero();
+    n[axis] = sign[axis];
+    return {beyond[axis], n, Mat3::Zero()};
+  }
   const double r = out.norm();
-  const Vec3 n = out / r;
+  Vec3 n = out / r;
   Mat3 h = Mat3::Zero();  // only the directions that are outside bend the distance
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
-  return {r, n.cwiseProduct(sign), h};
+  for (int i = 0; i < 3; ++i) n[i] *= sign[i];
+  return {r, n, h};
 }
 
 }  // namespace detail
@@ -5513,21 +5626,20 @@ struct LinearTet {
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
 
 /// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes, class Vec3 = Vec3, class Matrix34d = Eigen::Matrix<double, 3, 4>>
+template <int Nodes, class Vec3 = Vec3>
 Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
-  Matrix34d corner;
-  corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
-  if constexpr (Nodes == 4) {
-    return corner;
-  } else {
-    const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
-    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
-    Eigen::Matrix<double, 3, Nodes> g;
-    for (int k = 0; k < 4; ++k) g.col(k) = (4.0 * l[std::size_t(k)] - 1.0) * corner.col(k);
-    for (int e = 0; e < 6; ++e)
-      g.col(4 + e) = 4.0 * (l[std::size_t(ends[e][1])] * corner.col(ends[e][0]) + l[std::size_t(ends[e][0])] * corner.col(ends[e][1]));
-    return g;
+  static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  Eigen::Matrix<double, 3, Nodes> g;
+  const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
+    for (int k = 4; k < Nodes; ++k) {
+      static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+      const int a = ends[k - 4][0], b = ends[k - 4][1];
+      g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
+    }
   }
+  return g;
 }
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
@@ -5553,6 +5665,7 @@ namespace lumo {
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
 template <TetElement Element>
 class ElementPoints {
+  using Vec3 = Dependent<lumo::Vec3, Element>;
   using Mat3 = Dependent<lumo::Mat3, Element>;
 
  public:
@@ -5568,8 +5681,11 @@ class ElementPoints {
       for (int q = 0; q < Element::points; ++q) {
         const Gradients by_xi = shape_gradients<Element::nodes>(Element::point(q));
         Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
+        const Mat3 to_x = inverse_transposed(jacobian);
+        Gradients& by_x = gradients_.emplace_back();
+        for (int a = 0; a < Element::nodes; ++a)
+          for (int i = 0; i < 3; ++i) by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
         weights_.push_back(Element::weight(q) * jacobian.determinant());
       }
   }
@@ -5603,6 +5719,7 @@ inline Positions positions_of(const TetMesh& mesh) {
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
 template <HyperelasticMaterial Material, TetElement Element>
 class Solid {
+  using Vec3 = Dependent<lumo::Vec3, Material>;
   using Mat3 = Dependent<lumo::Mat3, Material>;
   using Mat9 = Dependent<lumo::Mat9, Material>;
   using Positions = Dependent<lumo::Positions, Material>;
@@ -5647,9 +5764,9 @@ class Solid {
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, linear);
       for (int q = 0; q < Element::points; ++q) {
-        const Eigen::Matrix<double, 3, N> slope = cofactor(s.F[std::size_t(q)]) * gradient(e, q);
+        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += dx.col(node(e, a)).dot(slope.col(a));
+        for (int a = 0; a < N; ++a) rate += Vec3(dx.col(node(e, a))).dot(Vec3(slope.col(a)));
         if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
         else J[e * cells() + std::size_t(q)] += rate;
       }
@@ -5667,7 +5784,7 @@ class Solid {
         const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
         const VolumetricSample u = material_.volumetric(theta);
         const Mat3& F = s.F[std::size_t(q)];
-        f += weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)) * gradient(e, q);
+        f += product(weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)), gradient(e, q));
       }
       for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
     }
@@ -5720,13 +5837,24 @@ class Solid {
   double weight(std::size_t e, int q) const { return points_.weight(e, q); }
   const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
 
+  static Gradients product(const Mat3& A, const Gradients& g) {
+    Gradients p;
+    for (int a = 0; a < N; ++a)
+      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
+    return p;
+  }
+
   ElementState state(std::size_t e, const Positions& x) const {
-    Eigen::Matrix<double, 3, N> local;
+    Gradients local;
     for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
     ElementState s;
     for (int q = 0; q < Element::points; ++q) {
       const std::size_t k = std::size_t(q);
-      s.F[k].noalias() = local * gradient(e, q).transpose();
+      const Gradients& g = gradient(e, q);
+      s.F[k] = Mat3::Zero();
+      for (int a = 0; a < N; ++a)
+        for (int j = 0; j < 3; ++j)
+          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
       s.J[k] = s.F[k].determinant();
       s.volume += weight(e, q);
       s.mean_J += weight(e, q) * s.J[k];
@@ -5745,7 +5873,7 @@ class Solid {
 
   void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
-    Eigen::Matrix<double, 3 * N, 1> dJ = Eigen::Matrix<double, 3 * N, 1>::Zero();  // V ∂(mean J)/∂x
+    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
     for (int q = 0; q < Element::points; ++q) {
       const Mat3& F = s.F[std::size_t(q)];
@@ -5754,22 +5882,30 @@ class Solid {
       const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
       Mat9 A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
       if (element_.mean_dilatation) {
-        Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
+        dJ += product(weight(e, q) * c, g);
       } else {
-        const Eigen::Map<const Dependent<Eigen::Matrix<double, 9, 1>, Material>> flat(c.data());
-        A += u.stiffness * flat * flat.transpose();
+        A += dyad(u.stiffness * c, c);
       }
-      A *= weight(e, q);
+      A = A * weight(e, q);
+      // Plain loops: Eigen's expressions of blocks were the dearest thing to compile in a simulator.
       for (int a = 0; a < N; ++a) {
-        Dependent<Eigen::Matrix<double, 9, 3>, Material> T = A.template leftCols<3>() * g(0, a);
-        T += A.template middleCols<3>(3) * g(1, a);
-        T += A.template rightCols<3>() * g(2, a);
+        std::array<double, 27> T;   // 9 × 3, by columns
+        for (std::size_t k = 0; k < 27; ++k) T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
         for (int b = a; b < N; ++b)
-          K.template block<3, 3>(3 * b, 3 * a) += g(0, b) * T.template topRows<3>() + g(1, b) * T.template middleRows<3>(3) + g(2, b) * T.template bottomRows<3>();
+          for (int j = 0; j < 3; ++j) {
+            const double* t = T.data() + 9 * j;
+            double* block = &K(3 * b, 3 * a + j);
+            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
+          }
       }
     }
-    if (element_.mean_dilatation)
-      K.template selfadjointView<Eigen::Lower>().rankUpdate(dJ, material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume);
+    if (element_.mean_dilatation) {
+      const double stiffness = material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume;
+      for (int j = 0; j < 3 * N; ++j) {
+        const double scaled = stiffness * dJ.data()[j];
+        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
+      }
+    }
   }
 
   const TetMesh* mesh_;
@@ -5823,7 +5959,7 @@ class ContactSurface {
   template <class Vec3 = Vec3, class Positions = Positions>
   Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
     Vec3 at = Vec3::Zero();
-    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3(x.col(faces_[f].nodes[k]));
     return at;
   }
 
@@ -5831,12 +5967,12 @@ class ContactSurface {
   template <class Vec3 = Vec3, class Positions = Positions>
   std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
     const auto& n = faces_[f].nodes;
-    const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
-    const Vec3 middle = (a + b + c) / 3.0;
+    const auto at = [&](std::size_t k) -> Vec3 { return x.col(n[k]); };
+    const Vec3 a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
     double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
     if (mesh_->order == 2)
       for (std::size_t k = 0; k < 3; ++k)
-        r = std::max(r, (2.0 * x.col(n[3 + k]) - 0.5 * x.col(n[k]) - 0.5 * x.col(n[(k + 1) % 3]) - middle).norm());
+        r = std::max(r, (2.0 * at(3 + k) - 0.5 * at(k) - 0.5 * at((k + 1) % 3) - middle).norm());
     return {middle, r};
   }
 
@@ -6635,10 +6771,10 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
       if (!(g > tolerance)) return;
       power[k] = std::cbrt(g * g);
     }
-    const Vec3 e1 = x.col(node[1]) - x.col(node[0]), e2 = x.col(node[2]) - x.col(node[0]);
+    const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
     const Vec3 normal = e1.cross(e2);
     const Vec3 gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
-    const Free f{(x.col(node[0]) + x.col(node[1]) + x.col(node[2])) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
+    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
                  std::sqrt(2.3 * area)};
     if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
   });
@@ -7836,10 +7972,10 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
       const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
       Mat3 reference = Mat3::Zero();
-      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
       slope[q] = detail::solved_transposed(reference, by_xi);
       F[q] = Mat3::Identity();
-      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
+      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * Vec3(slope[q].col(a)).transpose();
       volume[q] = Element::weight(int(q)) * reference.determinant();
       whole += volume[q];
       changed += volume[q] * F[q].determinant();
@@ -7847,8 +7983,8 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
       const double J = F[q].determinant();
       const double seen = element.mean_dilatation ? changed / whole : J;
-      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * F[q].inverse().transpose();
-      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * slope[q].col(a));
+      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * inverse_transposed(F[q]);
+      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * Vec3(slope[q].col(a)));
     }
   }
   Positions x(3, Eigen::Index(mesh.nodes.size()));

@@ -43,7 +43,7 @@ struct Scene {
 
   explicit Scene(double edge_m) {
     FingerOptions options;
-    options.mesh = {edge_m, edge_m, 0.0, 1.0, 10.0, edge_m};
+    options.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};
     body = finger(baseline_design(), dragon_skin(), options);
     mesh = mesh_body(body, TetgenMesher{}, 1);
     touch = first_touch(body, mesh, scenario);

@@ -9,18 +9,27 @@ namespace detail {
 /// Signed distance from p to the box |x| ≤ half about the origin.
 template <class Vec3 = Vec3, class Mat3 = Mat3>
 inline DistanceSample distance_to_box(In<Vec3> half, In<Vec3> p) {
-  const Vec3 sign = p.unaryExpr([](double v) { return v < 0.0 ? -1.0 : 1.0; });
-  const Vec3 q = p.cwiseAbs() - half;
-  int axis;
-  if (const double inside = q.maxCoeff(&axis); inside <= 0.0) return {inside, sign[axis] * Vec3::Unit(axis), Mat3::Zero()};
-  const Vec3 out = q.cwiseMax(0.0);
+  Vec3 sign, beyond, out;
+  int axis = 0;
+  for (int i = 0; i < 3; ++i) {
+    sign[i] = p[i] < 0.0 ? -1.0 : 1.0;
+    beyond[i] = std::abs(p[i]) - half[i];
+    out[i] = std::max(beyond[i], 0.0);
+    if (beyond[i] > beyond[axis]) axis = i;
+  }
+  if (beyond[axis] <= 0.0) {
+    Vec3 n = Vec3::Zero();
+    n[axis] = sign[axis];
+    return {beyond[axis], n, Mat3::Zero()};
+  }
   const double r = out.norm();
-  const Vec3 n = out / r;
+  Vec3 n = out / r;
   Mat3 h = Mat3::Zero();  // only the directions that are outside bend the distance
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       if (out[i] > 0.0 && out[j] > 0.0) h(i, j) = ((i == j ? 1.0 : 0.0) - n[i] * n[j]) / r * sign[i] * sign[j];
-  return {r, n.cwiseProduct(sign), h};
+  for (int i = 0; i < 3; ++i) n[i] *= sign[i];
+  return {r, n, h};
 }
 
 }  // namespace detail

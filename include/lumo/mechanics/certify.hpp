@@ -65,10 +65,10 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
       const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
       Mat3 reference = Mat3::Zero();
-      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
+      for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
       slope[q] = detail::solved_transposed(reference, by_xi);
       F[q] = Mat3::Identity();
-      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * slope[q].col(a).transpose();
+      for (int a = 0; a < Element::nodes; ++a) F[q] += displacement[std::size_t(t[std::size_t(a)])] * Vec3(slope[q].col(a)).transpose();
       volume[q] = Element::weight(int(q)) * reference.determinant();
       whole += volume[q];
       changed += volume[q] * F[q].determinant();
@@ -76,8 +76,8 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
       const double J = F[q].determinant();
       const double seen = element.mean_dilatation ? changed / whole : J;
-      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * F[q].inverse().transpose();
-      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * slope[q].col(a));
+      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * inverse_transposed(F[q]);
+      for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * Vec3(slope[q].col(a)));
     }
   }
   Positions x(3, Eigen::Index(mesh.nodes.size()));

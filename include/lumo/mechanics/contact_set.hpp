@@ -107,10 +107,10 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
       if (!(g > tolerance)) return;
       power[k] = std::cbrt(g * g);
     }
-    const Vec3 e1 = x.col(node[1]) - x.col(node[0]), e2 = x.col(node[2]) - x.col(node[0]);
+    const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
     const Vec3 normal = e1.cross(e2);
     const Vec3 gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
-    const Free f{(x.col(node[0]) + x.col(node[1]) + x.col(node[2])) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
+    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
                  std::sqrt(2.3 * area)};
     if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
   });

@@ -51,7 +51,7 @@ class ContactSurface {
   template <class Vec3 = Vec3, class Positions = Positions>
   Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
     Vec3 at = Vec3::Zero();
-    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * x.col(faces_[f].nodes[k]);
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3(x.col(faces_[f].nodes[k]));
     return at;
   }
 
@@ -59,12 +59,12 @@ class ContactSurface {
   template <class Vec3 = Vec3, class Positions = Positions>
   std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
     const auto& n = faces_[f].nodes;
-    const Vec3 a = x.col(n[0]), b = x.col(n[1]), c = x.col(n[2]);
-    const Vec3 middle = (a + b + c) / 3.0;
+    const auto at = [&](std::size_t k) -> Vec3 { return x.col(n[k]); };
+    const Vec3 a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
     double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
     if (mesh_->order == 2)
       for (std::size_t k = 0; k < 3; ++k)
-        r = std::max(r, (2.0 * x.col(n[3 + k]) - 0.5 * x.col(n[k]) - 0.5 * x.col(n[(k + 1) % 3]) - middle).norm());
+        r = std::max(r, (2.0 * at(3 + k) - 0.5 * at(k) - 0.5 * at((k + 1) % 3) - middle).norm());
     return {middle, r};
   }
 

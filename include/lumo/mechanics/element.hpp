@@ -49,21 +49,20 @@ struct LinearTet {
 static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
 
 /// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes, class Vec3 = Vec3, class Matrix34d = Eigen::Matrix<double, 3, 4>>
+template <int Nodes, class Vec3 = Vec3>
 Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
-  Matrix34d corner;
-  corner << -1, 1, 0, 0, -1, 0, 1, 0, -1, 0, 0, 1;
-  if constexpr (Nodes == 4) {
-    return corner;
-  } else {
-    const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
-    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
-    Eigen::Matrix<double, 3, Nodes> g;
-    for (int k = 0; k < 4; ++k) g.col(k) = (4.0 * l[std::size_t(k)] - 1.0) * corner.col(k);
-    for (int e = 0; e < 6; ++e)
-      g.col(4 + e) = 4.0 * (l[std::size_t(ends[e][1])] * corner.col(ends[e][0]) + l[std::size_t(ends[e][0])] * corner.col(ends[e][1]));
-    return g;
+  static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  Eigen::Matrix<double, 3, Nodes> g;
+  const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
+  for (int i = 0; i < 3; ++i) {
+    for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
+    for (int k = 4; k < Nodes; ++k) {
+      static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+      const int a = ends[k - 4][0], b = ends[k - 4][1];
+      g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
+    }
   }
+  return g;
 }
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.

@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/mechanics/element.hpp"
+#include "lumo/mechanics/material.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
 #include <Eigen/LU>
@@ -12,6 +13,7 @@ namespace lumo {
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
 template <TetElement Element>
 class ElementPoints {
+  using Vec3 = Dependent<lumo::Vec3, Element>;
   using Mat3 = Dependent<lumo::Mat3, Element>;
 
  public:
@@ -27,8 +29,11 @@ class ElementPoints {
       for (int q = 0; q < Element::points; ++q) {
         const Gradients by_xi = shape_gradients<Element::nodes>(Element::point(q));
         Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * by_xi.col(a).transpose();
-        gradients_.push_back(jacobian.inverse().transpose() * by_xi);
+        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
+        const Mat3 to_x = inverse_transposed(jacobian);
+        Gradients& by_x = gradients_.emplace_back();
+        for (int a = 0; a < Element::nodes; ++a)
+          for (int i = 0; i < 3; ++i) by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
         weights_.push_back(Element::weight(q) * jacobian.determinant());
       }
   }

@@ -71,19 +71,24 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
         for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
           const Vec3 q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
           if ((body.symmetry.x && q.x() < 0) || (body.symmetry.y && q.y() < 0)) continue;
-          low = low.cwiseMin(q);
-          high = high.cwiseMax(q);
+          low = elementwise_min(low, q);
+          high = elementwise_max(high, q);
           const double s = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
           if (s < nearest) nearest = s, seed = q;
         }
       }
-      if (!(low.array() <= high.array()).all()) continue;
+      if (!(low.x() <= high.x())) continue;   // no face
       const double slack = 1e-12 * size;
-      const auto inside = [&](const Vec3& p) { return (p.array() >= low.array() - slack).all() && (p.array() <= high.array() + slack).all(); };
+      const auto into_box = [&](const Vec3& p) { return elementwise_min(elementwise_max(p, low), high); };
+      const auto inside = [&](const Vec3& p) {
+        for (int axis = 0; axis < 3; ++axis)
+          if (!(p[axis] >= low[axis] - slack && p[axis] <= high[axis] + slack)) return false;
+        return true;
+      };
       // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
       for (double s = 0.0; s < 2.0 * reach;) {
         const Vec3 center = fold(start + s * direction);
-        const Vec3 q = closest_point(body.patches[patch].shape, center.cwiseMax(low).cwiseMin(high));
+        const Vec3 q = closest_point(body.patches[patch].shape, into_box(center));
         const double apart = (q - center).norm();
         if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
           if (const double t = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
@@ -99,8 +104,7 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
             const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
             for (int k = 0; k < 8; ++k) {
               const double turn = 0.25 * pi * k + spun;
-              Vec3 trial = (seed + step * (std::cos(turn) * u + std::sin(turn) * v)).cwiseMax(low).cwiseMin(high);
-              trial = closest_point(body.patches[patch].shape, trial);
+              const Vec3 trial = closest_point(body.patches[patch].shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
               if (!inside(trial)) continue;
               const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
               if (s < nearest - gain) nearest = s, seed = trial, moved = true;

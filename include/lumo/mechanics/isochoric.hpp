@@ -32,14 +32,13 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>, class InvariantSample = InvariantSample>
+template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample>
 inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Vector9d> flat(c.data()), slope(full.gradient.data());
-  const Mat9 mixed = slope * flat.transpose();
+  const Mat9 mixed = dyad(full.gradient, c);
   return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
-          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + (m * (m + 1.0) * full.value / (J * J)) * flat * flat.transpose() -
+          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) -
                    (m * full.value / J) * determinant_hessian(F))};
 }
 

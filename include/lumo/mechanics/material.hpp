@@ -45,28 +45,53 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 template <class Mat3 = Mat3>
 inline Mat3 cofactor(In<Mat3> F) {
   Mat3 c;
-  c.col(0) = F.col(1).cross(F.col(2));
-  c.col(1) = F.col(2).cross(F.col(0));
-  c.col(2) = F.col(0).cross(F.col(1));
+  for (int j = 0; j < 3; ++j) {
+    const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+    for (int i = 0; i < 3; ++i) {
+      const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+      c(i, j) = F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
+    }
+  }
   return c;
 }
 
+/// A⁻ᵀ.
+template <class Mat3 = Mat3>
+inline Mat3 inverse_transposed(In<Mat3> A) {
+  const Mat3 c = cofactor(A);
+  return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
+}
+
 /// Second derivative of det F by F, flattened by columns.
-template <class Vec3 = Vec3, class Mat3 = Mat3, class Mat9 = Mat9>
+template <class Mat3 = Mat3, class Mat9 = Mat9>
 inline Mat9 determinant_hessian(In<Mat3> F) {
-  const auto cross = [](const Vec3& v) {
-    Mat3 m;
-    m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-    return m;
-  };
   Mat9 h = Mat9::Zero();
-  h.template block<3, 3>(0, 3) = -cross(F.col(2));
-  h.template block<3, 3>(0, 6) = cross(F.col(1));
-  h.template block<3, 3>(3, 0) = cross(F.col(2));
-  h.template block<3, 3>(3, 6) = -cross(F.col(0));
-  h.template block<3, 3>(6, 0) = -cross(F.col(1));
-  h.template block<3, 3>(6, 3) = cross(F.col(0));
+  for (int j = 0; j < 3; ++j)
+    for (int turn = 1; turn < 3; ++turn)
+      for (int i = 0; i < 3; ++i) {
+        const int j2 = (j + turn) % 3, next = (i + 1) % 3, last = (i + 2) % 3;
+        const double* column = F.data() + 3 * (3 - j - j2);
+        h(i + 3 * j, next + 3 * j2) = turn == 1 ? column[last] : -column[last];
+        h(i + 3 * j, last + 3 * j2) = turn == 1 ? -column[next] : column[next];
+      }
   return h;
+}
+
+/// a ⊗ b, both flattened by columns.
+template <class Mat3 = Mat3, class Mat9 = Mat9>
+inline Mat9 dyad(In<Mat3> a, In<Mat3> b) {
+  Mat9 product;
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
+  return product;
+}
+
+/// m I of nine rows.
+template <class Mat9 = Mat9>
+inline Mat9 isotropic(double m) {
+  Mat9 diagonal = Mat9::Zero();
+  for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
+  return diagonal;
 }
 
 /// Energy density W(F) [J/m³].

@@ -23,12 +23,11 @@ struct NeoHookean {
   }
   template <class Mat3 = Mat3>
   Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
+  template <class Mat3 = Mat3, class Mat9 = Mat9>
   Mat9 distortion_tangent(In<Mat3> F) const {
     const double J = F.determinant();
     const Mat3 c = cofactor(F);
-    const Eigen::Map<const Vector9d> flat(c.data());
-    return mu * Mat9::Identity() + (mu / (J * J)) * flat * flat.transpose() - (mu / J) * determinant_hessian(F);
+    return isotropic(mu) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
   }
   VolumetricSample volumetric(double J) const {
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};

@@ -24,6 +24,7 @@ inline Positions positions_of(const TetMesh& mesh) {
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
 template <HyperelasticMaterial Material, TetElement Element>
 class Solid {
+  using Vec3 = Dependent<lumo::Vec3, Material>;
   using Mat3 = Dependent<lumo::Mat3, Material>;
   using Mat9 = Dependent<lumo::Mat9, Material>;
   using Positions = Dependent<lumo::Positions, Material>;
@@ -68,9 +69,9 @@ class Solid {
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, linear);
       for (int q = 0; q < Element::points; ++q) {
-        const Eigen::Matrix<double, 3, N> slope = cofactor(s.F[std::size_t(q)]) * gradient(e, q);
+        const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += dx.col(node(e, a)).dot(slope.col(a));
+        for (int a = 0; a < N; ++a) rate += Vec3(dx.col(node(e, a))).dot(Vec3(slope.col(a)));
         if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
         else J[e * cells() + std::size_t(q)] += rate;
       }
@@ -88,7 +89,7 @@ class Solid {
         const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
         const VolumetricSample u = material_.volumetric(theta);
         const Mat3& F = s.F[std::size_t(q)];
-        f += weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)) * gradient(e, q);
+        f += product(weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)), gradient(e, q));
       }
       for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
     }
@@ -141,13 +142,24 @@ class Solid {
   double weight(std::size_t e, int q) const { return points_.weight(e, q); }
   const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
 
+  static Gradients product(const Mat3& A, const Gradients& g) {
+    Gradients p;
+    for (int a = 0; a < N; ++a)
+      for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
+    return p;
+  }
+
   ElementState state(std::size_t e, const Positions& x) const {
-    Eigen::Matrix<double, 3, N> local;
+    Gradients local;
     for (int a = 0; a < N; ++a) local.col(a) = x.col(node(e, a));
     ElementState s;
     for (int q = 0; q < Element::points; ++q) {
       const std::size_t k = std::size_t(q);
-      s.F[k].noalias() = local * gradient(e, q).transpose();
+      const Gradients& g = gradient(e, q);
+      s.F[k] = Mat3::Zero();
+      for (int a = 0; a < N; ++a)
+        for (int j = 0; j < 3; ++j)
+          for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
       s.J[k] = s.F[k].determinant();
       s.volume += weight(e, q);
       s.mean_J += weight(e, q) * s.J[k];
@@ -166,7 +178,7 @@ class Solid {
 
   void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
-    Eigen::Matrix<double, 3 * N, 1> dJ = Eigen::Matrix<double, 3 * N, 1>::Zero();  // V ∂(mean J)/∂x
+    Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
     for (int q = 0; q < Element::points; ++q) {
       const Mat3& F = s.F[std::size_t(q)];
@@ -175,22 +187,30 @@ class Solid {
       const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
       Mat9 A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
       if (element_.mean_dilatation) {
-        Eigen::Map<Gradients>(dJ.data()) += weight(e, q) * c * g;
+        dJ += product(weight(e, q) * c, g);
       } else {
-        const Eigen::Map<const Dependent<Eigen::Matrix<double, 9, 1>, Material>> flat(c.data());
-        A += u.stiffness * flat * flat.transpose();
+        A += dyad(u.stiffness * c, c);
       }
-      A *= weight(e, q);
+      A = A * weight(e, q);
+      // Plain loops: Eigen's expressions of blocks were the dearest thing to compile in a simulator.
       for (int a = 0; a < N; ++a) {
-        Dependent<Eigen::Matrix<double, 9, 3>, Material> T = A.template leftCols<3>() * g(0, a);
-        T += A.template middleCols<3>(3) * g(1, a);
-        T += A.template rightCols<3>() * g(2, a);
+        std::array<double, 27> T;   // 9 × 3, by columns
+        for (std::size_t k = 0; k < 27; ++k) T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
         for (int b = a; b < N; ++b)
-          K.template block<3, 3>(3 * b, 3 * a) += g(0, b) * T.template topRows<3>() + g(1, b) * T.template middleRows<3>(3) + g(2, b) * T.template bottomRows<3>();
+          for (int j = 0; j < 3; ++j) {
+            const double* t = T.data() + 9 * j;
+            double* block = &K(3 * b, 3 * a + j);
+            for (int i = 0; i < 3; ++i) block[i] += g(0, b) * t[i] + g(1, b) * t[i + 3] + g(2, b) * t[i + 6];
+          }
       }
     }
-    if (element_.mean_dilatation)
-      K.template selfadjointView<Eigen::Lower>().rankUpdate(dJ, material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume);
+    if (element_.mean_dilatation) {
+      const double stiffness = material_.volumetric(ratio(e, 0, s, seen)).stiffness / s.volume;
+      for (int j = 0; j < 3 * N; ++j) {
+        const double scaled = stiffness * dJ.data()[j];
+        for (int i = j; i < 3 * N; ++i) K(i, j) += scaled * dJ.data()[i];
+      }
+    }
   }
 
   const TetMesh* mesh_;
