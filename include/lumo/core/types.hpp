@@ -28,8 +28,8 @@ using In = const std::type_identity_t<T>&;
 template <class Type, class Parameter>
 using Dependent = std::conditional_t<true, Type, Parameter>;
 
-// Sums and products of small matrices are made at once, in place of Eigen's expressions, whose types a compiler makes anew for every formula; and plain sums
-// are the same bits on every processor. What is no plain matrix – a block, a column, a product with a transpose – goes to Eigen's own operators as ever.
+// Sums and products of small matrices are made at once, in place of Eigen's expressions, whose types a compiler makes anew for every formula; and their
+// sums have one order, whatever the processor's vectors. What is no plain matrix – a block, a column, a product with a transpose – goes to Eigen's own operators as ever.
 
 template <class T>
 concept SmallMatrix = std::same_as<T, Vec3> || std::same_as<T, Mat3> || std::same_as<T, Mat9>;

@@ -2,6 +2,9 @@
 
 #include "lumo/mechanics/indenter.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 namespace lumo {
 
 namespace detail {

@@ -76,7 +76,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
       const double J = F[q].determinant();
       const double seen = element.mean_dilatation ? changed / whole : J;
-      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * inverse_transposed(F[q]);
+      const Mat3 P = material.distortion_stress(F[q]) + material.volumetric(seen).stress * J * detail::solved_transposed(F[q], Mat3(Mat3::Identity()));
       for (int a = 0; a < Element::nodes; ++a) force[std::size_t(t[std::size_t(a)])] += volume[q] * (P * Vec3(slope[q].col(a)));
     }
   }

@@ -46,7 +46,7 @@ inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, doub
 
 template <class Mat3, class Mat9>
 inline InvariantSample first_isochoric_invariant(In<Mat3> F) {
-  return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, 2.0 * Mat9::Identity()}, 2.0 / 3.0);
+  return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, isotropic(2.0)}, 2.0 / 3.0);
 }
 
 template <class Mat3, class Mat9>

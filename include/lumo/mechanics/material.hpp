@@ -107,12 +107,11 @@ Mat3 first_piola(const M& m, In<Mat3> F) {
 }
 
 /// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M, class Mat3 = Mat3, class Mat9 = Mat9, class Vector9d = Eigen::Matrix<double, 9, 1>>
+template <HyperelasticMaterial M, class Mat3 = Mat3, class Mat9 = Mat9>
 Mat9 elasticity_tangent(const M& m, In<Mat3> F) {
   const VolumetricSample u = m.volumetric(F.determinant());
   const Mat3 c = cofactor(F);
-  const Eigen::Map<const Vector9d> flat(c.data());
-  return m.distortion_tangent(F) + u.stiffness * flat * flat.transpose() + u.stress * determinant_hessian(F);
+  return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
 }
 
 }  // namespace lumo

@@ -20,7 +20,7 @@ struct StableNeoHookean {
   template <class Mat3 = Mat3>
   Mat3 distortion_stress(In<Mat3> F) const { return mu * (F - cofactor(F)); }
   template <class Mat3 = Mat3, class Mat9 = Mat9>
-  Mat9 distortion_tangent(In<Mat3> F) const { return mu * (Mat9::Identity() - determinant_hessian(F)); }
+  Mat9 distortion_tangent(In<Mat3> F) const { return mu * (isotropic(1.0) - determinant_hessian(F)); }
   VolumetricSample volumetric(double J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};

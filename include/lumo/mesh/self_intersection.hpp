@@ -195,13 +195,14 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
     int triangle;
   };
   std::vector<Box> boxes;
+  const Vec3 margin = Vec3::Constant(0.5 * gap_);
   Vec3 low = Vec3::Constant(HUGE_VAL), high = Vec3::Constant(-HUGE_VAL);
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
     const Vec3 &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
-    boxes.push_back({a.cwiseMin(b).cwiseMin(c).array() - 0.5 * gap_, a.cwiseMax(b).cwiseMax(c).array() + 0.5 * gap_, static_cast<int>(i)});
-    low = low.cwiseMin(boxes.back().low);
-    high = high.cwiseMax(boxes.back().high);
+    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin, elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+    low = elementwise_min(low, boxes.back().low);
+    high = elementwise_max(high, boxes.back().high);
   }
   int axis = 0;
   (high - low).maxCoeff(&axis);

@@ -66,7 +66,7 @@ inline SizeField SizeField::sample(In<std::function<double(const Vec3&)>> edge, 
   field.side = (high - low).maxCoeff();
   field.low = 0.5 * (low + high) - Vec3::Constant(0.5 * field.side);
   const auto value = [&](const Vec3& at) {
-    const Vec3 point = at.cwiseMax(low).cwiseMin(high);
+    const Vec3 point = elementwise_min(elementwise_max(at, low), high);
     const double length = edge(point);
     if (std::isfinite(length) && length > 0.0) return length;
     throw MeshError(MeshError::Reason::not_finite, text("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,

@@ -118,8 +118,8 @@ inline SurfaceReport validate_surface(const MeshInput& input) {
   SurfaceReport report;
   report.low = report.high = input.vertices[0];
   for (const Vec3& vertex : input.vertices) {
-    report.low = report.low.cwiseMin(vertex);
-    report.high = report.high.cwiseMax(vertex);
+    report.low = elementwise_min(report.low, vertex);
+    report.high = elementwise_max(report.high, vertex);
   }
   const double size = (report.high - report.low).norm();
   if (!(size >= 1e-30)) detail::refuse(Reason::degenerate, detail::text("has a size of ", size, ", must be at least 1e-30"));

@@ -128,7 +128,7 @@ inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<dou
   Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
   double all = 0.0;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    low = low.cwiseMin(centers[k]), high = high.cwiseMax(centers[k]);
+    low = elementwise_min(low, centers[k]), high = elementwise_max(high, centers[k]);
     all += shares[k] * images[k];
   }
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
