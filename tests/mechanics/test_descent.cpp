@@ -141,17 +141,23 @@ TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", N
   const auto [x, start] = moved(mesh);
   for (double rate : {0.0, 500.0}) {
     std::vector<int> seen(mesh.nodes.size(), 0);
-    typename VertexLanes<TestType>::Start squares(lanes.slots());
+    typename VertexLanes<TestType>::Start remembered(lanes.slots());
+    const auto places = [](const Positions& p) {
+      std::vector<Lanes::Point> points;
+      for (Eigen::Index v = 0; v < p.cols(); ++v) points.push_back({Lanes::Point::Register{p(0, v), p(1, v), p(2, v), 0.0}});
+      return points;
+    };
+    const auto now = places(x), before = places(start);
     for (const auto& color : lanes.batches())
       for (const auto& batch : color) {
-        lanes.remember(batch, start, squares);
+        lanes.remember(batch, before, remembered);
         std::array<VertexBlock, Lanes::width> out;
-        lanes.add(batch, x, squares, rate, out);
+        lanes.add(batch, now, remembered, rate, out);
         std::array<Vec3, Lanes::width> steps;
         for (std::size_t l = 0; l < Lanes::width; ++l) steps[l] = Vec3(1e-3 * double(l) - 4e-3, 2e-3, -1e-3);
-        const auto parts = lanes.feasible_parts(batch, x, steps);
+        const auto parts = lanes.feasible_parts(batch, now, steps);
         for (std::size_t l = 0; l < Lanes::width; ++l) {
-          if (batch.vertex[l] < 0) continue;
+          if (!batch.moves[l]) continue;
           ++seen[std::size_t(batch.vertex[l])];
           VertexBlock one;
           vertices.add(batch.vertex[l], x, start, rate, one);

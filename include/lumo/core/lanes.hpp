@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 namespace lumo {
 
@@ -12,12 +13,26 @@ struct Lanes {
   typedef double Register __attribute__((vector_size(64)));
   Register v = {};
 
+  /// A point, padded so that one load takes it.
+  struct Point {
+    typedef double Register __attribute__((vector_size(32)));
+    Register v = {};
+  };
+
   double operator[](std::size_t lane) const { return v[lane]; }
   void set(std::size_t lane, double value) { v[lane] = value; }
-  /// values[index[lane]] in each lane.
-  static Lanes gathered(const double* values, const std::array<int, width>& index) {
-    const auto at = [&](std::size_t lane) { return values[index[lane]]; };
-    return {Register{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)}};
+  /// x, y and z of points[index[lane]]: whole points are read and turned, which takes less than reading number by number.
+  static std::array<Lanes, 3> gathered(const std::vector<Point>& points, const std::array<int, width>& index) {
+    const auto two = [&](std::size_t lane) -> Register {
+      return __builtin_shufflevector(points[std::size_t(index[lane])].v, points[std::size_t(index[lane + 4])].v, 0, 1, 2, 3, 4, 5, 6, 7);
+    };
+    const Register p04 = two(0), p15 = two(1), p26 = two(2), p37 = two(3);
+    const auto even = [](Register a, Register b) -> Register { return __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14); };
+    const auto odd = [](Register a, Register b) -> Register { return __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15); };
+    const Register xz_low = even(p04, p15), xz_high = even(p26, p37);
+    return {Lanes{__builtin_shufflevector(xz_low, xz_high, 0, 1, 8, 9, 4, 5, 12, 13)},
+            Lanes{__builtin_shufflevector(odd(p04, p15), odd(p26, p37), 0, 1, 8, 9, 4, 5, 12, 13)},
+            Lanes{__builtin_shufflevector(xz_low, xz_high, 2, 3, 10, 11, 6, 7, 14, 15)}};
   }
   static Lanes of(double value) { return {Register{value, value, value, value, value, value, value, value}}; }
 

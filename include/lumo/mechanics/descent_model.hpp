@@ -71,11 +71,11 @@ struct DescentModel {
     if constexpr (batched) return std::optional<VertexLanes<Material>>();
     else return std::optional<NoLanes>();
   }
-  static auto squares_type() {
+  static auto start_type() {
     if constexpr (batched) return typename VertexLanes<Material>::Start();
     else return NoLanes();
   }
-  using Squares = decltype(squares_type());
+  using LanesStart = decltype(start_type());
   decltype(lanes_type()) lanes;
 
   /// Throws InvalidArgument when the given colors are none.

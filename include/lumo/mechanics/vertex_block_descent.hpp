@@ -61,7 +61,7 @@ class Descent {
         start_(x_), target_(x_), velocity_(Positions::Zero(3, x_.cols())), last_velocity_(velocity_), touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
     if constexpr (Model::batched)
-      if (model.lanes) squares_.resize(model.lanes->slots());
+      if (model.lanes) points_.resize(std::size_t(x_.cols())), lanes_start_.resize(model.lanes->slots()), place_all();
   }
 
   /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth: then all is as it was before.
@@ -69,14 +69,18 @@ class Descent {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
     start_ = x_;
+    remember();
     predict();
+    place_all();
     touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
     resting_.find(start_, {&model_.carrier, Vec3::Zero(), Vec3::UnitZ()}, Vec3::Zero(), config_.detection_m, stick);
-    if constexpr (Model::batched)
-      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, start_, squares_); });
     for (int k = 0; k < config_.sweeps; ++k) sweep();
     // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
-    if (!(x_.array().abs() < 1e3).all()) return x_ = start_, advance_ -= by, false;
+    if (!(x_.array().abs() < 1e3).all()) {
+      x_ = start_, advance_ -= by;
+      place_all();
+      return false;
+    }
     last_velocity_ = velocity_;
     velocity_ = (x_ - start_) / dt;
     return true;
@@ -95,6 +99,19 @@ class Descent {
 
  private:
   double rate() const { return config_.viscosity_Pa_s / config_.time_step_s; }
+
+  // Tells the lanes where a vertex is.
+  void place(int v) {
+    if constexpr (Model::batched)
+      if (model_.lanes) points_[std::size_t(v)] = {Lanes::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
+  }
+  void place_all() {
+    for (int v = 0; v < int(x_.cols()); ++v) place(v);
+  }
+  void remember() {
+    if constexpr (Model::batched)
+      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, points_, lanes_start_); });
+  }
 
   // Where inertia alone would carry the vertices, and where the sweeps begin.
   void predict() {
@@ -135,17 +152,17 @@ class Descent {
       if (model_.lanes) {
         for_batches([&](const auto& batch) {
           std::array<VertexBlock, Lanes::width> blocks;
-          model_.lanes->add(batch, x_, squares_, rate(), blocks);
+          model_.lanes->add(batch, points_, lanes_start_, rate(), blocks);
           std::array<Vec3, Lanes::width> steps;
           steps.fill(Vec3::Zero());
           for (std::size_t lane = 0; lane < Lanes::width; ++lane)
-            if (batch.vertex[lane] >= 0) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
+            if (batch.moves[lane]) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
           if (model_.resists_inversion) {
-            const auto part = model_.lanes->feasible_parts(batch, x_, steps);
+            const auto part = model_.lanes->feasible_parts(batch, points_, steps);
             for (std::size_t lane = 0; lane < Lanes::width; ++lane) steps[lane] *= part[lane];
           }
           for (std::size_t lane = 0; lane < Lanes::width; ++lane)
-            if (batch.vertex[lane] >= 0) x_.col(batch.vertex[lane]) += steps[lane];
+            if (batch.moves[lane]) x_.col(batch.vertex[lane]) += steps[lane], place(batch.vertex[lane]);
         });
         return;
       }
@@ -185,7 +202,8 @@ class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  typename Model::Squares squares_;
+  std::vector<Lanes::Point> points_;   // x_ for the lanes
+  typename Model::LanesStart lanes_start_;
 };
 
 }  // namespace detail
