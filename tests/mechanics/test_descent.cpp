@@ -221,6 +221,7 @@ TEST_CASE("lumped masses are positive and add up to the body's") {
   };
   check(LinearTet{});
   check(QuadraticTet{});
+  check(LinearPatchTet{});
 }
 
 TEST_CASE("a body that nothing holds rests until it is touched, and then its momentum is the indenter's impulse") {

@@ -59,8 +59,8 @@ MechanicalState press(const Contact& contact, const Element& element) {
   return sim.press(small_finger().body, mesh_for<Element>(), Scenario<Sphere>{Sphere{20e-3}, 0.0, 0.0, {0.2}}).front();
 }
 
-bool is_cured(const LinearTet&) { return false; }
-bool is_cured(const QuadraticTet& e) { return e.mean_dilatation; }
+template <class Element>
+bool is_cured(const Element& e) { return e.mean_dilatation; }
 
 /// Contact at vertices with two of the materials: contact knows nothing of them, and each combination compiles for seconds.
 template <class Contact, class Element, class Method>
@@ -100,6 +100,8 @@ void every_contact_and_element(const std::string& solver) {
   every_material<VertexContact, LinearTet, Method>(solver + ", rough vertices, linear", rough_vertices, {});
   every_material<SDFContact, QuadraticTet, Method>(solver + ", surface, quadratic", smooth, {true});
   every_material<SDFContact, QuadraticTet, Method>(solver + ", surface, quadratic without cure", smooth, {false});
+  every_material<SDFContact, LinearPatchTet, Method>(solver + ", surface, linear patches", smooth, {true});
+  every_material<VertexContact, LinearPatchTet, Method>(solver + ", vertices, linear patches", vertices, {true});
   every_material<VertexContact, QuadraticTet, Method>(solver + ", vertices, quadratic", vertices, {true});
   every_material<SDFContact, QuadraticTet, Method>(solver + ", rough surface, quadratic", rough, {true});
 }

@@ -63,7 +63,7 @@ double out_of_balance(const Body& body, const TetMesh& mesh, const Material& mat
     std::array<double, std::size_t(Element::points)> volume;
     double whole = 0.0, changed = 0.0;
     for (std::size_t q = 0; q < std::size_t(Element::points); ++q) {
-      const auto by_xi = shape_gradients<Element::nodes>(Element::point(int(q)));
+      const auto by_xi = Element::gradients(int(q));
       Mat3 reference = Mat3::Zero();
       for (int a = 0; a < Element::nodes; ++a) reference += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
       slope[q] = detail::solved_transposed(reference, by_xi);

@@ -7,48 +7,7 @@
 
 namespace lumo {
 
-/// A tetrahedral finite element: shape functions and quadrature on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1.
-/// Laws: shape functions sum to one, reproduce every polynomial of their order, and the weights sum to 1/6.
-template <class E>
-concept TetElement = requires(const E& element, const Vec3& xi) {
-  requires E::order == 1 || E::order == 2;
-  requires E::nodes == (E::order == 1 ? 4 : 10);
-  requires E::points >= 1;
-  { E::point(0) } -> std::convertible_to<Vec3>;
-  { E::weight(0) } -> std::convertible_to<double>;
-  { element.mean_dilatation } -> std::convertible_to<bool>;
-};
-
-/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures locking near
-/// incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
-struct QuadraticTet {
-  static constexpr int order = 2;
-  static constexpr int nodes = 10;
-  static constexpr int points = 4;
-  bool mean_dilatation = true;
-
-  static Vec3 point(int q) {
-    constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
-    return {q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b};
-  }
-  static double weight(int) { return 1.0 / 24.0; }
-};
-
-/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes that use it.
-struct LinearTet {
-  static constexpr int order = 1;
-  static constexpr int nodes = 4;
-  static constexpr int points = 1;
-  bool mean_dilatation = false;
-
-  template <class Vec3 = Vec3>
-  static Vec3 point(int) { return Vec3::Constant(0.25); }
-  static double weight(int) { return 1.0 / 6.0; }
-};
-
-static_assert(TetElement<QuadraticTet> && TetElement<LinearTet>);
-
-/// Gradients of the shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
+/// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
 template <int Nodes, class Vec3 = Vec3>
 Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
   static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
@@ -64,6 +23,87 @@ Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
   }
   return g;
 }
+
+/// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in the node order of TetMesh, on the
+/// reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is shared. `order` is the mesh's.
+/// Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares of the mass to 1.
+template <class E>
+concept TetElement = requires(const E& element) {
+  requires E::order == 1 || E::order == 2;
+  requires E::nodes == (E::order == 1 ? 4 : 10);
+  requires E::points >= 1;
+  { E::gradients(0) } -> std::same_as<Eigen::Matrix<double, 3, E::nodes>>;
+  { E::weight(0) } -> std::convertible_to<double>;
+  { E::mass_share(0) } -> std::convertible_to<double>;
+  { element.mean_dilatation } -> std::convertible_to<bool>;
+};
+
+/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures locking near
+/// incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
+struct QuadraticTet {
+  static constexpr int order = 2;
+  static constexpr int nodes = 10;
+  static constexpr int points = 4;
+  bool mean_dilatation = true;
+
+  template <class Vec3 = Vec3>
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+    constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
+    return shape_gradients<nodes, Vec3>(Vec3(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
+  }
+  static double weight(int) { return 1.0 / 24.0; }
+  /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
+  static double mass_share(int a) { return a < 4 ? 1.0 / 36.0 : 4.0 / 27.0; }
+};
+
+/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes that use it.
+struct LinearTet {
+  static constexpr int order = 1;
+  static constexpr int nodes = 4;
+  static constexpr int points = 1;
+  bool mean_dilatation = false;
+
+  template <class Vec3 = Vec3>
+  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes, Vec3>(Vec3::Constant(0.25)); }
+  static double weight(int) { return 1.0 / 6.0; }
+  static double mass_share(int) { return 0.25; }
+};
+
+/// Eight linear tetrahedra in place of one quadratic, on its ten nodes; with `mean_dilatation` the volumetric energy sees the mean of J over the eight, which
+/// cures their locking (de Souza Neto, Pires, Owen 2005, patches of linear elements, here with an energy). Without it, linear tetrahedra of half the size.
+struct LinearPatchTet {
+  static constexpr int order = 2;
+  static constexpr int nodes = 10;
+  static constexpr int points = 8;
+  bool mean_dilatation = true;
+
+  template <class Vec3 = Vec3>
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+    Eigen::Matrix<double, 3, nodes> g = Eigen::Matrix<double, 3, nodes>::Zero();
+    const auto& part = parts[q];
+    const auto edge = [&](int k) { return Vec3(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
+    for (int k = 1; k < 4; ++k) {
+      const Vec3 u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1), slope = 8.0 * u.cross(v);   // u × v · edge(k) = 1/8, six times the volume
+      for (int i = 0; i < 3; ++i) g(i, part[k]) = slope[i], g(i, part[0]) -= slope[i];
+    }
+    return g;
+  }
+  static double weight(int) { return 1.0 / 48.0; }
+  static double mass_share(int a) {
+    int shared = 0;
+    for (const auto& part : parts)
+      for (int node : part) shared += node == a;
+    return shared / 32.0;
+  }
+
+  /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9, which mirrored() leaves in place.
+  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+
+ private:
+  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+};
+
+static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
 inline std::array<double, 6> face_shape(double u, double v, int order) {

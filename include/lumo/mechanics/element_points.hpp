@@ -27,7 +27,7 @@ class ElementPoints {
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)
       for (int q = 0; q < Element::points; ++q) {
-        const Gradients by_xi = shape_gradients<Element::nodes>(Element::point(q));
+        const Gradients by_xi = Element::gradients(q);
         Mat3 jacobian = Mat3::Zero();
         for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
         const Mat3 to_x = inverse_transposed(jacobian);
