@@ -1151,6 +1151,10 @@ struct FingerOptions {
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
 
+    /// All edges `factor` times as long; the stretch stays.
+    constexpr Mesh scaled(double factor) const {
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad, factor * shortest_chord};
+    }
     bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
@@ -1844,6 +1848,9 @@ struct Focus {
   double finest = 0.2e-3;     ///< edge length at a place of touch [m]
   double growth = 0.1;        ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
+
+  /// All edges `factor` times as long.
+  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.

@@ -138,11 +138,9 @@ int main(int argc, char** argv) {
     for (const FingerDesign& d : list) {
       const std::string key = detail::text(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
-      Focus focus;
-      for (double* edge : {&focus.finest, &focus.growth, &focus.depth_growth}) *edge *= s.mesh;
       FingerOptions options;
-      for (double* edge : {&options.mesh.contact_edge, &options.mesh.coarsest_edge, &options.mesh.growth, &options.mesh.max_turn_rad, &options.mesh.shortest_chord}) *edge *= s.mesh;
-      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), focus};
+      options.mesh = options.mesh.scaled(s.mesh);
+      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
       const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);

@@ -372,11 +372,13 @@ Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere
         auto tools = *pipeline;
         Mechanics mechanics;
         mechanics.friction = reading.friction;
+        tools.focus = tools.focus.scaled(o.mesh_scale);
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
       const std::vector<Departure> rows = departures();
-      const FingerReading usual{silicone(o.material), {}};
+      FingerReading usual{silicone(o.material), {}};
+      usual.finger.mesh = usual.finger.mesh.scaled(o.mesh_scale);
       const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
       for (std::size_t k = 0; k < results.size(); ++k) {
         const EvaluationResult r = report(results[k].evaluation);

@@ -46,6 +46,7 @@ struct Options {
   int seed = 1;
   int seeds = 20;
   int designs = 40;
+  double mesh_scale = 1.0;               ///< of a study: edge lengths of its meshes, in those of `evaluate`
   bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
   std::string log;                       ///< a log's folder or MCAP file: to read, or (a folder) for the virtual lab to make

@@ -14,6 +14,9 @@ struct Focus {
   double finest = 0.2e-3;     ///< edge length at a place of touch [m]
   double growth = 0.1;        ///< edge length gained per distance from it
   double depth_growth = 0.7;  ///< and per depth below it: only the surface has to follow the edge of contact
+
+  /// All edges `factor` times as long.
+  constexpr Focus scaled(double factor) const { return {factor * finest, factor * growth, factor * depth_growth}; }
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.

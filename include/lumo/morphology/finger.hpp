@@ -19,6 +19,10 @@ struct FingerOptions {
     double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
     double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
 
+    /// All edges `factor` times as long; the stretch stays.
+    constexpr Mesh scaled(double factor) const {
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad, factor * shortest_chord};
+    }
     bool operator==(const Mesh&) const = default;
   };
   /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
