@@ -1,0 +1,74 @@
+#!/usr/bin/env python3
+"""Puts what `lumo study readings` found into the page that says what the paper leaves open.
+
+usage: benchmarks/readings/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script and beside the page)
+
+The page's part between its two markers is written anew: a row a reading, largest change of J_obs first, and the readings under which a ranking is another one.
+"""
+import csv
+import pathlib
+import re
+import shutil
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+PAGE = HERE.parents[1] / "docs/pages/readings.md"
+BEGIN, END = "<!-- found: made by benchmarks/readings/table.py -->\n", "<!-- found: end -->\n"
+WEAK = 0.8   # Kendall's tau below which conclusions hang on a reading, as the program says
+
+
+def number(text, digits):
+    return f"{float(text):+.{digits}f}".replace("-", "−") if text else "–"
+
+
+def change(row, key, digits):
+    low, high = row[f"{key}_low"], row[f"{key}_high"]
+    return number(row[key], digits) + (f" ({number(low, digits)} … {number(high, digits)})" if low else "")
+
+
+def tau(text):
+    return "–" if not text else f"**{float(text):.2f}**" if float(text) < WEAK else f"{float(text):.2f}"
+
+
+def share(row, key):
+    return f"{row[key]} of {row['designs']}"
+
+
+def table(rows):
+    lines = ["| reading | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | τ, J_obs | other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
+    for row in sorted(rows, key=lambda r: -abs(float(r["delta_J_obs_percent"] or 0.0))):
+        name = f"{row['quantity']}: {row['value']}".replace("|", "\\|")
+        choice = "stays" if row["choice_mm"] == row["usual_choice_mm"] else row["choice_mm"] or "–"
+        designs = row["designs"] + (f" ({row['lost']} lost)" if row["lost"] != "0" else "")
+        lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | {change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | {tau(row['tau_J_obs'])} | "
+                     f"{share(row, 'worst_contact_moved')} | {share(row, 'worst_observation_moved')} | {choice} |")
+    return lines
+
+
+def weak(rows):
+    lines = []
+    for key, objective in (("tau_J_contact", "J_contact"), ("tau_J_obs", "J_obs")):
+        names = [f"{r['quantity']} ({r['value']}), τ {float(r[key]):.2f}".replace("|", "\\|") for r in sorted(rows, key=lambda r: float(r[key] or 1.0)) if r[key] and float(r[key]) < WEAK]
+        lines.append(f"- The ranking by {objective} is another one (τ below {WEAK}) under: " + ("; ".join(names) if names else "none") + ".")
+    return lines
+
+
+def main(folder):
+    tables = ["study_readings.csv", "study_readings_designs.csv"]
+    for name in tables:
+        shutil.copy(folder / name, HERE / name)
+    for name in ("study_readings_J_contact.svg", "study_readings_J_obs.svg"):
+        shutil.copy(folder / name, PAGE.parent / name)
+    with open(HERE / tables[0], encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = "\n".join([*table(rows), "", *weak(rows), ""])
+    text = PAGE.read_text(encoding="utf-8")
+    if BEGIN not in text or END not in text:
+        sys.exit(f"{PAGE.name} lacks the markers {BEGIN.strip()} and {END.strip()}")
+    PAGE.write_text(re.sub(re.escape(BEGIN) + ".*?" + re.escape(END), lambda _: BEGIN + "\n" + found + "\n" + END, text, flags=re.DOTALL), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__)
+    main(pathlib.Path(sys.argv[1]))
