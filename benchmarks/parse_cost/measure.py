@@ -1,13 +1,15 @@
 """What it costs to compile five small programs: nothing but Eigen, all of lumo included, one simulator, one tracer, an evaluation.
 
-usage: measure.py --compiler c++ --include DIR… [--runs 3]
-The first include folder is lumo's own; the others are taken as system folders. Prints CPU seconds (the best of the runs, -O0 -c), their ratio to
-Eigen alone and the peak memory; for clang also how many function and class templates were instantiated.
+usage: measure.py --compiler c++ [c++ …] --include DIR… [--runs 3] [--page FILE]
+The first include folder is lumo's own; the others are taken as system folders. Prints CPU seconds (the best of the runs, -O0 -c), what they are above
+Eigen alone and in its own time, and the peak memory; for clang also how many function and class templates were instantiated. With --page the tables are
+put between that page's markers, with the machine's name.
 """
 import argparse
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -52,26 +54,49 @@ def instantiations(compiler, folders, name):
     return {"functions": kinds.count("InstantiateFunction"), "classes": kinds.count("InstantiateClass")}
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--compiler", required=True)
-    parser.add_argument("--include", nargs="+", required=True)
-    parser.add_argument("--runs", type=int, default=3)
-    arguments = parser.parse_args()
-    counted = is_clang(arguments.compiler)
-    print(version(arguments.compiler))
-    print("| program | CPU [s] | of Eigen alone | memory [MB] |" + (" functions | classes |" if counted else ""))
-    print("|---|---|---|---|" + ("---|---|" if counted else ""))
+def processor():
+    names = re.findall(r"^model name\s*: (.*)$", pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+    return f"{names[0] if names else 'unknown processor'}, {os.cpu_count()} threads"
+
+
+def table(compiler, folders, runs):
+    counted = is_clang(compiler)
+    yield f"{version(compiler)}:\n"
+    yield "| program | CPU [s] | above Eigen alone [s] | in Eigen's | memory [MB] |" + (" functions | classes |" if counted else "")
+    yield "|---|---|---|---|---|" + ("---|---|" if counted else "")
     eigen = None
     for name in PROGRAMS:
-        runs = [cost(arguments.compiler, arguments.include, name) for _ in range(arguments.runs)]
-        seconds, memory = min(runs)[0], max(m for _, m in runs)
+        costs = [cost(compiler, folders, name) for _ in range(runs)]
+        seconds, memory = min(costs)[0], max(m for _, m in costs)
         eigen = eigen or seconds
-        line = f"| {name} | {seconds:.2f} | {seconds / eigen:.1f} | {memory:.0f} |"
+        line = f"| {name} | {seconds:.2f} | {seconds - eigen:.2f} | {seconds / eigen:.1f} | {memory:.0f} |"
         if counted:
-            count = instantiations(arguments.compiler, arguments.include, name)
+            count = instantiations(compiler, folders, name)
             line += f" {count['functions']} | {count['classes']} |"
-        print(line, flush=True)
+        yield line
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--compiler", nargs="+", required=True)
+    parser.add_argument("--include", nargs="+", required=True)
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--page", type=pathlib.Path)
+    arguments = parser.parse_args()
+    lines = []
+    for compiler in arguments.compiler:
+        for line in table(compiler, arguments.include, arguments.runs):
+            print(line, flush=True)
+            lines.append(line)
+        lines.append("")
+    if arguments.page:
+        begin, end = "<!-- measured: made by benchmarks/parse_cost/measure.py -->\n", "<!-- measured: end -->\n"
+        text = arguments.page.read_text(encoding="utf-8")
+        before, _, rest = text.partition(begin)
+        _, found, after = rest.partition(end)
+        if not found:
+            raise SystemExit(f"{arguments.page} lacks the markers {begin.strip()} and {end.strip()}")
+        arguments.page.write_text(before + begin + "\n" + "\n".join([*lines, f"{processor()}.", "", ""]) + end + after, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -366,19 +366,25 @@ Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lum
 }
 
 Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere>>& contacts, Progress& progress) {
-  return [o, contacts, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
+  const double edges = o.coarse ? 1.4 : 1.0;
+  auto usual_tools = pipeline_for(o);
+  if (o.coarse) {
+    usual_tools.tracer = Light<ExitPower>({.rays_per_emitter = 1 << 14, .carrier_rays = 1 << 13, .exit_rays = 1 << 16});
+    usual_tools.rays.tolerance = 0.04;
+    usual_tools.focus = usual_tools.focus.scaled(edges);
+  }
+  return [o, contacts, edges, &progress, pipeline = std::make_shared<decltype(usual_tools)>(std::move(usual_tools))](const Design& x) {
     const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
       const auto tools_for = [&](const FingerReading& reading) {
         auto tools = *pipeline;
         Mechanics mechanics;
         mechanics.friction = reading.friction;
-        tools.focus = tools.focus.scaled(o.mesh_scale);
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
       const std::vector<Departure> rows = departures();
       FingerReading usual{silicone(o.material), {}};
-      usual.finger.mesh = usual.finger.mesh.scaled(o.mesh_scale);
+      usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
       for (std::size_t k = 0; k < results.size(); ++k) {
         const EvaluationResult r = report(results[k].evaluation);

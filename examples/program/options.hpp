@@ -46,7 +46,6 @@ struct Options {
   int seed = 1;
   int seeds = 20;
   int designs = 40;
-  double mesh_scale = 1.0;               ///< of a study: edge lengths of its meshes, in those of `evaluate`
   bool all_contacts = false;             ///< of a study: `ensemble` was asked for
   std::string source = "default";
   std::string log;                       ///< a log's folder or MCAP file: to read, or (a folder) for the virtual lab to make
@@ -61,7 +60,7 @@ struct Options {
   double noise = 1.0;                    ///< of the virtual lab, times the rig's
   int joints = 1;                        ///< of the virtual lab's rig
   double stiffness = 1.0, lamps = 1.0;   ///< of the virtual lab's specimen, times the computed pad's
-  bool coarse = false;                   ///< virtual lab on a coarse mesh with few rays
+  bool coarse = false;                   ///< virtual lab, study of readings: coarser meshes, fewer rays
   std::optional<std::string> cache;      ///< folder of the virtual lab's computed responses
   std::optional<int> camera;             ///< number of a live one
   double exposure_ms = 1.0, gain = 64.0, rate_per_s = 30.0;   ///< of it

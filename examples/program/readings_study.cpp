@@ -43,7 +43,7 @@ std::string problem_text(const Options& o, const Problem& p) {
     j["contacts"] = Json::array();
     for (const auto& s : pressed_contacts(o)) j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
   }
-  j["mesh_scale"] = o.mesh_scale;
+  j["coarse"] = o.coarse;
   j["readings"] = Json::array();
   for (const Departure& d : departures()) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
@@ -152,7 +152,7 @@ std::string picture(const Options& o, std::vector<Effect> list, std::optional<Pa
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
-  chart.subtitle = lumo::detail::text("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o), o.mesh_scale == 1.0 ? std::string() : ", mesh edges × " + short_number(o.mesh_scale));
+  chart.subtitle = lumo::detail::text("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o), o.coarse ? "; coarser meshes, fewer rays" : "");
   chart.x_label = axis;
   chart.note = "Kendall's τ, designs";
   for (const auto& [d, e] : list) {
@@ -165,7 +165,7 @@ std::string picture(const Options& o, std::vector<Effect> list, std::optional<Pa
 }
 
 std::string whole(const Options& o, const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
-  Json j = {{"study", "readings"}, {"material", o.material}, {"contacts", contacts_name(o)}, {"mesh_scale", o.mesh_scale}, {"seed", o.seed}, {"designs", Json::array()}, {"readings", Json::array()}};
+  Json j = {{"study", "readings"}, {"material", o.material}, {"contacts", contacts_name(o)}, {"coarse", o.coarse}, {"seed", o.seed}, {"designs", Json::array()}, {"readings", Json::array()}};
   for (const StudyRow& r : rows) j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}, {"readings", r.record.at("readings")}});
   const auto theta = [&](const std::optional<std::size_t>& k) { return k ? Json(numbers(rows[*k].theta_mm)) : Json(nullptr); };
   const auto summary = [](const std::optional<PairedSummary>& s) { return s ? json(*s) : Json(nullptr); };

@@ -111,6 +111,9 @@ class Refusals(unittest.TestCase):
             self.bad_store(["no/such/folder"], "study", command, "--store", "no/such/folder/s")
             self.refused(BAD_FILE, ["not a directory"], "study", command, "--out", "/dev/null/x")
 
+        self.refused(USAGE, ["--coarse"], "study", "readings", "--coarse=2")
+        self.refused(USAGE, ["--coarse"], "study", "void", "--coarse")
+
     def test_mechanics(self):
         for command in ["press", "trace", "evaluate"]:
             for option, wanted, texts in [("--solver", "quasi_static or vbd", ["newton", "VBD", ""]), ("--element", "linear or quadratic", ["cubic", ""]),

@@ -1,4 +1,5 @@
 #include "catch.hpp"
+#include "lumo/mesh/sizing.hpp"
 #include "lumo/morphology/finger.hpp"
 
 #include <map>
@@ -128,6 +129,17 @@ TEST_CASE("material cards are the paper's") {
     CHECK(0.5 * s.lambda_Pa / (s.lambda_Pa + s.mu_Pa) == Approx(0.495).epsilon(1e-4));  // Poisson's ratio
   }
   CHECK_THROWS_WITH(silicone("Dragon"), Catch::Contains("Dragon") && Catch::Contains("DS or Sol"));
+}
+
+TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, also where a tool touches") {
+  const FingerDesign design{5, 10, 10, 6, 3};
+  FingerOptions coarse;
+  coarse.mesh = coarse.mesh.scaled(1.4);
+  CHECK(FingerOptions::Mesh{}.scaled(1.0) == FingerOptions::Mesh{});
+  const std::vector<Vec3> touches = {{0, 5e-3, 15e-3}};
+  const Body usual = focused(finger(design, dragon_skin()), touches), scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
+  for (const Vec3& p : {Vec3(0, 5e-3, 15e-3), Vec3(1e-3, 6e-3, 14.9e-3), Vec3(8e-3, -20e-3, 10e-3), Vec3(6e-3, 25e-3, 1e-3)})
+    CHECK(scaled.sizing.edge(p) == Approx(1.4 * usual.sizing.edge(p)));
 }
 
 TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side seen, a narrow pad") {
