@@ -29,8 +29,8 @@ def run(program, samples, resamples):
 
 
 def number(value):
-    """Three digits, none of them after the point where the number has them before it."""
-    return f"{value:.0f}" if value >= 99.95 else f"{value:.3g}" if value >= 9.995 else f"{value:.2f}"
+    """Three digits, two of what is below a tenth."""
+    return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}" if value >= 0.0995 else f"{value:.2g}"
 
 
 def times(values):
@@ -114,8 +114,9 @@ benchmarks/micro/table.py        # writes this page; build/release/benchmarks/lu
 
 **Absolute times are noise here**: the machine is shared, and memory and clock are not this program's own. Compare what stands in one table of one run, and distrust
 a mean with a wide interval: Catch2 tells the mean of all samples, those with an interruption included, and a 95 % interval of it by bootstrap.
-"For one" is the mean over the input's first number; "× the first" is the mean over that of the first way to do the same on the same input: above 1 is slower. All on one thread but for the executors. Inputs are small,
-so that all takes about two minutes: a real press has several times as many elements and an evaluation 32 times as many rays, where ratios can differ.
+"For one" is the mean over the input's first number; "× the first" is the mean over that of the first way to do the same on the same input: above 1 is slower.
+All on one thread but for the executors. Inputs are small, so that all takes about a minute and a half:
+a real press has several times as many elements and an evaluation 32 times as many rays, where ratios can differ.
 Before each timing the program checks what it is about to time (powers add up, twins agree); where that fails there is no table.
 """.splitlines()
     stage = None
