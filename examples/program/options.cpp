@@ -412,7 +412,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--store", t.stores, "File that keeps the study; it continues if the file exists", "FILE");
     text_option(c, "--designs", t.designs, readings ? "Seeded designs to compare beside the five references, default 30" : "Feasible designs to compare, default 40", "N");
     text_option(c, "--seed", t.seed, "Of the designs, default 1", "N");
-    if (readings) c->add_flag("--coarse", o.coarse, "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: a quarter of the time")->disable_flag_override();
+    if (readings) c->add_flag("--coarse", o.coarse, "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time")->disable_flag_override();
     material(c);
     text_option(c, "--ensemble", t.ensemble, readings ? "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)" : "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°", "NAME");
     text_option(c, "--out", t.out, "Directory for files; made when there is something to write", "DIR");
