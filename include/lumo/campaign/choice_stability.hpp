@@ -15,8 +15,8 @@ namespace lumo {
 /// processes of the trials told so far: how much of the choice is the search's luck. Both objectives are maximised, reference (0, 0).
 /// `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any thread. Empty where a search found
 /// nothing to choose. Throws InvalidArgument with fewer than two told trials.
-template <class MakeOptimizer, Executor E, class Watch>
-std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials, int seeds, int evaluations, const MakeOptimizer& make_optimizer,
+template <class MakeOptimizer, Executor E, class Watch, class Trial = Trial, class VectorXd = Eigen::VectorXd>
+std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, In<std::vector<Trial>> trials, int seeds, int evaluations, const MakeOptimizer& make_optimizer,
                                                       const E& executor, const Watch& watch) {
   std::vector<const Trial*> told;
   for (const Trial& t : trials)
@@ -29,7 +29,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
   std::vector<GaussianProcess<>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
     for (Eigen::Index j = 0; j < n; ++j) {
-      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(told[std::size_t(j)]->x.data(), d);
+      data.x.col(j) = Eigen::Map<const VectorXd>(told[std::size_t(j)]->x.data(), d);
       data.y[j] = told[std::size_t(j)]->outputs[k];
     }
     models.push_back(GaussianProcess<>::fit(data));
@@ -43,7 +43,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
     auto optimizer = make_optimizer(searched);
     std::vector<std::pair<double, double>> found;
     while (const std::optional<Trial> trial = optimizer.ask()) {
-      const Eigen::MatrixXd x = Eigen::Map<const Eigen::VectorXd>(trial->x.data(), d);
+      const Eigen::MatrixXd x = Eigen::Map<const VectorXd>(trial->x.data(), d);
       found.emplace_back(models[0].mean(x)[0], models[1].mean(x)[0]);
       optimizer.tell(trial->id, {found.back().first, found.back().second});
     }

@@ -27,6 +27,7 @@ struct Ensemble {
 };
 
 /// The paper's pad-normal contacts: 4 diameters × 7 places.
+template <class Ensemble = Ensemble>
 inline Ensemble flat_ensemble() { return {}; }
 
 /// The paper's contacts under five approach angles: 4 × 5 × 7.

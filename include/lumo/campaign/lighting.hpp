@@ -51,6 +51,11 @@ struct SolvedScenario {
 template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, Light>;
+  using Response = Dependent<lumo::Response, Light>;
+  using ScenarioRecord = Dependent<lumo::ScenarioRecord, Light>;
+  using SolvedScenario = Dependent<detail::SolvedScenario, Light>;
+
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
@@ -116,10 +121,10 @@ class Lighting {
     for (std::size_t i = 0; i < jobs.size(); ++i) {
       const auto& [place, r, state] = jobs[i];
       if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
+      const MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      MatrixXd& sum = records_[state->solve].states[state->state].change;
       const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
+      sum = r == 0 ? change : MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }

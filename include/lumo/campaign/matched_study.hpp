@@ -28,7 +28,7 @@ struct MatchedStudy {
 };
 
 /// Contacts at the middle of the finger, along the pad normal, with the smallest and the largest sphere of the paper.
-template <class = void>
+template <class Ensemble = Ensemble>
 inline Ensemble middle_contacts() {
   Ensemble e;
   e.diameters_m = {10e-3, 30e-3};
@@ -41,7 +41,7 @@ inline constexpr int largest_study = 500;
 
 /// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
 /// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
-template <class = void>
+template <class Problem = Problem>
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
   if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
@@ -60,7 +60,7 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
-template <class MatrixXd = Eigen::MatrixXd>
+template <class MatrixXd = Eigen::MatrixXd, class Estimate = Estimate>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {

@@ -22,6 +22,7 @@ struct TrialEntry {
 };
 
 /// The shortest text that reads back as the same number.
+template <class = void>
 inline std::string exact_text(double value) {
   char text[32];
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
@@ -34,8 +35,11 @@ inline std::string trial_text(int id, const std::vector<double>& values) {
   return s;
 }
 
+template <class = void>
 inline LogEntry ask_entry(int id, const std::vector<double>& design) { return {0, "ask", trial_text(id, design), "", ""}; }
+template <class = void>
 inline LogEntry tell_entry(int id, const std::vector<double>& outputs) { return {0, "tell", trial_text(id, outputs), "", ""}; }
+template <class = void>
 inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, "fail", std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
 }

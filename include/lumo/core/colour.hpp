@@ -6,6 +6,7 @@
 namespace lumo::detail {
 
 /// "#rrggbb" of red, green and blue, each 0 … 255.
+template <class = void>
 inline std::string hex_colour(const std::array<int, 3>& rgb) {
   std::string colour = "#";
   for (const int c : rgb)

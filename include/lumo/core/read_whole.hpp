@@ -12,6 +12,7 @@
 namespace lumo::detail {
 
 /// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
+template <class = void>
 inline std::optional<std::string> read_whole(const std::filesystem::path& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;

@@ -91,11 +91,15 @@ inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
     {7, 42, {1, 3, 7, 3, 13, 59, 17}},
 }};
 
-using SobolTable = std::array<std::array<std::uint32_t, 32>, 32>;
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
 
 /// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
 constexpr SobolTable make_sobol_table() {
-  SobolTable v{};
+  SobolTable table{};
+  auto& v = table.number;
   for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
   for (std::size_t d = 1; d < 32; ++d) {
     const SobolSeed& seed = sobol_seeds[d - 1];
@@ -110,7 +114,7 @@ constexpr SobolTable make_sobol_table() {
         if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
     }
   }
-  return v;
+  return table;
 }
 
 inline constexpr SobolTable sobol_table = make_sobol_table();
@@ -125,7 +129,7 @@ struct Sobol {
   static constexpr std::uint32_t bits(std::uint32_t index, int dimension) {
     std::uint32_t x = 0;
     for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= detail::sobol_table[std::size_t(dimension)][k];
+      if (index & 1u) x ^= detail::sobol_table.number[dimension][k];
     return x;
   }
 };

@@ -11,7 +11,10 @@
 // the cost. The body of a function template waits for its first call, so a function that computes with matrices, or calls one that does, is one:
 // `template <class = void>`. Even there the types of expressions are made at once if they do not depend on a parameter. Hence
 // `template <class Mat3 = Mat3>`: under their own names the matrix types are parameters, which nobody passes, and nothing is made before the call.
-// Arguments then convert by `In`. benchmarks/parse_cost measures it, tests/repository/check_cost.py guards it.
+// Arguments then convert by `In`. What holds of Eigen's expressions holds of the constexpr members of std::vector and std::optional, of all of which a
+// compiler makes a copy for each type of element; so records are parameters, too: `template <class Segment = Segment>`. Where nearly all of a class computes,
+// it is a template as a whole, `BayesLocalizerOf<>`, and the name that users write is an alias of it: what is declared inside of it waits of itself.
+// benchmarks/parse_cost measures it, tests/repository/check_cost.py guards it.
 
 namespace lumo {
 

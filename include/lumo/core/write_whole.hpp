@@ -14,6 +14,7 @@ namespace lumo::detail {
 
 /// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
 /// line, and leaves what was there.
+template <class = void>
 inline void write_whole(const std::string& path, std::string_view bytes) {
   // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
   const std::string part = text(path, ".part-", std::chrono::steady_clock::now().time_since_epoch().count(), '-', static_cast<const void*>(&bytes));

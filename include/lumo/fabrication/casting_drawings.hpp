@@ -10,20 +10,20 @@
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-template <class = void>
-Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing section_drawing(In<CastSection> section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-template <class = void>
-Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing strip_drawing(In<CastSection> section, const CastingOptions& options = {});
 /// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-template <class = void>
-Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing core_drawing(In<CastSection> section, const CastingOptions& options = {});
 
 namespace detail {
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
-template <class = void>
-inline void add_caption(Drawing& d, const std::string& words) {
+template <class Drawing>
+void add_caption(Drawing& d, const std::string& words) {
   const int layer = int(d.layers.size());
   d.layers.push_back({"NOTES", 8, "#666666"});
   const auto box = d.box();
@@ -34,11 +34,12 @@ inline void add_caption(Drawing& d, const std::string& words) {
   d.title = words;
 }
 
-inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
+template <class Line = Drawing::Line>
+inline Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
 
 /// A half outline at x > 0 and its mirror image in one loop.
-template <class = void>
-inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
+template <class Point = Drawing::Point>
+inline std::vector<Point> mirrored(std::type_identity_t<std::vector<Point>> half) {
   for (std::size_t i = half.size(); i-- > 0;)
     if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
   return half;
@@ -46,15 +47,15 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
-template <class>
-inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing section_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
   Drawing d;
   d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
   if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
+  std::vector<typename Drawing::Point> pad{{ridge, s.ridge_height}};
   if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
   else pad.push_back({ridge, 0.0});
   pad.insert(pad.end(), s.outline.begin(), s.outline.end());
@@ -64,10 +65,10 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
   d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+    std::vector<typename Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
                                      {0.0, at.mould_top}};
     half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
-    for (Drawing::Point& p : half) p[0] *= side;
+    for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
     if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
   }
@@ -79,8 +80,8 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
-template <class>
-inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing strip_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   Drawing d;
@@ -94,8 +95,8 @@ inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
-template <class>
-inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing core_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
   Drawing d;

@@ -18,7 +18,7 @@ struct CastingPart {
   TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
   double volume_m3 = 0.0;         ///< of one
-  Vec3 box = Vec3::Zero();        ///< edges of the printed one's bounding box [m]
+  Vec3 box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
 };
 
 /// Silicone that a cast takes [m³].

@@ -34,6 +34,7 @@ inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
 }
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
+template <class = void>
 void validate(const CastingOptions& options, const CastSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
@@ -46,6 +47,7 @@ struct CastingLayout {
   double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
   double strip_y;                                 ///< half the LED strip
 
+  template <class = void>
   CastingLayout(const CastSection& s, const CastingOptions& o) {
     const double c = o.clearance;
     half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
@@ -61,6 +63,7 @@ struct CastingLayout {
   static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
 };
 
+template <class>
 inline void validate(const CastingOptions& o, const CastSection& s) {
   namespace limits = casting_limits;
   require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");

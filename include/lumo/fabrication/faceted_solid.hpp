@@ -14,20 +14,19 @@ namespace lumo {
 /// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
 /// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
 /// told is what is made, and surface() checks that it bounds a solid.
-class FacetedSolid {
+template <class Vec3 = Vec3>
+class FacetedSolidOf {
  public:
+  using TriangleSurface = Dependent<lumo::TriangleSurface, Vec3>;
   using Loop = std::vector<Vec3>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
-  template <class = void>
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
   /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
   /// Outward for a loop that is counter-clockwise seen from the side of `to`.
-  template <class = void>
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
-  template <class = void>
   TriangleSurface surface() const;
 
  private:
@@ -36,55 +35,54 @@ class FacetedSolid {
     std::vector<std::vector<int>> holes;
   };
 
-  template <class = void>
   int vertex(const Vec3& p);
-  template <class = void>
   std::vector<int> numbers(const Loop& loop);
-  template <class Vec3 = Vec3>
   std::vector<int> with_corners_between(const std::vector<int>& loop) const;
 
   std::vector<Vec3> vertices_;
-  std::map<std::array<double, 3>, int> known_;
+  std::map<std::array<typename Vec3::Scalar, 3>, int> known_;
   std::vector<Face> faces_;
 };
 
+using FacetedSolid = FacetedSolidOf<>;
+
 /// The loop the other way round.
-template <class = void>
-inline FacetedSolid::Loop reversed(FacetedSolid::Loop loop) {
+template <class Loop = FacetedSolid::Loop>
+inline Loop reversed(std::type_identity_t<Loop> loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }
 
-template <class>
-inline int FacetedSolid::vertex(const Vec3& p) {
+template <class Vec3>
+inline int FacetedSolidOf<Vec3>::vertex(const Vec3& p) {
   const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
 
-template <class>
-inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
+template <class Vec3>
+inline std::vector<int> FacetedSolidOf<Vec3>::numbers(const Loop& loop) {
   std::vector<int> n;
   for (const Vec3& p : loop) n.push_back(vertex(p));
   return n;
 }
 
-template <class>
-inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
+template <class Vec3>
+inline void FacetedSolidOf<Vec3>::face(const Loop& outline, const std::vector<Loop>& holes) {
   Face f{numbers(outline), {}};
   for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
   faces_.push_back(std::move(f));
 }
 
-template <class>
-inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
+template <class Vec3>
+inline void FacetedSolidOf<Vec3>::band(const Loop& from, const Loop& to, bool closed) {
   const std::size_t n = from.size();
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
 }
 
 /// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
 template <class Vec3>
-inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
+inline std::vector<int> FacetedSolidOf<Vec3>::with_corners_between(const std::vector<int>& loop) const {
   std::vector<int> full;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int from = loop[i], to = loop[(i + 1) % loop.size()];
@@ -93,20 +91,25 @@ inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int
     for (int axis = 0; axis < 3; ++axis) {
       const int u = (axis + 1) % 3, v = (axis + 2) % 3;
       if (a[u] != b[u] || a[v] != b[v]) continue;
-      std::vector<std::pair<double, int>> between;
+      struct Corner {
+        double way;
+        int vertex;
+        auto operator<=>(const Corner&) const = default;
+      };
+      std::vector<Corner> between;
       for (std::size_t k = 0; k < vertices_.size(); ++k) {
         const Vec3& p = vertices_[k];
-        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.emplace_back(std::abs(p[axis] - a[axis]), int(k));
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
       }
       std::sort(between.begin(), between.end());
-      for (const auto& corner : between) full.push_back(corner.second);
+      for (const auto& corner : between) full.push_back(corner.vertex);
     }
   }
   return full;
 }
 
-template <class>
-inline TriangleSurface FacetedSolid::surface() const {
+template <class Vec3>
+inline auto FacetedSolidOf<Vec3>::surface() const -> TriangleSurface {
   TriangleSurface s{vertices_, {}};
   for (const Face& f : faces_) {
     const std::vector<int> outline = with_corners_between(f.outline);
@@ -126,7 +129,7 @@ inline TriangleSurface FacetedSolid::surface() const {
     };
     std::vector<std::vector<int>> local_holes;
     for (const auto& hole : holes) local_holes.push_back(local(hole));
-    const auto triangles = detail::PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
+    const auto triangles = detail::PolygonTrianglesOf<Vec3>(corners, normal).cut(local(outline), std::move(local_holes));
     if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
     for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }

@@ -6,6 +6,7 @@
 namespace lumo::detail {
 
 /// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+template <class = void>
 inline std::string in_mm(double length_m) {
   char digits[400];
   std::string s(digits, std::to_chars(digits, digits + sizeof digits, 1e3 * length_m, std::chars_format::fixed, 6).ptr);

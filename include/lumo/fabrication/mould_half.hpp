@@ -23,7 +23,7 @@ struct Opening {
 };
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
-template <class = void>
+template <class Opening = Opening>
 std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
@@ -35,7 +35,7 @@ TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& o
 template <class = void>
 TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
-template <class>
+template <class Opening>
 inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
@@ -51,16 +51,18 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
 namespace detail {
 
 /// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
-class MouldHalf {
+template <class Vec3 = Vec3>
+class MouldHalfOf {
  public:
-  template <class = void>
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  using CastSection = Dependent<lumo::CastSection, Vec3>;
+  using FacetedSolid = Dependent<lumo::FacetedSolid, Vec3>;
+
+  MouldHalfOf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
     if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
   }
 
-  template <class = void>
   TriangleSurface surface() {
     cavity();
     parting();
@@ -72,25 +74,26 @@ class MouldHalf {
   }
 
  private:
-  using Loop = FacetedSolid::Loop;
-  using Corners = std::vector<std::array<double, 2>>;
+  using Loop = typename FacetedSolid::Loop;
+  using Corners = decltype(CastSection::outline);
+
+  struct Notch {
+    double from, to;   ///< along x
+  };
 
   /// Of corners (x, z), in a plane of constant y.
-  template <class = void>
   static Loop upright(const Corners& corners, double y) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
     return loop;
   }
   /// Of corners (y, z), in a plane of constant x.
-  template <class = void>
   static Loop lengthwise(const Corners& corners, double x) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
     return loop;
   }
   /// Of corners (x, y), in a plane of constant z.
-  template <class = void>
   static Loop level(const Corners& corners, double z) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
@@ -98,38 +101,33 @@ class MouldHalf {
   }
 
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
-  template <class = void>
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
     for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
     return line;
   }
 
-  template <class = void>
   void cavity();
-  template <class = void>
   void parting();
-  template <class = void>
   void underside();
-  template <class = void>
   void outside();
-  template <class = void>
   void notches();
-  template <class = void>
   void openings();
 
   const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
-  std::vector<Opening> openings_;
-  std::vector<std::pair<double, double>> notches_;   ///< from and to, along x
+  std::vector<Dependent<Opening, Vec3>> openings_;
+  std::vector<Notch> notches_;
   double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
+using MouldHalf = MouldHalfOf<>;
+
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
-template <class>
-inline void MouldHalf::cavity() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::cavity() {
   solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
   const Corners crown(s_.outline.rbegin(), s_.outline.rend());
   Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
@@ -146,8 +144,8 @@ inline void MouldHalf::cavity() {
 }
 
 /// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
-template <class>
-inline void MouldHalf::parting() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::parting() {
   constexpr double radius = 2.5e-3, height = 3.0e-3;
   const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
   const auto around = [&](double x, double place, double r) { return ring(Vec3(x, place, z), Vec3::UnitZ(), Vec3::UnitY(), r); };   // seen from −x
@@ -160,8 +158,8 @@ inline void MouldHalf::parting() {
 }
 
 /// The ledge that lies on the carrier's plate, and the rim round it.
-template <class>
-inline void MouldHalf::underside() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
   if (!notches_.empty())
@@ -176,8 +174,8 @@ inline void MouldHalf::underside() {
   solid_.face(upright(inner, at_.rim_y));
 }
 
-template <class>
-inline void MouldHalf::outside() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
@@ -190,8 +188,8 @@ inline void MouldHalf::outside() {
 }
 
 /// Through the end wall, open to the plate; the rim below it is a clearance lower, so that the core lies on the plate.
-template <class>
-inline void MouldHalf::notches() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::notches() {
   const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
   const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
   for (const auto& [a, b] : notches_) {
@@ -202,8 +200,8 @@ inline void MouldHalf::notches() {
   }
 }
 
-template <class>
-inline void MouldHalf::openings() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::openings() {
   for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
     const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);

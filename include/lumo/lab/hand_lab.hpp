@@ -40,11 +40,23 @@ struct HandRig {
 
 /// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
-class HandLab {
+template <class PadLight = PadLight>
+class HandLabOf {
  public:
+  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
+  using Vector2d = Dependent<Eigen::Vector2d, PadLight>;
+  using LinkMap = Dependent<lumo::LinkMap, PadLight>;
+  using HandPlan = Dependent<lumo::HandPlan, PadLight>;
+  using Session = Dependent<lumo::Session, PadLight>;
+  using SessionLink = Dependent<lumo::SessionLink, PadLight>;
+  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
+  using JointSample = Dependent<lumo::JointSample, PadLight>;
+  using JointVector = Dependent<lumo::JointVector, PadLight>;
+  using HandTruth = Dependent<lumo::HandTruth, PadLight>;
+  using HandTouch = Dependent<lumo::HandTouch, PadLight>;
+
   /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
-  template <class = void>
-  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+  HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -52,10 +64,8 @@ class HandLab {
   const std::vector<HandTruth>& truth() const { return truth_; }
   const HandPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
   /// Where a link really is in the image.
-  template <class Vector2d = Eigen::Vector2d>
   LinkMap map(int link, const HandJoints& joints) const;
 
  private:
@@ -71,7 +81,6 @@ class HandLab {
     keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
   }
   HandTruth at(double t_s) const;
-  template <class = void>
   void require_seen(const HandJoints& joints) const {
     for (int l = 0; l < 4; ++l)
       for (const double y : {-side_.half_length_m, side_.half_length_m})
@@ -97,8 +106,10 @@ class HandLab {
   std::vector<double> lamps_, room_DN_;
 };
 
-template <class Vector2d>
-inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
+using HandLab = HandLabOf<>;
+
+template <class PadLight>
+inline auto HandLabOf<PadLight>::map(int link, const HandJoints& joints) const -> LinkMap {
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
   Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
@@ -115,8 +126,8 @@ inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
   return m;
 }
 
-template <class>
-inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
+template <class PadLight>
+inline HandLabOf<PadLight>::HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -157,7 +168,10 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     session_.links.push_back(std::move(s));
   }
   const double free_s = keys_.back().t_s;
-  std::vector<std::pair<double, double>> held;
+  struct Held {
+    double from_s, to_s;
+  };
+  std::vector<Held> held;
   for (int g = 0; g < int(plan_.grasps.size()); ++g) {
     const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
     move_to(grasp.joints_rad);
@@ -168,7 +182,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
-    held.emplace_back(t + plan_.close_s, t + plan_.close_s + plan_.hold_s);
+    held.push_back({t + plan_.close_s, t + plan_.close_s + plan_.hold_s});
   }
   const double end_s = keys_.back().t_s;
 
@@ -207,7 +221,8 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   }
 }
 
-inline HandTruth HandLab::at(double t_s) const {
+template <class PadLight>
+inline auto HandLabOf<PadLight>::at(double t_s) const -> HandTruth {
   std::size_t k = 0;
   while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
   const Key &a = keys_[k], &b = keys_[k + 1];
@@ -220,8 +235,8 @@ inline HandTruth HandLab::at(double t_s) const {
   return truth;
 }
 
-template <class VectorXd>
-inline Image HandLab::image(std::size_t k) const {
+template <class PadLight>
+inline Image HandLabOf<PadLight>::image(std::size_t k) const {
   struct Seen {
     LinkMap map;
     double c, s;      ///< cosine and sine of its turn

@@ -23,13 +23,15 @@ namespace detail {
 
 inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
 
+template <class = void>
 inline std::uint64_t checksum(std::string_view text) {
   std::uint64_t sum = text.size();
   for (const char c : text) sum = mix64(sum ^ std::uint64_t(static_cast<unsigned char>(c))) + 0x9e3779b97f4a7c15ull;
   return sum;
 }
 
-inline void append_block(std::string& to, const char* name, const Eigen::MatrixXd& m) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline void append_block(std::string& to, const char* name, In<MatrixXd> m) {
   to += text(name, ' ', m.rows(), ' ', m.cols(), '\n');
   char buffer[32];
   for (Eigen::Index i = 0; i < m.rows(); ++i)
@@ -45,6 +47,7 @@ class BlockReader {
  public:
   BlockReader(std::string_view text, std::string name) : left_(text), name_(std::move(name)) {}
 
+  template <class = void>
   std::string_view line() {
     const auto end = left_.find('\n');
     if (end == std::string_view::npos) fail("ends too early");
@@ -52,7 +55,8 @@ class BlockReader {
     left_.remove_prefix(end + 1);
     return l;
   }
-  Eigen::MatrixXd block(std::string_view wanted) {
+  template <class MatrixXd = Eigen::MatrixXd>
+  MatrixXd block(std::string_view wanted) {
     const std::string_view head = line();
     const auto first = head.find(' '), second = head.find(' ', first + 1);
     long rows = -1, columns = -1;
@@ -60,7 +64,7 @@ class BlockReader {
     std::from_chars(head.data() + first + 1, head.data() + second, rows);
     std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
     if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000) fail("a block has no sensible size");
-    Eigen::MatrixXd m(rows, columns);
+    MatrixXd m(rows, columns);
     for (long i = 0; i < rows && columns > 0; ++i) {
       const std::string_view l = line();
       const char* at = l.data();
@@ -72,11 +76,13 @@ class BlockReader {
     }
     return m;
   }
+  template <class MatrixXd = Eigen::MatrixXd>
   Eigen::VectorXd column(std::string_view wanted) {
-    const Eigen::MatrixXd m = block(wanted);
+    const MatrixXd m = block<MatrixXd>(wanted);
     if (m.cols() != 1) fail("a block has more than one column");
     return m.col(0);
   }
+  template <class = void>
   [[noreturn]] void fail(const char* why) const { throw InputError(text(name_, ": ", why)); }
 
  private:
@@ -131,7 +137,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
-template <class = void>
+template <class PadResponses = PadResponses>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;

@@ -39,7 +39,8 @@ inline void validate(const PadResponses& r, const std::string& name) {
   const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
   const auto ascend = [](const VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
-  require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
+  const VectorXd& position_m = r.position_m;
+  require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
   require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
@@ -50,11 +51,14 @@ inline void validate(const PadResponses& r, const std::string& name) {
 }
 
 /// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
-class PadLight {
+template <class VectorXd = Eigen::VectorXd>
+class PadLightOf {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
+  using PadResponses = Dependent<lumo::PadResponses, VectorXd>;
+
   /// Throws InputError for responses that do not fit together.
-  template <class MatrixXd = Eigen::MatrixXd>
-  explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
+  explicit PadLightOf(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
     for (const MatrixXd& m : r_.change) slope_.push_back(slopes(m));
     for (const MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
@@ -75,8 +79,7 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
-  template <class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
+  VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
@@ -87,14 +90,12 @@ class PadLight {
     }
     return y_m < 0.0 ? VectorXd(v.reverse()) : v;
   }
-  template <class VectorXd = Eigen::VectorXd>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     const VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
-  template <class = void>
   double load_N(double y_m, double depth_m) const {
     const double most = max_load_N(), end = this->depth_m(y_m, most);
     if (!(depth_m > 0.0)) return 0.0;
@@ -109,8 +110,7 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
-  template <class VectorXd = Eigen::VectorXd>
-  static std::pair<std::size_t, double> between(In<VectorXd> x, double at) {
+  static std::pair<std::size_t, double> between(const VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
     if (at >= x[last]) return {std::size_t(last), 0.0};
@@ -121,8 +121,7 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  Eigen::MatrixXd slopes(In<MatrixXd> value) const {
+  MatrixXd slopes(const MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
     for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? VectorXd(value.col(k - 1)) : VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
@@ -136,8 +135,7 @@ class PadLight {
     }
     return slope;
   }
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd at_load(In<MatrixXd> value, In<MatrixXd> slope, double at) const {
+  VectorXd at_load(const MatrixXd& value, const MatrixXd& slope, double at) const {
     const Eigen::Index n = value.cols();
     if (!(at > 0.0)) return VectorXd::Zero(value.rows());
     if (at >= load(n)) return value.col(n - 1);
@@ -149,7 +147,7 @@ class PadLight {
     return v;
   }
   /// v += share · f(y − shift), f linear between bins and 0 beyond.
-  void add_moved(Eigen::VectorXd& v, double share, const Eigen::VectorXd& f, double shift_m) const {
+  void add_moved(VectorXd& v, double share, const VectorXd& f, double shift_m) const {
     const double width = r_.position_m[1] - r_.position_m[0];
     const Eigen::Index n = v.size();
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -161,8 +159,10 @@ class PadLight {
   }
 
   PadResponses r_;
-  std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
-  Eigen::MatrixXd depth_slope_;
+  std::vector<MatrixXd> slope_, tilt_slope_;
+  MatrixXd depth_slope_;
 };
+
+using PadLight = PadLightOf<>;
 
 }  // namespace lumo

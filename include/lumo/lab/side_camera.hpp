@@ -15,10 +15,14 @@ struct CameraPlace {
 };
 
 /// A pinhole camera before the side of a pad.
-class SideCamera {
+template <class Vector3d = Eigen::Vector3d>
+class SideCameraOf {
  public:
-  template <class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
-  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
+  using Vector2d = Dependent<Eigen::Vector2d, Vector3d>;
+  using Matrix3d = Dependent<Eigen::Matrix3d, Vector3d>;
+  using AngleAxisd = Dependent<Eigen::AngleAxisd, Vector3d>;
+
+  SideCameraOf(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
       : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
     // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
     Matrix3d level;
@@ -30,29 +34,23 @@ class SideCamera {
   }
 
   /// From a pixel to the middle of the window, over the focal length.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d off_axis(double u, double v) const { return (Vector2d(u, v) - centre_) / camera_.focal_px; }
+  Vector2d off_axis(double u, double v) const { return (Vector2d(u, v) - centre_) / camera_.focal_px; }
   /// Where the ray through a pixel meets the plane of the facing side.
-  template <class Vector3d = Eigen::Vector3d, class Vector2d = Eigen::Vector2d>
-  Eigen::Vector3d on_side(double u, double v) const {
+  Vector3d on_side(double u, double v) const {
     const Vector2d off = off_axis(u, v);
     const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
     return eye_ + (side_.half_width_m - eye_.x()) / ray.x() * ray;
   }
   /// Pixel of a point on the facing side.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
+  Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
+  Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
   /// Does a point of the facing side lie in the window, a pixel from its edge at least?
-  template <class Vector2d = Eigen::Vector2d>
   bool shows(double y_m, double z_m) const {
     const Vector2d p = pixel(y_m, z_m);
     return p.x() >= 1.0 && p.y() >= 1.0 && p.x() <= camera_.width - 2.0 && p.y() <= camera_.height - 2.0;
   }
   /// The whole side?
-  template <class = void>
   bool shows_side() const {
     return shows(-side_.half_length_m, side_.low_m) && shows(-side_.half_length_m, side_.high_m) && shows(side_.half_length_m, side_.low_m) && shows(side_.half_length_m, side_.high_m);
   }
@@ -61,17 +59,18 @@ class SideCamera {
   const SideGeometry& side() const { return side_; }
 
  private:
-  template <class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
-  Eigen::Vector2d project(In<Vector3d> p) const {
+  Vector2d project(const Vector3d& p) const {
     const Vector3d d = axes_.transpose() * (p - eye_);
     return centre_ + camera_.focal_px / d.z() * d.template head<2>();
   }
 
   CameraRig camera_;
   SideGeometry side_;
-  Eigen::Vector3d eye_;
-  Eigen::Matrix3d axes_;   ///< columns: right, down, forward
-  Eigen::Vector2d centre_;
+  Vector3d eye_;
+  Matrix3d axes_;   ///< columns: right, down, forward
+  Vector2d centre_;
 };
+
+using SideCamera = SideCameraOf<>;
 
 }  // namespace lumo

@@ -24,7 +24,8 @@ class SidePainter {
   SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+  template <class VectorXd = Eigen::VectorXd>
+  Image paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -78,7 +79,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, I
     }
 }
 
-inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
+template <class VectorXd>
+inline Image SidePainter::paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const {
   const CameraRig& camera = view_.camera();
   Image image = Image::black(camera.width, camera.height, PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {

@@ -32,6 +32,7 @@ struct SideSight {
     return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
   }
   /// Middles of the bins of one side [m].
+  template <class = void>
   std::vector<double> positions_m() const {
     std::vector<double> y;
     for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
@@ -43,7 +44,8 @@ static_assert(ExitReadout<SideSight>);
 
 /// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
 /// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
-inline Body seen_from_sides(Body body, const SideSight& sight, double min_abs_nx = 0.5) {
+template <class Body = Body>
+inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
   require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
   require_positive("range of the side's sight", sight.half_range_m, "m");
   require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");

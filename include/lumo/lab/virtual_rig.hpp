@@ -32,6 +32,7 @@ struct TruthSample {
 };
 
 /// truth.csv: stamp_ns, contact, y_mm, force_N, tilt_deg, equivalent_N, depth_mm.
+template <class = void>
 inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
@@ -44,11 +45,22 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
 
 /// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
 /// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
-class VirtualRig {
+template <class PadLight = PadLight>
+class VirtualRigOf {
  public:
+  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
+  using SideCamera = Dependent<lumo::SideCamera, PadLight>;
+  using SidePainter = Dependent<lumo::SidePainter, PadLight>;
+  using Session = Dependent<lumo::Session, PadLight>;
+  using LabPlan = Dependent<lumo::LabPlan, PadLight>;
+  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
+  using JointSample = Dependent<lumo::JointSample, PadLight>;
+  using WrenchSample = Dependent<lumo::WrenchSample, PadLight>;
+  using MarkerSample = Dependent<lumo::MarkerSample, PadLight>;
+  using TruthSample = Dependent<lumo::TruthSample, PadLight>;
+
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
-  template <class = void>
-  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+  VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -59,7 +71,6 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
 
  private:
@@ -81,11 +92,8 @@ class VirtualRig {
   void lay_out_time();
   void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
   void deform();
-  template <class = void>
   void record_joints();
-  template <class Vec3 = Vec3>
   void record_forces();
-  template <class SideCamera = SideCamera>
   void record_frames();
   Sampled at(double t_s) const;
 
@@ -110,6 +118,8 @@ class VirtualRig {
   double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
+using VirtualRig = VirtualRigOf<>;
+
 /// The rig's camera as frames come from it. The rig stays the caller's.
 class VirtualCamera {
  public:
@@ -132,8 +142,8 @@ class VirtualCamera {
 
 static_assert(Camera<VirtualCamera>);
 
-template <class>
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+template <class PadLight>
+inline VirtualRigOf<PadLight>::VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -165,7 +175,8 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
   record_frames();
 }
 
-inline void VirtualRig::draw_contacts() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
@@ -175,7 +186,8 @@ inline void VirtualRig::draw_contacts() {
   }
 }
 
-inline void VirtualRig::lay_out_time() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::lay_out_time() {
   double t = plan_.free_run_s;
   if (t > 0.0) add_segment(0.0, t, "free");
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
@@ -204,7 +216,8 @@ inline void VirtualRig::lay_out_time() {
   end_s_ = t + 1.0;
 }
 
-inline void VirtualRig::deform() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::deform() {
   int places = 1;
   for (const LabContact& c : plan_.contacts) places = std::max(places, c.place + 1);
   std::vector<Relaxation> pad(std::size_t(places), Relaxation(rig_.silicone));  // a place remembers its own contacts
@@ -224,7 +237,8 @@ inline void VirtualRig::deform() {
   }
 }
 
-inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
+template <class PadLight>
+inline auto VirtualRigOf<PadLight>::at(double t_s) const -> Sampled {
   const double index = std::clamp(t_s * rig_.motor.hz, 0.0, double(sampled_.size() - 1));
   const auto i = std::size_t(index), j = std::min(i + 1, sampled_.size() - 1);
   const Sampled &a = sampled_[i], &b = sampled_[j];
@@ -234,8 +248,8 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
-template <class>
-inline void VirtualRig::record_joints() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
@@ -276,8 +290,8 @@ inline void VirtualRig::record_joints() {
   }
 }
 
-template <class Vec3>
-inline void VirtualRig::record_forces() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
@@ -292,8 +306,8 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-template <class SideCamera>
-inline void VirtualRig::record_frames() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
   Draws once(seed_, 6), jitter(seed_, 7);
@@ -332,8 +346,8 @@ inline void VirtualRig::record_frames() {
   }
 }
 
-template <class VectorXd>
-inline Image VirtualRig::image(std::size_t k) const {
+template <class PadLight>
+inline Image VirtualRigOf<PadLight>::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);

@@ -48,7 +48,7 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
-  template <class = void>
+  template <class Corner = Corner>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -93,7 +93,7 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class Vec3 = Vec3, class Positions = Positions>
+template <class Vec3 = Vec3, class Positions = Positions, class EdgeSample = EdgeSample>
 inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
@@ -135,8 +135,8 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-template <class Vec3 = Vec3>
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, In<Vec3> p) {
+template <class Vec3 = Vec3, class EdgeSample = EdgeSample>
+inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> samples, In<Vec3> p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
   for (const EdgeSample& s : samples) {

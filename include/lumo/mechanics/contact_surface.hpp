@@ -71,9 +71,9 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class SurfacePoint = SurfacePoint>
   void add(const BoundaryFace& face);
-  template <class = void>
+  template <class SurfacePoint = SurfacePoint>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -89,7 +89,7 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
-template <class Vec3>
+template <class Vec3, class SurfacePoint>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -124,7 +124,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
-template <class>
+template <class SurfacePoint>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);

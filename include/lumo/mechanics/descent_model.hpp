@@ -38,6 +38,7 @@ struct DescentConfig {
 };
 
 /// Throws InvalidArgument for settings out of range.
+template <class = void>
 inline void validate(const DescentConfig& c) {
   require_in_range("time step", c.time_step_s, 1e-6, 1.0, "s");
   require_in_range("sweeps", c.sweeps, 1, 1e6, "");
@@ -53,6 +54,7 @@ inline void validate(const DescentConfig& c) {
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element>
 struct DescentModel {
+  using Mat3 = Dependent<lumo::Mat3, Material>;
   static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
 
   Sector sector;

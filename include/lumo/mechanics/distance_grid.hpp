@@ -44,6 +44,7 @@ class DistanceGrid {
 
   template <class = void>
   void fill();
+  template <class = void>
   void filter();
   template <class Vec3 = Vec3>
   void measure();
@@ -86,6 +87,7 @@ inline void DistanceGrid::fill() {
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
+template <class>
 inline void DistanceGrid::filter() {
   const double pole = std::sqrt(3.0) - 2.0;
   const auto line = [&](int count, auto&& value) {

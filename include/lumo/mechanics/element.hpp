@@ -79,7 +79,8 @@ struct LinearPatchTet {
 
   template <class Vec3 = Vec3>
   static Eigen::Matrix<double, 3, nodes> gradients(int q) {
-    Eigen::Matrix<double, 3, nodes> g = Eigen::Matrix<double, 3, nodes>::Zero();
+    using Gradients = Eigen::Matrix<typename Vec3::Scalar, 3, nodes>;
+    Gradients g = Gradients::Zero();
     const auto& part = parts[q];
     const auto edge = [&](int k) { return Vec3(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
     for (int k = 1; k < 4; ++k) {

@@ -25,7 +25,7 @@ struct Equations {
   SparseLower pattern;      ///< lower triangle; values are scratch
   std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
 
-  template <class = void>
+  template <class SparseLower = SparseLower>
   Equations(const Sector& sector, const Body& body, Parity parity);
 
   /// Position in the pattern's values of an entry of the lower triangle.
@@ -41,7 +41,7 @@ inline int Equations::slot(int row, int column) const {
   return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
 }
 
-template <class>
+template <class SparseLower>
 inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
   const TetMesh& mesh = sector.mesh;
   const std::size_t n = mesh.nodes.size();

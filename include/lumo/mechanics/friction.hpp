@@ -20,7 +20,7 @@ struct FrictionHistory {
   double coefficient = 0.0;
   double stiffness_N_per_m3 = 0.0;             ///< of the spring
   double turning = 1.0;                        ///< 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle
-  Vec3 origin = Vec3::Zero();                  ///< of the rigid thing's frame at the last equilibrium [m]
+  Vec3 origin{0.0, 0.0, 0.0};                  ///< of the rigid thing's frame at the last equilibrium [m]
   std::vector<std::vector<Vec3>> place;        ///< of each surface point there, face by face [m]
   std::vector<std::vector<Vec3>> stretch;      ///< of its spring there [m]
 
@@ -70,7 +70,7 @@ struct FrictionHistory {
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
   template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
   Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<std::vector<Vec3>>& on_nodes) const {
-    Vec3 sum = Vec3::Zero();
+    Vec3 sum{0.0, 0.0, 0.0};
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];

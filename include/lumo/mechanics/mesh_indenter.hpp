@@ -20,6 +20,7 @@ class MeshIndenter {
   }
 
   /// The same surface on as fine a grid.
+  template <class = void>
   bool operator==(const MeshIndenter& other) const {
     const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
     return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);

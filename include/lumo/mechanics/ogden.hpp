@@ -50,6 +50,7 @@ struct Ogden {
   double divided_difference(In<Vec3> l, int i, int j) const;
 };
 
+template <class = void>
 inline void validate(const Ogden& m) {
   for (const Ogden::Term& t : m.terms) {
     require_in_range("Ogden exponent alpha", t.alpha, -20.0, 20.0, "");

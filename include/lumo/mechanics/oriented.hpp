@@ -15,7 +15,7 @@ struct Oriented {
   using Mat3 = Dependent<lumo::Mat3, Tool>;
 
   Tool tool;
-  Mat3 turn = Mat3::Identity();
+  Mat3 turn{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
 
   bool operator==(const Oriented&) const = default;
 

@@ -28,7 +28,7 @@ struct CutPoint {
 };
 
 /// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the plane counts as beyond it.
-template <std::size_t N, class Vec3 = Vec3>
+template <std::size_t N, class Vec3 = Vec3, class CutPoint = CutPoint>
 inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, const std::array<double, N>& moved_mm, double at) {
   std::vector<CutPoint> points;
   for (std::size_t i = 0; i < N; ++i)
@@ -46,6 +46,7 @@ inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, cons
 inline constexpr std::array<std::array<int, 4>, 8> tet_parts{{{0, 4, 6, 7}, {1, 5, 4, 8}, {2, 6, 5, 9}, {3, 7, 8, 9}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}}};
 
 /// Lightness falls with the value, which survives greyscale print; the hue is the same for any colour vision.
+template <class = void>
 inline std::string moved_colour(double part) {
   constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
   const double t = 3.0 * std::clamp(part, 0.0, 1.0);
@@ -61,6 +62,7 @@ template <Indenter Tool, class Vec3>
 void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state) {
   if (state.displacement.size() != mesh.nodes.size())
     throw InvalidArgument(detail::text("picture: the state has ", state.displacement.size(), " displacements, the mesh ", mesh.nodes.size(), " nodes"));
+  using CutPoint = Dependent<detail::CutPoint, Tool>;
   const Touch touch = first_touch(body, mesh, scenario);
   const Vec3 tool = touch.origin + state.depth_m * scenario.direction();
   const auto cut = [&]<std::size_t N>(const auto& nodes, const std::array<int, N>& part, bool pressed) {
@@ -74,7 +76,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
     return detail::cut_across(p, moved, touch.point.y());
   };
   const bool quadratic = mesh.order == 2;
-  std::vector<std::vector<detail::CutPoint>> areas;
+  std::vector<std::vector<CutPoint>> areas;
   double most = 0.0, x_low = 0.0, x_high = 0.0, z_low = 0.0, z_high = 0.0;
   const auto cover = [&](double x, double z) { x_low = std::min(x_low, x), x_high = std::max(x_high, x), z_low = std::min(z_low, z), z_high = std::max(z_high, z); };
   for (const auto& t : mesh.tets)
@@ -83,7 +85,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
         for (const auto& p : area) most = std::max(most, p.moved_mm), cover(p.x, p.z);
         areas.push_back(std::move(area));
       }
-  std::vector<std::vector<detail::CutPoint>> outline;
+  std::vector<std::vector<CutPoint>> outline;
   for (const BoundaryFace& f : mesh.faces)
     for (std::size_t part = 0; part < (quadratic ? 4 : 1); ++part)
       if (auto line = cut(f.nodes, quadratic ? face_parts()[part] : std::array{0, 1, 2}, false); line.size() == 2) outline.push_back(std::move(line));
@@ -141,7 +143,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
     for (double z = z_low; z < z_high; z += step)
       for (const double upper : {0.0, 1.0}) {
         const std::array<std::array<double, 2>, 3> corner{{{x + upper * step, z + upper * step}, {x + step, z}, {x, z + step}}};
-        std::vector<detail::CutPoint> line;
+        std::vector<CutPoint> line;
         for (std::size_t i = 0; i < 3; ++i) {
           const auto &a = corner[i], &b = corner[(i + 1) % 3];
           const double da = distance(a[0], a[1]), db = distance(b[0], b[1]);

@@ -199,12 +199,16 @@ class QuasiStaticRun {
 
   // Brings the points with the smallest gaps into contact until `area` [m²] is.
   void touch_nearest(SeenGaps& gaps, double area) const {
-    std::vector<std::pair<double, double>> points;   // gap, area
+    struct Point {
+      double gap, area_m2;
+      auto operator<=>(const Point&) const = default;
+    };
+    std::vector<Point> points;
     for (std::size_t f = 0; f < gaps.size(); ++f)
-      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.emplace_back(gaps[f][k], model_.touchable.points(f)[k].area_m2);
+      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
     std::sort(points.begin(), points.end());
     double last = 0.0;
-    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].second, last = points[k].first;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
     for (std::vector<double>& face : gaps)
       for (double& g : face)
         if (g >= 0.0 && g <= last) g = just_touching;

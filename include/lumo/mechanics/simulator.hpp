@@ -57,6 +57,8 @@ class PreparedBody {
  public:
   using Model = typename SolverOf<Method>::template Model<Material, Contact, Element>;
   using Maker = Simulator<Material, Contact, Element, Method>;
+  using TetMesh = Dependent<lumo::TetMesh, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
 
   PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh) : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 

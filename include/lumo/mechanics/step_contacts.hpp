@@ -97,7 +97,7 @@ class StepContacts {
   const ContactSurface* surface_;
   Contact law_;
   Moving<Tool> rigid_{};
-  Vec3 moved_ = Vec3::Zero();
+  Vec3 moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;
   std::vector<Point> points_;
   std::vector<int> first_;         // per node, into corners_

@@ -8,7 +8,7 @@ namespace lumo {
 
 /// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
 struct VertexBlock {
-  Vec3 force = Vec3::Zero();   ///< [N]
+  Vec3 force{0.0, 0.0, 0.0};   ///< [N]
   Mat3 block = Mat3::Zero();   ///< [N/m]
 };
 

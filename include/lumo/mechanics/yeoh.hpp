@@ -43,6 +43,7 @@ struct Yeoh {
   double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
 };
 
+template <class = void>
 inline void validate(const Yeoh& m) {
   require_positive("Yeoh c1", m.c1, "Pa");
   require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");

@@ -13,7 +13,7 @@ namespace lumo {
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
 /// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
 /// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
-template <Mesher M>
+template <Mesher M, class TetMesh = TetMesh, class MeshInput = MeshInput>
 TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -31,8 +31,8 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identit
   return p;
 }
 
-template <class Vec3 = Vec3>
-inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+template <class TetMesh, class Vec3 = Vec3>
+void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
@@ -54,7 +54,7 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
 
 }  // namespace detail
 
-template <Mesher M>
+template <Mesher M, class TetMesh, class MeshInput>
 TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   if (order != 1 && order != 2) throw InvalidArgument(detail::text("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
@@ -65,7 +65,7 @@ TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   for (const Vec3& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
     input.edge = [&body, stretch](const Vec3& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3(p.x(), p.y() * stretch, p.z())); };
-  const LinearTets filled = mesher.fill(input);
+  const auto filled = mesher.fill(input);
 
   TetMesh mesh;
   mesh.order = 1;
@@ -75,8 +75,9 @@ TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   const double tiny = 1e-9 * size;
   for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
 
-  std::map<int, detail::PatchSet> vertex_patches;
-  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
+  using PatchSet = Dependent<detail::PatchSet, M>;
+  std::map<int, PatchSet> vertex_patches;
+  std::map<std::pair<int, int>, PatchSet> edge_patches;
   for (std::size_t f = 0; f < filled.faces.size(); ++f) {
     const auto& face = filled.faces[f];
     const int patch = filled.patches[f];

@@ -61,8 +61,8 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
-template <class = void>
-inline bool outline_crosses(const std::vector<Point2>& points) {
+template <class Point2 = Point2>
+inline bool outline_crosses(In<std::vector<Point2>> points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
     const Point2& a = points[i];
@@ -86,7 +86,7 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class SurfaceTriangle = SurfaceTriangle, class Point2 = Point2>
 inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vector<Vec3>> vertices, const std::vector<int>& loop, In<Vec3> normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;

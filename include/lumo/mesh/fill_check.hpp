@@ -39,8 +39,8 @@ inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0,
 /// faces shared by two tetrahedra of opposite sense or on the boundary, boundary faces on their facets, volume and area those of
 /// the input to 1e-6. `faces` and `facets` (number + 1) name the boundary triangles, in any sense and order.
 /// Throws MeshError: crashed for an answer that makes no sense, inverted, open, not_manifold, or inaccurate.
-template <class Vec3 = Vec3>
-inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
+template <class Vec3 = Vec3, class MeshInput = MeshInput, class LinearTets = LinearTets, class SortedFace = SortedFace>
+inline LinearTets checked_fill(In<MeshInput> input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
                                const std::vector<std::int32_t>& tets, const std::vector<std::int32_t>& faces,
                                const std::vector<std::int32_t>& facets) {
   using Reason = MeshError::Reason;
@@ -85,7 +85,11 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
   std::vector<SortedFace> named;
   for (std::size_t i = 0; i < facets.size() && 3 * i + 2 < faces.size(); ++i) named.emplace_back(std::array<int, 3>{faces[3 * i], faces[3 * i + 1], faces[3 * i + 2]}, facets[i]);
   std::sort(named.begin(), named.end());
-  std::vector<std::pair<int, int>> boundary;  // side, facet: in the order of the tetrahedra, whatever the mesher's order was
+  struct Boundary {
+    int side, facet;
+    auto operator<=>(const Boundary&) const = default;
+  };
+  std::vector<Boundary> boundary;  // in the order of the tetrahedra, whatever the mesher's order was
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].key == sides[i].key) ++end;
@@ -95,7 +99,7 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
       const auto found = std::lower_bound(named.begin(), named.end(), sides[i], [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
       if (found == named.end() || found->key != sides[i].key || found->from < 1 || found->from > static_cast<int>(input.facets.size()))
         throw MeshError(Reason::open, text("a boundary face of tetrahedron ", sides[i].from / 4, " lies on no facet"));
-      boundary.emplace_back(sides[i].from, found->from - 1);
+      boundary.push_back({sides[i].from, found->from - 1});
     }
     i = end;
   }

@@ -17,8 +17,10 @@ namespace lumo::detail {
 
 /// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of areas are exact, so that every state is
 /// a valid triangulation; whether a circle holds a point is rounded, which costs at most quality. Same input, same bits.
-class PolygonRefinement {
+template <class Point2 = Point2>
+class PolygonRefinementOf {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Point2>;
   static constexpr std::size_t most_points = 200'000;
   struct Triangle {
     std::array<int, 3> corners;   ///< counter-clockwise
@@ -30,17 +32,14 @@ class PolygonRefinement {
   };
 
   /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where it is not simple.
-  template <class Vec3 = Vec3>
-  static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
+  static std::optional<PolygonRefinementOf> of(const std::vector<Point2>& polygon);
 
   /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
   /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
-  template <class = void>
   bool refine(const std::function<double(const Point2&)>& edge_length);
 
   const std::vector<Point2>& points() const { return points_; }
   const std::vector<Triangle>& triangles() const { return triangles_; }
-  template <class = void>
   std::vector<Piece> outline() const;
 
  private:
@@ -64,18 +63,14 @@ class PolygonRefinement {
   std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
   Circle circle(const Triangle& t) const;
   bool in_circle(const Triangle& t, const Point2& p) const;
-  template <class = void>
   Place walk(int from, const Point2& p) const;
   void reconnect(int neighbour, int before, int now);
   bool flip(int t, int k);
   void settle(int point, std::vector<int>& changed);
-  template <class = void>
   std::optional<std::pair<int, int>> encroached(int t, const Point2& p) const;
-  template <class = void>
   void insert(int t, const Point2& p, std::vector<int>& changed);
   void split_inside(int t, const Point2& p, std::vector<int>& changed);
   void split_edge(int t, int k, const Point2& p, std::vector<int>& changed);
-  template <class = void>
   bool split_outline(int t, int k, double closest, std::vector<int>& changed);
 
   std::vector<Point2> points_;
@@ -84,10 +79,12 @@ class PolygonRefinement {
   double shortest_given_ = 0.0;
 };
 
-template <class Vec3>
-inline std::optional<PolygonRefinement> PolygonRefinement::of(const std::vector<Point2>& polygon) {
+using PolygonRefinement = PolygonRefinementOf<>;
+
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::of(const std::vector<Point2>& polygon) -> std::optional<PolygonRefinementOf> {
   if (polygon.size() < 3 || outline_crosses(polygon)) return std::nullopt;
-  PolygonRefinement r;
+  PolygonRefinementOf r;
   r.points_ = polygon;
   std::vector<int> loop;
   const int n = int(polygon.size());
@@ -122,7 +119,8 @@ inline std::optional<PolygonRefinement> PolygonRefinement::of(const std::vector<
   return r;
 }
 
-inline PolygonRefinement::Circle PolygonRefinement::circle(const Triangle& t) const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::circle(const Triangle& t) const -> Circle {
   const Point2 &a = at(t.corners[0]), &b = at(t.corners[1]), &c = at(t.corners[2]);
   const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
   const double bb = bx * bx + by * by, cc = cx * cx + cy * cy, twice = 2.0 * (bx * cy - by * cx);
@@ -131,7 +129,8 @@ inline PolygonRefinement::Circle PolygonRefinement::circle(const Triangle& t) co
 }
 
 /// Clearly inside, so that two triangles on one circle stay as they are.
-inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) const {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::in_circle(const Triangle& t, const Point2& p) const {
   double rows[3][3];
   double size = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -144,8 +143,8 @@ inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) con
 }
 
 /// From triangle to triangle towards a point, as far as the outline allows.
-template <class>
-inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::walk(int t, const Point2& p) const -> Place {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
     for (int k = 0; k < 3 && next == -2; ++k)
@@ -157,14 +156,16 @@ inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) 
   return {-1, false, 0};   // rounded circles may let a walk turn about
 }
 
-inline void PolygonRefinement::reconnect(int neighbour, int before, int now) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::reconnect(int neighbour, int before, int now) {
   if (neighbour < 0) return;
   Triangle& n = triangle(neighbour);
   n.across[std::size_t(corner_of(n, before))] = now;
 }
 
 /// Exchanges the diagonal of the two triangles at the edge opposite to corner k, where that is better.
-inline bool PolygonRefinement::flip(int t, int k) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::flip(int t, int k) {
   const int other = triangle(t).across[std::size_t(k)];
   if (other < 0) return false;
   const int j = corner_of(triangle(other), t);
@@ -182,7 +183,8 @@ inline bool PolygonRefinement::flip(int t, int k) {
 }
 
 /// Lawson's flips around a new point.
-inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::settle(int point, std::vector<int>& changed) {
   for (std::size_t i = 0; i < changed.size(); ++i) {
     const auto& corners = triangle(changed[i]).corners;
     const auto found = std::find(corners.begin(), corners.end(), point);
@@ -194,7 +196,8 @@ inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
   }
 }
 
-inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::split_inside(int t, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), second = int(triangles_.size()), third = second + 1;
   points_.push_back(p);
   const Triangle old = triangle(t);
@@ -209,7 +212,8 @@ inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<
 }
 
 /// A point on the edge opposite to corner k; on the outline, too.
-inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), new_t = int(triangles_.size());
   points_.push_back(p);
   const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
@@ -237,8 +241,8 @@ inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::ve
 }
 
 /// Halves the piece of the outline opposite to corner k, unless that brings points too close.
-template <class>
-inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::split_outline(int t, int k, double closest, std::vector<int>& changed) {
   const auto [from, to] = ends(t, k);
   const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
   if (0.5 * distance(a, b) < closest) return false;
@@ -251,8 +255,8 @@ inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::
 
 /// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
 /// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
-template <class>
-inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
+template <class Point2>
+inline std::optional<std::pair<int, int>> PolygonRefinementOf<Point2>::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
     for (int k = 0; k < 3; ++k) {
@@ -268,15 +272,15 @@ inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, c
 }
 
 /// A point of the closed triangle.
-template <class>
-inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::insert(int t, const Point2& p, std::vector<int>& changed) {
   for (int k = 0; k < 3; ++k)
     if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
   split_inside(t, p, changed);
 }
 
-template <class>
-inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::refine(const std::function<double(const Point2&)>& edge_length) {
   std::vector<int> todo;
   for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
   std::vector<int> changed;
@@ -306,8 +310,8 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
   return true;
 }
 
-template <class>
-inline std::vector<PolygonRefinement::Piece> PolygonRefinement::outline() const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::outline() const -> std::vector<Piece> {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)
     for (int k = 0; k < 3; ++k)

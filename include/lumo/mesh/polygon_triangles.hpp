@@ -14,38 +14,36 @@ namespace lumo::detail {
 /// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
 /// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
 /// are exact. Corners on straight edges are allowed.
-class PolygonTriangles {
+template <class Vec3 = Vec3>
+class PolygonTrianglesOf {
  public:
+  using Point2 = Dependent<lumo::Point2, Vec3>;
   using Triangle = std::array<int, 3>;
 
-  template <class Vec3 = Vec3>
-  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+  PolygonTrianglesOf(const std::vector<Vec3>& vertices, const Vec3& normal) {
     const Projection project(normal);
     for (const Vec3& v : vertices) points_.push_back(project(v));
   }
 
   /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
-  template <class = void>
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
   const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
   int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
-  template <class = void>
   bool crosses(int a, int b, const std::vector<int>& loop) const;
-  template <class = void>
   bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  template <class = void>
   bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
-  template <class = void>
   double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
 
   std::vector<Point2> points_;
 };
 
+using PolygonTriangles = PolygonTrianglesOf<>;
+
 /// Whether the segment a b meets an edge of the loop that does not end in a or b.
-template <class>
-inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::crosses(int a, int b, const std::vector<int>& loop) const {
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int p = loop[i], q = loop[(i + 1) % loop.size()];
     const bool shared = p == a || p == b || q == a || q == b;
@@ -55,25 +53,30 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 }
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-template <class>
-inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
   const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-template <class>
-inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
-  std::vector<std::pair<double, std::size_t>> nearest;
+  struct Candidate {
+    double distance2;
+    std::size_t corner;
+    auto operator<=>(const Candidate&) const = default;
+  };
+  std::vector<Candidate> nearest;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
-    nearest.emplace_back(dx * dx + dy * dy, i);
+    nearest.push_back({dx * dx + dy * dy, i});
   }
   std::sort(nearest.begin(), nearest.end());
   for (const auto& candidate : nearest) {
-    const std::size_t corner = candidate.second;
+    const std::size_t corner = candidate.corner;
     const int to = loop[corner];
     if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
     if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
@@ -86,8 +89,8 @@ inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<i
 }
 
 /// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-template <class>
-inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+template <class Vec3>
+inline double PolygonTrianglesOf<Vec3>::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
   const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
   if (a == c || turn(a, b, c) <= 0) return 0.0;
   for (const int p : loop)
@@ -97,8 +100,8 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
-template <class>
-inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+template <class Vec3>
+inline auto PolygonTrianglesOf<Vec3>::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
   const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
   while (!holes.empty()) {

@@ -22,9 +22,11 @@ template <class = void>
 Sector sector_of(const TetMesh& whole, Symmetry planes);
 
 /// A field of vectors on the sector's nodes, mirrored to the whole mesh.
+template <class = void>
 std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field);
 
 /// A field of numbers on the sector's nodes, mirrored to the whole mesh.
+template <class = void>
 std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
 template <class>
@@ -73,6 +75,7 @@ std::vector<T> unfolded(const TetMesh& whole, const Sector& sector, const std::v
 
 }  // namespace detail
 
+template <class>
 inline std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field) {
   return detail::unfolded(whole, sector, field, [](Vec3 v, int axis) {
     v[axis] = -v[axis];
@@ -80,6 +83,7 @@ inline std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, cons
   });
 }
 
+template <class>
 inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field) {
   return detail::unfolded(whole, sector, field, [](double v, int) { return v; });
 }

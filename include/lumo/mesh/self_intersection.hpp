@@ -36,6 +36,7 @@ class SelfIntersection {
   bool clash(const Corners& a, const Corners& b) const;
   template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
+  template <class = void>
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
   template <class Vec3 = Vec3>
   bool folded(const Corners& a, const Corners& b) const;
@@ -82,6 +83,7 @@ inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) c
 
 /// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
 /// projection is disjoint in space.
+template <class>
 inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
   for (std::size_t i = 0; i < 3; ++i) {
     const int p = a[i];

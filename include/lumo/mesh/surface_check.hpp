@@ -17,8 +17,8 @@ namespace lumo {
 
 /// What is known of a surface once it is found good.
 struct SurfaceReport {
-  Vec3 low = Vec3::Zero();                ///< bounding box
-  Vec3 high = Vec3::Zero();
+  Vec3 low{0.0, 0.0, 0.0};                ///< bounding box
+  Vec3 high{0.0, 0.0, 0.0};
   double area = 0.0;
   double volume = 0.0;                    ///< enclosed, cavities not counted
   std::vector<Vec3> cavities;             ///< a point inside each cavity (a closed inner shell that faces inwards)
@@ -43,8 +43,8 @@ inline constexpr double closeness = 1e-8;
 
 inline std::string place(const Vec3& p) { return text("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
 
-template <class = void>
-inline void check_numbers(const MeshInput& input) {
+template <class MeshInput = MeshInput>
+inline void check_numbers(In<MeshInput> input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
     refuse(Reason::degenerate, text("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, must have some of both"));
@@ -70,22 +70,27 @@ inline void check_numbers(const MeshInput& input) {
 template <class Vec3 = Vec3>
 inline void check_duplicates(In<std::vector<Vec3>> vertices, double tolerance) {
   const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
-  std::vector<std::pair<double, int>> order;
-  for (std::size_t i = 0; i < vertices.size(); ++i) order.emplace_back(direction.dot(vertices[i]), static_cast<int>(i));
+  struct Placed {
+    double along;
+    int vertex;
+    auto operator<=>(const Placed&) const = default;
+  };
+  std::vector<Placed> order;
+  for (std::size_t i = 0; i < vertices.size(); ++i) order.push_back({direction.dot(vertices[i]), static_cast<int>(i)});
   std::sort(order.begin(), order.end());
   for (std::size_t i = 0; i < order.size(); ++i)
-    for (std::size_t j = i + 1; j < order.size() && order[j].first - order[i].first <= tolerance; ++j) {
-      const Vec3& a = vertices[static_cast<std::size_t>(order[i].second)];
-      const double distance = (vertices[static_cast<std::size_t>(order[j].second)] - a).norm();
+    for (std::size_t j = i + 1; j < order.size() && order[j].along - order[i].along <= tolerance; ++j) {
+      const Vec3& a = vertices[static_cast<std::size_t>(order[i].vertex)];
+      const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
-        refuse(MeshError::Reason::duplicate, text("vertices ", order[i].second, " and ", order[j].second, " at ", place(a), " are ", distance,
+        refuse(MeshError::Reason::duplicate, text("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", place(a), " are ", distance,
                                                   " apart, must be more than ", tolerance));
     }
 }
 
 /// Checks each facet alone and cuts it into triangles.
-template <class Vec3 = Vec3>
-inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
+template <class Vec3 = Vec3, class MeshInput = MeshInput, class SurfaceTriangle = SurfaceTriangle>
+inline std::vector<SurfaceTriangle> check_facets(In<MeshInput> input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
   for (std::size_t f = 0; f < input.facets.size(); ++f) {

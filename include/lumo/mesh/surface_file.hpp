@@ -34,9 +34,9 @@ class SurfaceText {
   SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
 
   /// The words of the next line that has any, without a comment; none at the end.
-  template <class = void>
-  std::vector<std::string_view> next() {
-    std::vector<std::string_view> words;
+  template <class Word = std::string_view>
+  std::vector<Word> next() {
+    std::vector<Word> words;
     while (words.empty() && !rest_.empty()) {
       const std::size_t end = std::min(rest_.find('\n'), rest_.size());
       std::string_view line = rest_.substr(0, end);
@@ -65,8 +65,8 @@ class SurfaceText {
     if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
-  template <class = void>
-  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
+  template <class Word = std::string_view>
+  Vec3 point(In<std::vector<Word>> words, std::size_t first) const {
     if (words.size() < first + 3) refuse("a point needs three coordinates");
     return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
   }
@@ -78,8 +78,8 @@ class SurfaceText {
 };
 
 // Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
-template <class Vec3 = Vec3>
-inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
+template <class TriangleSurface, class Vec3 = Vec3>
+void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
   std::vector<Vec3> corners;
   std::vector<int> order;
   for (const int vertex : loop) {
@@ -94,7 +94,7 @@ inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) 
   for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
-template <class = void>
+template <class TriangleSurface = TriangleSurface>
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
@@ -117,7 +117,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
   return s;
 }
 
-template <class = void>
+template <class TriangleSurface = TriangleSurface>
 inline TriangleSurface read_stl_text(SurfaceText text) {
   TriangleSurface s;
   const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
@@ -147,7 +147,7 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
 }
 
 // 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
-template <class = void>
+template <class TriangleSurface = TriangleSurface, class Vec3 = Vec3>
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
@@ -163,13 +163,14 @@ inline TriangleSurface read_stl_binary(std::string_view bytes) {
 }
 
 // One vertex for each place, in order of first mention.
-template <class = void>
-inline TriangleSurface welded(const TriangleSurface& loose) {
+template <class TriangleSurface>
+TriangleSurface welded(const TriangleSurface& loose) {
   TriangleSurface s;
-  std::map<std::array<double, 3>, int> known;
+  using Place = std::array<Dependent<double, TriangleSurface>, 3>;
+  std::map<Place, int> known;
   std::vector<int> number;
   for (const Vec3& v : loose.vertices) {
-    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    const auto [it, fresh] = known.try_emplace(Place{v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
     if (fresh) s.vertices.push_back(v);
     number.push_back(it->second);
   }
@@ -178,7 +179,7 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 }
 
 /// `kind`: ".obj" or ".stl".
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class TriangleSurface = TriangleSurface>
 inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {

@@ -15,7 +15,7 @@ namespace lumo {
 struct SweptMesher {
   /// The same input gives the same bits. Throws MeshError: degenerate for a surface that is no prism along y, with two flat ends and one quadrilateral for each
   /// edge of its section, or one with holes, interior points or `keep_surface`.
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Point2 = Point2>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -98,7 +98,7 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
 
 }  // namespace detail
 
-template <class Vec3>
+template <class Vec3, class Point2>
 inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   const SurfaceReport surface = validate_surface(input);
   const detail::Prism prism = detail::prism_of<Vec3>(input, surface);
@@ -109,7 +109,7 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
     return edge;
   };
   constexpr int samples = 64;   // along y
-  auto section = detail::PolygonRefinement::of(prism.section);
+  auto section = detail::PolygonRefinementOf<Point2>::of(prism.section);
   if (!section) detail::refuse_prism("the section is not simple");
   const bool filled = section->refine([&](const Point2& p) {
     double least = length;

@@ -30,16 +30,16 @@ struct SeriesEntry {
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
 /// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
-template <class = void>
-void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields = {});
+template <class TetMesh = TetMesh, class NodeField = NodeField>
+void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
-template <class = void>
-void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries);
+template <class SeriesEntry = SeriesEntry>
+void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries);
 
 /// The field for write_vtu from one vector per node.
-template <class = void>
-inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
+template <class Vec3 = Vec3, class NodeField = NodeField>
+inline NodeField node_field(std::string name, In<std::span<const Vec3>> vectors) {
   NodeField f{std::move(name), 3, {}};
   f.values.reserve(3 * vectors.size());
   for (const Vec3& v : vectors) f.values.insert(f.values.end(), {v.x(), v.y(), v.z()});
@@ -75,6 +75,7 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
   out << " format=\"binary\">" << base64(bytes) << "</DataArray>\n";
 }
 
+template <class = void>
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
@@ -88,8 +89,8 @@ inline std::string xml_attribute(std::string_view s) {
 
 }  // namespace detail
 
-template <class>
-inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields) {
+template <class TetMesh, class NodeField>
+inline void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
       throw InvalidArgument(detail::text("field '", f.name, "' has ", f.values.size(), " values of ", f.components, " components, the mesh has ", mesh.nodes.size(), " nodes"));
@@ -118,8 +119,8 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const No
   if (!out) throw InputError("writing a .vtu file failed");
 }
 
-template <class>
-inline void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries) {
+template <class SeriesEntry>
+inline void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries) {
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n";
   for (const SeriesEntry& e : entries)
     out << "<DataSet timestep=\"" << detail::text(e.value) << "\" part=\"0\" file=\"" << detail::xml_attribute(e.file) << "\"/>\n";

@@ -31,8 +31,8 @@ struct Facet {
 
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
-  Vec3 center = Vec3::Zero();             ///< [m]
-  Vec3 half = Vec3::Ones();               ///< half edges [m]
+  Vec3 center{0.0, 0.0, 0.0};             ///< [m]
+  Vec3 half{1.0, 1.0, 1.0};               ///< half edges [m]
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -55,7 +55,7 @@ struct Body {
   double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3 pivot = Vec3::Zero();                ///< approach directions turn about this point (shifted along y) [m]
+  Vec3 pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)

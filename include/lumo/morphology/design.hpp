@@ -41,12 +41,12 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
-template <class = void>
+template <class DesignSpace = DesignSpace>
 DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
-template <class = void>
+template <class FingerDesign = FingerDesign>
 inline std::vector<FingerDesign> reference_designs() {
   return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
@@ -87,7 +87,7 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 }  // namespace detail
 
-template <class>
+template <class DesignSpace>
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;

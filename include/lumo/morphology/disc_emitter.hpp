@@ -30,8 +30,8 @@ inline Vec3 on_disc(In<Vec3> center, In<Vec3> n, double radius_m, double u, doub
 
 /// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
 struct DiscEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 normal = Vec3::UnitZ();     ///< unit
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 normal{0.0, 0.0, 1.0};     ///< unit
   double radius_m = 0.5e-3;
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel

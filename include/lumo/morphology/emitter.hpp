@@ -37,9 +37,9 @@ concept EmitterModel = requires(const E& e, double u, const Vec3& m) {
 
 /// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
 struct RectangleEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 half_u = Vec3::UnitX();     ///< half edge [m]
-  Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 half_u{1.0, 0.0, 0.0};     ///< half edge [m]
+  Vec3 half_v{0.0, 1.0, 0.0};     ///< half edge [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
   bool in_air = false;             ///< radiates into the air beside the body
@@ -74,7 +74,7 @@ class Emitter {
  public:
   template <class E>
     requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3::Ones()))), calls_(&calls<E>) {}
+  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
 
   Vec3 center() const { return calls_->center(model_.get()); }
   double power_W() const { return calls_->power_W(model_.get()); }

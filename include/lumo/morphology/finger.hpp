@@ -66,7 +66,7 @@ void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class Body = Body, class Shape = Shape>
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
@@ -88,8 +88,8 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
-template <class = void>
-inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
+template <class Body>
+void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
   const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
   if (s.twin == Twin::unsupported_base) return;
@@ -106,8 +106,8 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
-template <class = void>
-inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
+template <class Body>
+void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
   const auto& led = o.leds;
@@ -165,7 +165,7 @@ inline void validate(const FingerOptions& o) {
   if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
-template <class Vec3>
+template <class Vec3, class Body, class Shape>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");

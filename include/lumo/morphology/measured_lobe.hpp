@@ -32,8 +32,8 @@ class LobeTable {
 /// A round flat emitter, or a point where the radius is 0, with a measured lobe.
 struct MeasuredLobe {
   LobeTable lobe;
-  Vec3 center = Vec3::Zero();         ///< [m]
-  Vec3 direction = Vec3::UnitZ();     ///< unit, of the lobe's axis
+  Vec3 center{0.0, 0.0, 0.0};         ///< [m]
+  Vec3 direction{0.0, 0.0, 1.0};     ///< unit, of the lobe's axis
   double radius_m = 0.0;
   double power_W = 1.0;
   int channel = 0;                    ///< colour channel
@@ -41,10 +41,12 @@ struct MeasuredLobe {
   Vec3 axis() const { return direction; }
   template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
+  template <class = void>
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
+  template <class = void>
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
   template <class Vec3 = Vec3>
   MeasuredLobe mirrored(In<Vec3> m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }

@@ -6,7 +6,7 @@ namespace lumo {
 
 /// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the light starts out of it.
 struct PointEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 

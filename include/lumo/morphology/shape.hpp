@@ -20,8 +20,8 @@ concept SurfaceShape = requires(const S& shape, const Vec3& p) {
 
 /// The plane through `point` with outward unit normal `direction`.
 struct Plane {
-  Vec3 point = Vec3::Zero();
-  Vec3 direction = Vec3::UnitZ();
+  Vec3 point{0.0, 0.0, 0.0};
+  Vec3 direction{0.0, 0.0, 1.0};
 
   template <class Vec3 = Vec3>
   Vec3 closest_point(In<Vec3> p) const { return p - direction.dot(p - point) * direction; }
@@ -30,18 +30,19 @@ struct Plane {
 
 /// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
 struct EllipticCylinder {
-  Vec3 center = Vec3::Zero();
+  Vec3 center{0.0, 0.0, 0.0};
   double semi_x = 1.0;
   double semi_z = 1.0;
 
-  Vec3 closest_point(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const;
   template <class Vec3 = Vec3>
   Vec3 normal(In<Vec3> p) const;
 };
 
 /// Sphere of `radius` [m] about `center`; the body is inside.
 struct SphereShape {
-  Vec3 center = Vec3::Zero();
+  Vec3 center{0.0, 0.0, 0.0};
   double radius = 1.0;
 
   template <class Vec3 = Vec3>
@@ -68,7 +69,8 @@ inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
 // convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
 // so that it converges for every aspect ratio and every point.
-inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
+template <class Vec3>
+inline Vec3 EllipticCylinder::closest_point(In<Vec3> p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
   const double side = p.x() < center.x() ? -1.0 : 1.0;

@@ -57,7 +57,7 @@ template <class = void>
 std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
-template <class = void>
+template <class Separation = Separation>
 std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
 
 template <class MatrixXd, class RowVectorXd>
@@ -78,7 +78,7 @@ inline Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b) {
 namespace detail {
 
 /// Distances of all pairs that may be compared.
-template <class = void>
+template <class Separation = Separation>
 inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
   std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
@@ -103,9 +103,9 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   return {wanted.begin(), wanted.end()};
 }
 
-template <class>
+template <class Separation>
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  const std::vector<Separation> pairs = detail::separations(states);
+  const std::vector<Separation> pairs = detail::separations<Separation>(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;

@@ -15,26 +15,26 @@
 namespace lumo {
 
 /// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
-class BvhScene {
+template <class Vec3 = Vec3>
+class BvhSceneOf {
  public:
   /// Throws InvalidArgument when a corner is not finite.
-  template <class Vec3 = Vec3>
-  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
+  BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class Vec3 = Vec3, class Array4f = Eigen::Array4f>
-  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
+  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const;
 
  private:
   static constexpr std::size_t bins = 16;
-  using Box = Eigen::AlignedBox3d;
+  using Box = Eigen::AlignedBox<typename Vec3::Scalar, 3>;
+  using Array4f = Dependent<Eigen::Array4f, Vec3>;
   struct Triangle {
     Vec3 corner, edge1, edge2;
     int id;
     bool in_air_only;
   };
   struct Node {
-    std::array<Eigen::Array4f, 3> low, high;
+    std::array<Array4f, 3> low, high;
     std::array<int, 4> child{};  ///< node, or first triangle of a leaf
     std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 for nothing
   };
@@ -43,11 +43,8 @@ class BvhScene {
     Box box;
   };
 
-  template <class = void>
   Range bounds(int first, int last) const;
-  template <class Vec3 = Vec3>
   bool split(const Range& range, std::array<Range, 2>& halves);
-  template <class = void>
   int build(const Range& range);
 
   std::vector<Triangle> triangles_;
@@ -58,6 +55,8 @@ class BvhScene {
   double slack_ = 0.0;          ///< rays may start this far behind a face [m]
   int leaf_size_;
 };
+
+using BvhScene = BvhSceneOf<>;
 
 /// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
 /// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
@@ -72,7 +71,7 @@ struct Bvh {
 };
 
 template <class Vec3>
-inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+inline BvhSceneOf<Vec3>::BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
     for (const Vec3& p : t.corners) {
@@ -99,8 +98,8 @@ inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_
   order_ = {};
 }
 
-template <class>
-inline BvhScene::Range BvhScene::bounds(int first, int last) const {
+template <class Vec3>
+inline auto BvhSceneOf<Vec3>::bounds(int first, int last) const -> Range {
   Range r{first, last, {}};
   for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
   return r;
@@ -108,7 +107,7 @@ inline BvhScene::Range BvhScene::bounds(int first, int last) const {
 
 // Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
 template <class Vec3>
-inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
+inline bool BvhSceneOf<Vec3>::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;
   Box centers;
@@ -153,8 +152,8 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   return true;
 }
 
-template <class>
-inline int BvhScene::build(const Range& range) {
+template <class Vec3>
+inline int BvhSceneOf<Vec3>::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
     std::sort(parts.begin(), parts.end(), [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
@@ -187,8 +186,8 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-template <class Vec3, class Array4f>
-inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
+template <class Vec3>
+inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
   const Vec3 o = origin - center_;

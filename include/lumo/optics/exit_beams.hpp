@@ -21,6 +21,10 @@ namespace lumo::detail {
 template <class Path>
 class ExitBeams {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Path>;
+  using Exit = Dependent<detail::Exit, Path>;
+  using Escape = Dependent<lumo::Escape, Path>;
+
   explicit ExitBeams(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places come in pairs opposite

@@ -25,6 +25,8 @@ namespace lumo::detail {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Scene>;
+
   ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
              PathTracer<Scene, Medium, Readout>& path)

@@ -29,7 +29,7 @@ concept ExitReadout = requires(const R& readout, const Body& body, const Escape&
 
 /// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
 struct Connection {
-  Vec3 direction = Vec3::UnitZ();
+  Vec3 direction{0.0, 0.0, 1.0};
   double solid_angle_sr = 0.0;
 };
 

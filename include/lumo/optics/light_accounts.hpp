@@ -34,6 +34,10 @@ struct Exit {
 template <ExitReadout Readout>
 class LightAccounts {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Readout>;
+  using Tally = Dependent<detail::Tally, Readout>;
+  using EnergyLedger = Dependent<lumo::EnergyLedger, Readout>;
+
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
       : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
     for (unsigned image = 0; image < 4; ++image)

@@ -24,8 +24,8 @@ class LightNodes {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
     std::map<PlaceKey, int> patch_at;
     const auto place = [&](int t) {
-      const auto [a, b, c] = scene.reference_corners(t);
-      return place_key(folded((a + b + c) / 3.0, symmetry));
+      const std::array<Vec3, 3> corner = scene.reference_corners(t);
+      return place_key(folded((corner[0] + corner[1] + corner[2]) / 3.0, symmetry));
     };
     for (int t = 0; t < int(of_.size()) && scene.on_body(t); ++t)
       if (std::holds_alternative<Lambertian>(scene.optics(t))) {

@@ -109,7 +109,7 @@ class OpticalScene {
 
  private:
   static constexpr int mixed = -2;
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class QuadraticFace = detail::QuadraticFace>
   void add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field);
   template <class Vec3 = Vec3>
   void add_carrier(const Config& config);
@@ -152,7 +152,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std:
   label(images);
 }
 
-template <class Vec3>
+template <class Vec3, class QuadraticFace>
 inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
@@ -166,7 +166,7 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> d
   for (const BoundaryFace& face : mesh.faces) {
     if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
       throw InvalidArgument(detail::text("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
-    detail::QuadraticFace f;
+    QuadraticFace f;
     f.patch = face.patch;
     const std::size_t given = mesh.order == 2 ? 6 : 3;
     for (std::size_t k = 0; k < given; ++k) {

@@ -37,6 +37,9 @@ struct PathLimits {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class PathTracer {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Scene>;
+  using Exit = Dependent<detail::Exit, Scene>;
+
   /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
   PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
              int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
@@ -254,8 +257,8 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
-  const Vec3 flat = side * surface_.flat_normal(triangle);
-  Vec3 n = side * surface_.smooth_normal(at);
+  const Vec3 flat = side * Vec3(surface_.flat_normal(triangle));
+  Vec3 n = side * Vec3(surface_.smooth_normal(at));
   FresnelSplit split{};
   Vec3 back, on;
   const auto turn = [&] {

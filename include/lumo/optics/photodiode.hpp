@@ -14,9 +14,9 @@ namespace lumo {
 
 /// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
 struct Photodiode {
-  Vec3 center = Vec3::Zero();       ///< [m]
-  Vec3 half_u = 1e-3 * Vec3::UnitX();  ///< half edge, or half axis [m]
-  Vec3 half_v = 1e-3 * Vec3::UnitY();  ///< likewise
+  Vec3 center{0.0, 0.0, 0.0};       ///< [m]
+  Vec3 half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
+  Vec3 half_v{0.0, 1e-3, 0.0};      ///< likewise
   bool round = false;               ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 

@@ -15,9 +15,9 @@ namespace lumo {
 class PinholeCamera {
  public:
   struct Config {
-    Vec3 position = Vec3::Zero();        ///< of the opening [m]
-    Vec3 view = Vec3::UnitZ();           ///< the way that the camera looks
-    Vec3 up = Vec3::UnitY();             ///< what is up in the image; not along `view`
+    Vec3 position{0.0, 0.0, 0.0};        ///< of the opening [m]
+    Vec3 view{0.0, 0.0, 1.0};            ///< the way that the camera looks
+    Vec3 up{0.0, 1.0, 0.0};              ///< what is up in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;

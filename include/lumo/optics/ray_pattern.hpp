@@ -20,8 +20,8 @@ namespace lumo {
 
 /// A primary ray and what later events of its path draw their numbers from.
 struct PrimaryRay {
-  Vec3 origin = Vec3::Zero();      ///< [m]
-  Vec3 direction = Vec3::UnitZ();  ///< unit
+  Vec3 origin{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 direction{0.0, 0.0, 1.0};  ///< unit
   std::uint64_t key = 0;           ///< the same for mirror images of a path
   int triangle = -1;               ///< of the scene that it starts on, if known
 };
@@ -34,9 +34,9 @@ class RayPattern {
   /// The rays of one emitter that belong to one mirror image.
   struct Beam {
     Emitter source;  ///< moved to the fundamental quadrant
-    Vec3 axis = Vec3::UnitZ(), tangent1 = Vec3::UnitX(), tangent2 = Vec3::UnitY();
+    Vec3 axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
     double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
-    Vec3 mirror = Vec3::Ones();  ///< (±1, ±1, 1): from the fundamental ray to the real one
+    Vec3 mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
     std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
     std::uint32_t rays = 0;      ///< per replicate
     double power_W = 0.0;        ///< per ray

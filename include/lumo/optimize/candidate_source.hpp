@@ -45,7 +45,7 @@ inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t r
 struct FreshCandidates {
   std::size_t count = 256;
 
-  template <class = void>
+  template <class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
     const auto pool = request.sampler.fresh(count, request.key, request.taken);
     if (pool.empty()) return std::nullopt;
@@ -65,11 +65,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
-template <class VectorXd>
+template <class VectorXd, class Design>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);

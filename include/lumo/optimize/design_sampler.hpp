@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/optimize/problem.hpp"
 
 #include <algorithm>
@@ -17,16 +18,17 @@ namespace lumo {
 
 /// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed, so that their last
 /// free design is found and their end is known. Law: all that it returns is feasible, on the lattice to the bit, and a function of its key.
-class DesignSampler {
+template <class Design = Design>
+class DesignSamplerOf {
  public:
+  using DesignSpace = Dependent<lumo::DesignSpace, Design>;
   static constexpr std::size_t list_limit = 100000;  ///< feasible designs up to which a lattice is listed
   static constexpr std::size_t visit_limit = 4000000;  ///< nodes looked at for that
   static constexpr std::uint32_t try_limit = 1u << 18;  ///< points tried for one set of fresh designs
 
   /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
   /// node between them, a constraint with the wrong number of coefficients. It is copied.
-  template <class = void>
-  explicit DesignSampler(DesignSpace space);
+  explicit DesignSamplerOf(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
   std::size_t dimensions() const { return space_.variables.size(); }
@@ -34,20 +36,16 @@ class DesignSampler {
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
   /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
-  template <class = void>
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
   /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
   /// the variable's range, and at least one step of its lattice.
-  template <class = void>
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
   /// Is `reach` too small to make a difference: one step on every lattice, less than 10⁻⁴ of the range elsewhere?
-  template <class = void>
   bool finest(double reach) const;
 
   /// The same design with lattice values to the bit as the sampler writes them.
-  template <class = void>
   Design canonical(Design x) const;
 
  private:
@@ -57,23 +55,14 @@ class DesignSampler {
     std::vector<double> table;
   };
 
-  template <class = void>
   double node(std::size_t i, double k) const;
-  template <class = void>
   double place(std::size_t i, double unit) const;
-  template <class = void>
   double shifted(std::size_t i, double x, double by) const;
-  template <class = void>
   void list();
-  template <class = void>
   bool descend(std::size_t i, Design& x, std::size_t& visits);
-  template <class = void>
   std::optional<Design> repaired(Design x, std::uint64_t key) const;
-  template <class = void>
   static double excess(const LinearConstraint& c, const Design& x);
-  template <class = void>
   void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
-  template <class = void>
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -82,8 +71,10 @@ class DesignSampler {
   bool listed_ = false;
 };
 
-template <class>
-inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)) {
+using DesignSampler = DesignSamplerOf<>;
+
+template <class Design>
+inline DesignSamplerOf<Design>::DesignSamplerOf(DesignSpace space) : space_(std::move(space)) {
   if (space_.variables.empty()) throw InvalidArgument("design space has no variables, must have at least 1");
   std::set<std::string> names;
   for (std::size_t i = 0; i < dimensions(); ++i) {
@@ -112,8 +103,8 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
 }
 
 /// The shortest decimal number for a node: 0.3, not 0.30000000000000004.
-template <class>
-inline double DesignSampler::node(std::size_t i, double k) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::node(std::size_t i, double k) const {
   if (!axes_[i].table.empty() && k < double(axes_[i].table.size())) return axes_[i].table[std::size_t(k)];
   const Variable& v = space_.variables[i];
   const double x = v.origin + (axes_[i].first_node + k) * v.step;
@@ -123,15 +114,15 @@ inline double DesignSampler::node(std::size_t i, double k) const {
   return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
 }
 
-template <class>
-inline double DesignSampler::place(std::size_t i, double unit) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::place(std::size_t i, double unit) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes > 0.0) return node(i, std::clamp(std::floor(unit * axes_[i].nodes), 0.0, axes_[i].nodes - 1.0));
   return std::clamp(v.lower + unit * (v.upper - v.lower), v.lower, v.upper);
 }
 
-template <class>
-inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::shifted(std::size_t i, double x, double by) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
   double steps = std::round(by / v.step);
@@ -139,15 +130,15 @@ inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
-template <class>
-inline Design DesignSampler::canonical(Design x) const {
+template <class Design>
+inline Design DesignSamplerOf<Design>::canonical(Design x) const {
   for (std::size_t i = 0; i < x.size() && i < dimensions(); ++i)
     if (axes_[i].nodes > 0.0) x[i] = shifted(i, x[i], 0.0);
   return x;
 }
 
-template <class>
-inline bool DesignSampler::finest(double reach) const {
+template <class Design>
+inline bool DesignSamplerOf<Design>::finest(double reach) const {
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
     const double range = v.upper - v.lower;
@@ -156,8 +147,8 @@ inline bool DesignSampler::finest(double reach) const {
   return true;
 }
 
-template <class>
-inline void DesignSampler::list() {
+template <class Design>
+inline void DesignSamplerOf<Design>::list() {
   Design x(dimensions());
   std::size_t visits = 0;
   listed_ = descend(0, x, visits);
@@ -165,8 +156,8 @@ inline void DesignSampler::list() {
 }
 
 /// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
-template <class>
-inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
+template <class Design>
+inline bool DesignSamplerOf<Design>::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
     double least = 0.0, most = 0.0, size = 0.0;
@@ -190,8 +181,8 @@ inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits
   return true;
 }
 
-template <class>
-inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t index) const {
+template <class Design>
+inline Design DesignSamplerOf<Design>::point(const OwenSobol& sequence, std::uint32_t index) const {
   Design x(dimensions());
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const OwenSobol block{detail::combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
@@ -201,15 +192,15 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
 }
 
 /// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
-template <class>
-inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
+template <class Design>
+inline double DesignSamplerOf<Design>::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
 /// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
-template <class>
-inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
+template <class Design>
+inline void DesignSamplerOf<Design>::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
     if (std::abs(before) <= c.rounding(x)) return;
@@ -223,8 +214,8 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
 }
 
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
-template <class>
-inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
+template <class Design>
+inline std::optional<Design> DesignSamplerOf<Design>::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
     for (const LinearConstraint& c : space_.constraints) {
@@ -244,8 +235,8 @@ inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key
   return std::nullopt;
 }
 
-template <class>
-inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
+template <class Design>
+inline std::vector<Design> DesignSamplerOf<Design>::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
   std::vector<Design> out;
   DesignSet seen;
   std::optional<Design> anchor;
@@ -269,16 +260,21 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
   }
   // What random points missed of a listed lattice, in an order that hangs on the key.
-  std::vector<std::pair<std::uint64_t, std::size_t>> rest;
+  struct Missed {
+    std::uint64_t order;
+    std::size_t number;
+    auto operator<=>(const Missed&) const = default;
+  };
+  std::vector<Missed> rest;
   for (std::size_t i = 0; i < list_.size() && out.size() < count; ++i)
     if (!taken.contains(list_[i]) && !seen.contains(list_[i])) rest.push_back({detail::combine(key, i), i});
   std::sort(rest.begin(), rest.end());
-  for (std::size_t i = 0; i < rest.size() && out.size() < count; ++i) out.push_back(list_[rest[i].second]);
+  for (std::size_t i = 0; i < rest.size() && out.size() < count; ++i) out.push_back(list_[rest[i].number]);
   return out;
 }
 
-template <class>
-inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
+template <class Design>
+inline std::vector<Design> DesignSamplerOf<Design>::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
   std::vector<Design> out;
   const std::size_t d = dimensions();
   const auto by = [&](std::size_t i) { return reach * (space_.variables[i].upper - space_.variables[i].lower); };

@@ -51,6 +51,7 @@ class ExpectedHypervolume {
 
  private:
   /// log ∫ P(Y > t) dt over [low, high] for Y normal.
+  template <class = void>
   static double log_side(double mean, double deviation, double low, double high) {
     const double a = (mean - low) / deviation;
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
@@ -59,6 +60,7 @@ class ExpectedHypervolume {
       return std::log(high - low) + log_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
   }
+  template <class = void>
   static double log_probability(double z) {
     if (z > -30.0) return std::log(normal_probability(z));
     return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));

@@ -30,7 +30,7 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
-template <class MatrixXd = Eigen::MatrixXd>
+template <class MatrixXd = Eigen::MatrixXd, class JitteredFactor = JitteredFactor>
 inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {

@@ -46,6 +46,7 @@ class TrialLog {
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
   template <class = void>
   void tell(int id, std::vector<double> outputs);
+  template <class = void>
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
@@ -123,6 +124,7 @@ inline void TrialLog::tell(int id, std::vector<double> outputs) {
   trial.state = Trial::State::told;
 }
 
+template <class>
 inline void TrialLog::fail(int id, bool retry, std::string why) {
   Trial& trial = pending(id);
   trial.state = Trial::State::failed;

@@ -16,8 +16,8 @@ namespace lumo {
 /// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
 /// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
 struct AxisMap {
-  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();     ///< pixel centres lie on whole numbers
-  Eigen::Vector2d direction = Eigen::Vector2d::UnitX();    ///< unit, towards the finger's tip (+y)
+  Eigen::Vector2d origin_px{0.0, 0.0};     ///< pixel centres lie on whole numbers
+  Eigen::Vector2d direction{1.0, 0.0};    ///< unit, towards the finger's tip (+y)
   double half_length_px = 1.0;
   Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();

@@ -44,6 +44,7 @@ struct BayesDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
     template <class VectorXd = Eigen::VectorXd>
@@ -63,13 +64,13 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class LabelledResponses = LabelledResponses>
+  template <class LabelledResponses = LabelledResponses, class Step = LinearDecoder::Model>
   Model fit(In<LabelledResponses> training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
       throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
-    std::vector<LinearDecoder::Model> models;
+    std::vector<Step> models;
     const Eigen::Index rows = training.response.rows() / steps;
     for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));
     return Model(std::move(models), training.places(), change);

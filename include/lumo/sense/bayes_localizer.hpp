@@ -18,12 +18,16 @@ namespace lumo {
 /// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
 /// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
 /// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
-class BayesLocalizer {
+template <class VectorXd = Eigen::VectorXd>
+class BayesLocalizerOf {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
+  using Vector3d = Dependent<Eigen::Vector3d, VectorXd>;
+
   struct Config {
-    Eigen::VectorXd position_m;   ///< of the profile's values
-    Eigen::VectorXd noise;        ///< standard deviation of each, unloaded
-    Eigen::VectorXd unloaded;     ///< mean profile of the unloaded finger; empty: lamps are steady
+    VectorXd position_m;          ///< of the profile's values
+    VectorXd noise;               ///< standard deviation of each, unloaded
+    VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
     double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
@@ -42,18 +46,16 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  explicit BayesLocalizer(Config config);
+  explicit BayesLocalizerOf(Config config);
 
   void reset() { fresh_ = true; }
-  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d>
-  LocationEstimate update(const Profile& response);
+  LocationEstimate update(const Dependent<Profile, VectorXd>& response);
 
-  const Eigen::VectorXd& grid_m() const { return grid_; }
+  const VectorXd& grid_m() const { return grid_; }
   /// Posterior of the place given one contact; sums to 1.
-  const Eigen::VectorXd& place() const { return place_; }
+  const VectorXd& place() const { return place_; }
   /// Posterior of none, one, two contacts.
-  const Eigen::Vector3d& number() const { return number_; }
+  const Vector3d& number() const { return number_; }
 
  private:
   static constexpr Eigen::Index widths = 4;
@@ -68,36 +70,34 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
-  template <class VectorXd = Eigen::VectorXd>
-  bool dips_between(In<VectorXd> response, const Pair& pair) const;
+  bool dips_between(const VectorXd& response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
-  template <class Vector3d = Eigen::Vector3d>
   void predict(double step_s);
   double bias_variance_m2(double y) const {
     const double near = config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0, end = near * config_.end_bias_sigma_m;
     return config_.bias_sigma_m * config_.bias_sigma_m + end * end;
   }
-  template <class = void>
   ContactLocation one() const;
-  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) const;
 
   Config config_;
-  Eigen::VectorXd grid_;
-  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
-  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
-  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
-  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
-  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
-  Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
-  Eigen::Vector3d number_{1.0, 0.0, 0.0};
+  VectorXd grid_;
+  MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  MatrixXd matched_;    ///< Σ⁻¹ bumps
+  MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  VectorXd energy_;     ///< diagonal of it, all widths
+  VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
+  Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
   std::int64_t stamp_ns_ = 0;
   bool fresh_ = true;
 };
 
-template <class MatrixXd, class VectorXd>
-inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
+using BayesLocalizer = BayesLocalizerOf<>;
+
+template <class VectorXd>
+inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
     throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
@@ -147,7 +147,8 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
 }
 
 /// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
-inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(double s, double g, double tempering) const {
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
   const double z = t / std::sqrt(h);
   // log of 2 Φ(z) e^{z²/2}, without overflow on either side
@@ -156,8 +157,9 @@ inline double BayesLocalizer::log_evidence(double s, double g, double tempering)
 }
 
 /// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
-inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
-  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
+template <class VectorXd>
+inline std::array<double, 2> BayesLocalizerOf<VectorXd>::heights(const Pair& p, double tempering, double& det) const {
+  const MatrixXd& gram = gram_[std::size_t(p.width)];
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
   const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
@@ -166,13 +168,14 @@ inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempe
 }
 
 /// Searched on every other cell, then about the best.
-inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
+template <class VectorXd>
+inline auto BayesLocalizerOf<VectorXd>::best_pair(double tempering) const -> Pair {
   const Eigen::Index cells = grid_.size();
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
   Pair best;
   const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
-    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
+    const MatrixXd& gram = gram_[std::size_t(width)];
     const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
     const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
     const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
@@ -193,7 +196,7 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
 template <class VectorXd>
-inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair) const {
+inline bool BayesLocalizerOf<VectorXd>::dips_between(const VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
     (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
@@ -206,7 +209,8 @@ inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair
 }
 
 /// Log of the Bayes factor of two bumps against none.
-inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(const Pair& p, double tempering) const {
   if (p.explained < 0.0) return -1e300;
   double det = 1.0;
   const auto h = heights(p, tempering, det);
@@ -220,8 +224,8 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
-template <class Vector3d>
-inline void BayesLocalizer::predict(double step_s) {
+template <class VectorXd>
+inline void BayesLocalizerOf<VectorXd>::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
   number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
@@ -241,8 +245,8 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
-template <class VectorXd, class Vector3d>
-inline LocationEstimate BayesLocalizer::update(const Profile& response) {
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::update(const Dependent<Profile, VectorXd>& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
@@ -298,8 +302,8 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
-template <class>
-inline ContactLocation BayesLocalizer::one() const {
+template <class VectorXd>
+inline ContactLocation BayesLocalizerOf<VectorXd>::one() const {
   const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
   // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
@@ -310,8 +314,8 @@ inline ContactLocation BayesLocalizer::one() const {
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
-template <class>
-inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::answer(std::int64_t stamp_ns) const {
   LocationEstimate e{stamp_ns, 0, {}, 1.0};
   if (fresh_) return e;
   Eigen::Index n = 0;

@@ -39,7 +39,8 @@ class PhotonTransfer {
   };
 
   /// One frame; the next one makes a pair with it. Throws InvalidArgument for another size or format.
-  void add(const ImageView& v);
+  template <class ImageView = ImageView>
+  void add(In<ImageView> v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2d = Eigen::Matrix2d>
@@ -59,6 +60,7 @@ struct LampLevel {
 };
 
 /// `lit` and `dark` are mean pictures of one view. Throws InvalidArgument for sizes that differ, or no light.
+template <class = void>
 inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const Interval& gain_DN_per_electron) {
   if (lit.empty() || lit.width != dark.width || lit.height != dark.height) throw InvalidArgument("lamp level: the lit and the dark picture must have one size");
   std::vector<double> difference;
@@ -102,7 +104,8 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
   return fit;
 }
 
-inline void PhotonTransfer::add(const ImageView& v) {
+template <class ImageView>
+inline void PhotonTransfer::add(In<ImageView> v) {
   if (v.empty()) throw InvalidArgument("photon transfer: a picture is empty");
   const auto n = std::size_t(v.width) * std::size_t(v.height);
   if (frames_ == 0) sum_.assign(n, 0.0), squares_.assign(n, 0.0);

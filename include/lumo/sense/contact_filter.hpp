@@ -22,7 +22,7 @@ namespace lumo {
 struct ContactBelief {
   double y_m = 0.0;
   double force_N = 0.0;
-  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< of (y [m], F [N])
+  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], F [N])
 };
 
 /// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are what is seen: y, and the

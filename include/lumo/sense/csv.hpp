@@ -43,6 +43,7 @@ class CsvReader {
     return -1;
   }
   /// Place of a column that must be there.
+  template <class = void>
   int require(std::string_view column) const {
     if (const int i = find(column); i >= 0) return i;
     throw InputError(detail::text(name_, ":1: column '", column, "' is missing"));
@@ -69,6 +70,7 @@ class CsvReader {
   }
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
+  template <class = void>
   double number(int column) const {
     const std::string_view f = text(column);
     double v = 0.0;
@@ -76,6 +78,7 @@ class CsvReader {
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
+  template <class = void>
   std::int64_t integer(int column) const {
     const std::string_view f = text(column);
     std::int64_t v = 0;
@@ -92,6 +95,7 @@ class CsvReader {
   }
 
  private:
+  template <class = void>
   bool read_line() {
     line_text_.clear();
     ++line_;
@@ -134,6 +138,7 @@ class CsvReader {
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
+template <class = void>
 inline std::string csv_number(double v) {
   if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
   char buffer[32];

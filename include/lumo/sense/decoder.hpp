@@ -67,8 +67,8 @@ inline Decoding decoding_of(In<VectorXd> log_weight) {
 }
 
 /// Mean response of each place, features × places.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses>
+inline Eigen::MatrixXd place_means(In<LabelledResponses> t) {
   MatrixXd mean = MatrixXd::Zero(t.response.rows(), t.places());
   VectorXd count = VectorXd::Zero(t.places());
   for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;

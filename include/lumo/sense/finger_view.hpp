@@ -20,6 +20,7 @@ namespace lumo {
 struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
+  template <class = void>
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000} : UnloadedStretch{known->from_ns, known->to_ns};
@@ -30,6 +31,7 @@ struct UnloadedStretch {
 /// Mean of pictures of one size and format; what differs from the first is left out.
 class MeanImage {
  public:
+  template <class = void>
   void add(const ImageView& v) {
     if (v.empty()) return;
     const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
@@ -41,6 +43,7 @@ class MeanImage {
   }
   int count() const { return count_; }
   /// Rounded. Empty when nothing was added.
+  template <class = void>
   Image image() const {
     Image m = mean_;
     for (std::size_t i = 0; i < sum_.size(); ++i) m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
@@ -96,7 +99,7 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 }
 
 /// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
-template <class = void>
+template <class LedDetection = LedDetection>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   const double parallax = led_parallax(session);
@@ -117,7 +120,7 @@ FingerView view_finger(C& camera, const Session& session, const UnloadedStretch&
 }
 
 /// Profiles of all frames that the readout can read.
-template <Camera C>
+template <Camera C, class Profile = Profile>
 std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
   std::vector<Profile> list;
   Profile p;

@@ -51,6 +51,7 @@ struct ForceErrors {
 class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
+  template <class = void>
   ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 

@@ -41,7 +41,7 @@ struct ForceEstimate {
   std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
   /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or combinations) are.
   int rank = 0;
-  Eigen::Matrix2d null_directions = Eigen::Matrix2d::Zero();  ///< the last 2 − rank columns: unit directions that the data leave open
+  Eigen::Matrix2d null_directions{{0.0, 0.0}, {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
   std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
   std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
 };

@@ -15,11 +15,14 @@
 namespace lumo {
 
 /// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
-class FrameMonitor {
+template <class VectorXd = Eigen::VectorXd>
+class FrameMonitorOf {
  public:
+  using Profile = Dependent<lumo::Profile, VectorXd>;
+
   struct Config {
-    Eigen::VectorXd position_m;        ///< of the profile's values
-    Eigen::VectorXd unloaded;          ///< mean profile without contact
+    VectorXd position_m;               ///< of the profile's values
+    VectorXd unloaded;                 ///< mean profile without contact
     std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
     double period_s = 1.0 / 30.0;      ///< of the frames
     double max_age_s = 0.15;           ///< from stamp to arrival
@@ -33,7 +36,7 @@ class FrameMonitor {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit FrameMonitor(Config config) : config_(std::move(config)) {
+  explicit FrameMonitorOf(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
       throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
@@ -62,8 +65,7 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
-  template <class Profile = Profile>
-  Verdict check_light(In<Profile> p, double exposure_s, double gain) {
+  Verdict check_light(const Profile& p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
     last_ = p.value;
@@ -99,7 +101,6 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
-  template <class VectorXd = Eigen::VectorXd>
   double led_ratio(double y) const {
     const VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;
@@ -108,9 +109,11 @@ class FrameMonitor {
   }
 
   Config config_;
-  Eigen::VectorXd last_, ratio_, sorted_;
+  VectorXd last_, ratio_, sorted_;
   std::int64_t stamp_ns_ = 0;
   bool seen_ = false;
 };
+
+using FrameMonitor = FrameMonitorOf<>;
 
 }  // namespace lumo

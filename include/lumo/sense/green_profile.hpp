@@ -14,8 +14,11 @@ namespace lumo {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
 /// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
-class GreenProfile {
+template <class AxisMap = AxisMap>
+class GreenProfileOf {
  public:
+  using LongitudinalBins = Dependent<lumo::LongitudinalBins, AxisMap>;
+  using Strip = detail::StripOf<AxisMap>;
   using Sample = Frame;
 
   struct Config {
@@ -29,8 +32,7 @@ class GreenProfile {
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  template <class = void>
-  explicit GreenProfile(const Config& config)
+  explicit GreenProfileOf(const Config& config)
       : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
 
@@ -44,12 +46,14 @@ class GreenProfile {
   const Eigen::VectorXd& positions_m() const { return centres_; }
 
   /// The pixels that a configuration reads. Throws as the constructor.
-  static detail::Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
+  static Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
 
  private:
-  detail::Strip strip_;
+  Strip strip_;
   Eigen::VectorXd centres_;
 };
+
+using GreenProfile = GreenProfileOf<>;
 
 static_assert(Readout<GreenProfile>);
 
@@ -68,6 +72,7 @@ class PositiveGreenProfile {
     if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
   }
 
+  template <class Frame, class Profile>
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
     profile.stamp_ns = frame.stamp_ns;

@@ -46,8 +46,8 @@ inline void validate(const HandLink& l) {
 
 /// How a link's plane lies in the image: turned, shifted and scaled.
 struct LinkMap {
-  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();
-  Eigen::Vector2d along_px_per_m = Eigen::Vector2d::UnitX();   ///< of y
+  Eigen::Vector2d origin_px{0.0, 0.0};
+  Eigen::Vector2d along_px_per_m{1.0, 0.0};   ///< of y
   bool z_clockwise = false;
   double residual_px = 0.0;                                    ///< RMS of what the fit leaves
   double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
@@ -56,7 +56,8 @@ struct LinkMap {
   Eigen::Vector2d pixel(double y_m, double z_m) const {
     const double side = z_clockwise ? 1.0 : -1.0;
     const Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
-    return origin_px + y_m * along_px_per_m + z_m * across;
+    const Vector2d& along = along_px_per_m;
+    return origin_px + y_m * along + z_m * across;
   }
   double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
 
@@ -105,7 +106,7 @@ struct Hole {
 };
 
 /// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
-template <class Vector2d = Eigen::Vector2d>
+template <class Vector2d = Eigen::Vector2d, class Hole = Hole>
 inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
   if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
@@ -161,8 +162,8 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
 }  // namespace detail
 
 /// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
-template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
+template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LinkMap = LinkMap>
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, In<LinkMap> guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
@@ -178,7 +179,7 @@ inline std::optional<LinkMap> register_link(const ImageView& image, const HandLi
   for (Eigen::Index k = 1; k < n; ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale) return std::nullopt;   // one hole taken for two
-  LinkMap map = LinkMap::fit<Matrix2Xd>(link.hole_m, seen, link.z_clockwise);
+  LinkMap map = LinkMap::fit(link.hole_m, seen, link.z_clockwise);
   map.contrast_DN = contrast;
   if (map.residual_px > search.max_residual_m * scale || std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change) return std::nullopt;
   return map;

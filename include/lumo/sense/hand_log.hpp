@@ -24,11 +24,11 @@
 namespace lumo {
 
 /// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
-template <class Matrix2Xd = Eigen::Matrix2Xd>
+template <class HandLink = HandLink, class LinkMap = LinkMap>
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
-  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit<Matrix2Xd>(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
   return {std::move(links), std::move(first), std::move(config)};
 }
 
@@ -47,7 +47,8 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
 }
 
 /// Does a log's plan say that nothing touches the hand then?
-inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
+template <class Session = Session>
+inline bool is_unloaded(In<Session> session, std::int64_t stamp_ns) {
   return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
 }
 
@@ -87,10 +88,11 @@ class HandTouches {
   };
 
   /// Throws InputError.
-  static HandTouches from_table(std::istream& in, const std::string& name) {
+  template <class Touches = HandTouches>
+  static Touches from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
-    HandTouches t;
+    Touches t;
     while (csv.next()) {
       const std::int64_t number = csv.integer(link);
       const double y_m = 1e-3 * csv.number(y);
@@ -101,6 +103,7 @@ class HandTouches {
     std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     return t;
   }
+  template <class Touch = Touch>
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
     for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; }); row != rows_.end() && row->first == stamp_ns; ++row)
@@ -123,7 +126,8 @@ struct HandScore {
   static constexpr double near_m = 8.0_mm;
 
   /// One frame.
-  void add(const HandEstimate& e, const std::vector<HandTouches::Touch>& truth, double least_N = 5.0) {
+  template <class HandEstimate = HandEstimate, class Touch = HandTouches::Touch>
+  void add(In<HandEstimate> e, In<std::vector<Touch>> truth, double least_N = 5.0) {
     for (const auto& t : truth) {
       if (t.force_N < least_N) continue;
       ++touches;

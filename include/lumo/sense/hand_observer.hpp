@@ -25,7 +25,7 @@ struct HandContact {
   double peak_DN = 0.0;          ///< largest residual
   double mean_DN = 0.0;          ///< over the region
   double area_m2 = 0.0;
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   ///< of the centroid
+  Eigen::Vector2d pixel{0.0, 0.0};   ///< of the centroid
   std::vector<std::pair<int, int>> cells;            ///< of HandObserver's grid, along and across
 };
 
@@ -40,8 +40,14 @@ struct HandEstimate {
 
 /// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting holes, compared with the unloaded picture of the nearest
 /// joint configuration, freed of global and slow differences of green, and what is left in absolute value above the noise is cut into connected regions.
-class HandObserver {
+template <class MatrixXd = Eigen::MatrixXd>
+class HandObserverOf {
  public:
+  using HandLink = Dependent<lumo::HandLink, MatrixXd>;
+  using LinkMap = Dependent<lumo::LinkMap, MatrixXd>;
+  using HandContact = Dependent<lumo::HandContact, MatrixXd>;
+  using HandEstimate = Dependent<lumo::HandEstimate, MatrixXd>;
+
   struct Config {
     double cell_m = 1.0_mm;            ///< of the grid on which a link's side is read
     double threshold = 6.0;            ///< a region must reach so many noises
@@ -53,7 +59,7 @@ class HandObserver {
   };
 
   /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
-  HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
+  HandObserverOf(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
     if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(detail::text("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
@@ -66,7 +72,7 @@ class HandObserver {
     for (const HandLink& l : links_) {
       const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
       grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
-      require_in_range("cells of a link's grid", double(grid_.back()[0]) * grid_.back()[1], 1, 20000, "");
+      require_in_range("cells of a link's grid", double(grid_.back().along) * grid_.back().across, 1, 20000, "");
     }
   }
 
@@ -77,7 +83,7 @@ class HandObserver {
   std::pair<double, double> cell_m(int link) const {
     const HandLink& l = links_[std::size_t(link)];
     const auto& g = grid_[std::size_t(link)];
-    return {(l.y_high_m - l.y_low_m) / g[0], (l.z_high_m - l.z_low_m) / g[1]};
+    return {(l.y_high_m - l.y_low_m) / g.along, (l.z_high_m - l.z_low_m) / g.across};
   }
   /// Middle of a cell in the link's plane [m].
   std::pair<double, double> place(int link, int along, int across) const {
@@ -87,51 +93,47 @@ class HandObserver {
   }
 
   /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
-  template <class = void>
   int add_reference(const JointVector& joints, const ImageView& image);
 
   /// Causal: what it says depends on this frame, the references, and where links were seen before.
-  template <class = void>
   HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
   /// What can be said without a picture or joints.
-  template <class = void>
   HandEstimate unseen(std::int64_t stamp_ns) const {
     return {stamp_ns, std::vector<bool>(links_.size(), false), std::vector<int>(links_.size(), -1), last_, {}};
   }
 
  private:
-  using Grid = Eigen::MatrixXd;   ///< along × across [DN]
+  using Grid = MatrixXd;   ///< along × across [DN]
+  struct Cells {
+    int along, across;
+  };
   struct Reference {
     std::vector<double> joints;
     LinkMap map;
     Grid green;
   };
 
-  template <class = void>
   std::vector<double> joints_of(int link, const JointVector& all) const;
   std::pair<int, double> nearest(int link, const std::vector<double>& joints) const;
-  template <class = void>
   std::optional<LinkMap> find(int link, int nearest, const ImageView& image);
-  template <class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d>
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
-  template <class MatrixXd = Eigen::MatrixXd>
   Grid levelled(const Grid& difference) const;
-  template <class MatrixXd = Eigen::MatrixXd>
   const Grid& noise(int link);
-  template <class Vector2d = Eigen::Vector2d>
   void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
 
   std::vector<HandLink> links_;
   std::vector<LinkMap> last_;
   Config config_;
-  std::vector<std::array<int, 2>> grid_;
+  std::vector<Cells> grid_;
   std::vector<std::vector<Reference>> library_;   ///< by link
   std::vector<std::vector<Grid>> steps_;          ///< by link: what differs between each reference and its nearest one before, in absolute value
   std::vector<Grid> noise_;                       ///< by link; empty where references have come since
 };
 
-template <class>
-inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
+using HandObserver = HandObserverOf<>;
+
+template <class MatrixXd>
+inline std::vector<double> HandObserverOf<MatrixXd>::joints_of(int link, const JointVector& all) const {
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
     if (j < 0 || j >= all.size()) throw InvalidArgument(detail::text("link '", detail::printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
@@ -142,7 +144,8 @@ inline std::vector<double> HandObserver::joints_of(int link, const JointVector& 
 }
 
 /// Number and distance [rad] of the reference whose farthest joint is nearest; −1 without any.
-inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<double>& joints) const {
+template <class MatrixXd>
+inline std::pair<int, double> HandObserverOf<MatrixXd>::nearest(int link, const std::vector<double>& joints) const {
   std::pair<int, double> best{-1, std::numeric_limits<double>::infinity()};
   const auto& all = library_[std::size_t(link)];
   for (std::size_t r = 0; r < all.size(); ++r) {
@@ -154,8 +157,8 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
 }
 
 /// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
-template <class>
-inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const ImageView& image) {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
   if (nearest >= 0) {
@@ -167,14 +170,14 @@ inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const Im
 }
 
 /// Green at the cells' middles, bilinear; NaN outside the image.
-template <class MatrixXd, class Vector2d>
-inline HandObserver::Grid HandObserver::read(int link, const LinkMap& map, const ImageView& image) const {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::read(int link, const LinkMap& map, const ImageView& image) const -> Grid {
   const auto [along, across] = grid_[std::size_t(link)];
   MatrixXd g(along, across);
   for (int i = 0; i < along; ++i)
     for (int j = 0; j < across; ++j) {
       const auto [y, z] = place(link, i, j);
-      const Vector2d p = map.pixel(y, z);
+      const auto p = map.pixel(y, z);
       const int x0 = int(std::floor(p.x())), y0 = int(std::floor(p.y()));
       if (x0 < 0 || y0 < 0 || x0 + 1 >= image.width || y0 + 1 >= image.height) {
         g(i, j) = std::numeric_limits<double>::quiet_NaN();
@@ -189,7 +192,7 @@ inline HandObserver::Grid HandObserver::read(int link, const LinkMap& map, const
 /// Without its slow part along the link: the straight line through the means across that passes closest to two fifths of them, for contacts may cover more than half of
 /// a link (least quantile of squares, after Rousseeuw 1984, over all pairs of means; then least squares over those near it).
 template <class MatrixXd>
-inline HandObserver::Grid HandObserver::levelled(const Grid& difference) const {
+inline auto HandObserverOf<MatrixXd>::levelled(const Grid& difference) const -> Grid {
   std::vector<std::array<double, 2>> mean;   // row and mean, of rows that are seen
   for (Eigen::Index i = 0; i < difference.rows(); ++i) {
     double sum = 0.0;
@@ -225,8 +228,8 @@ inline HandObserver::Grid HandObserver::levelled(const Grid& difference) const {
   return rest;
 }
 
-template <class>
-inline int HandObserver::add_reference(const JointVector& joints, const ImageView& image) {
+template <class MatrixXd>
+inline int HandObserverOf<MatrixXd>::add_reference(const JointVector& joints, const ImageView& image) {
   int count = 0;
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -248,7 +251,7 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
 /// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal number. Beside an LED, where a fraction of a pixel
 /// counts, it is several times that of the plain side.
 template <class MatrixXd>
-inline const HandObserver::Grid& HandObserver::noise(int link) {
+inline auto HandObserverOf<MatrixXd>::noise(int link) -> const Grid& {
   MatrixXd& sigma = noise_[std::size_t(link)];
   if (sigma.size() > 0) return sigma;
   const auto [along, across] = grid_[std::size_t(link)];
@@ -262,8 +265,8 @@ inline const HandObserver::Grid& HandObserver::noise(int link) {
   return sigma;
 }
 
-template <class>
-inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) -> HandEstimate {
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -278,8 +281,8 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
   return e;
 }
 
-template <class Vector2d>
-inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
+template <class MatrixXd>
+inline void HandObserverOf<MatrixXd>::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);

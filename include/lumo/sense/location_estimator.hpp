@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/sense/readout.hpp"
 
 #include <array>
@@ -19,7 +20,8 @@ struct ContactLocation {
 };
 
 /// Throws InvalidArgument unless positions of a profile are finite and ascend.
-inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
+template <class VectorXd = Eigen::VectorXd>
+inline void require_ascending_positions(In<VectorXd> position_m) {
   for (Eigen::Index i = 0; i < position_m.size(); ++i) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))

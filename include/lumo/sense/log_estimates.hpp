@@ -58,7 +58,7 @@ inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, cons
 }
 
 /// Localises in profiles of a log. Frames that cannot be read are left out.
-template <LocationEstimator L>
+template <LocationEstimator L, class LogEstimate = LogEstimate>
 std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const UnloadedReference& unloaded, L localizer) {
   std::vector<LogEstimate> list;
   for (Profile p : profiles) {
@@ -72,8 +72,8 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 }
 
 /// The step in which a joint's efforts come, as a driver's few bits make it; 0 where they are not whole multiples of one apart.
-template <class = void>
-double effort_step(const std::vector<JointSample>& samples, int joint) {
+template <class JointSample = JointSample>
+double effort_step(In<std::vector<JointSample>> samples, int joint) {
   double step = std::numeric_limits<double>::infinity();
   int changes = 0;
   for (std::size_t i = 1; i < samples.size(); ++i)
@@ -88,8 +88,8 @@ double effort_step(const std::vector<JointSample>& samples, int joint) {
 
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
-template <class = void>
-inline JointReference identify_joints(const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+template <class JointSample = JointSample, class JointReference = JointReference>
+inline JointReference identify_joints(In<std::vector<JointSample>> samples, const Session& session, std::int64_t until_ns) {
   JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
@@ -135,8 +135,8 @@ typename Estimator::Config force_config(const JointReference& reference, const S
 
 /// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
 /// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
-template <class MakeCamera, LocationEstimator L, ContactJacobian J>
-std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
+template <class MakeCamera, LocationEstimator L, ContactJacobian J, class JointSample = JointSample, class LogEstimate = LogEstimate>
+std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, In<std::vector<JointSample>> samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
                                          const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
   if (samples.size() < 2 || reference.joints.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
@@ -172,8 +172,8 @@ struct LocationScore {
   double coverage_90 = 0.0;  ///< share of the located ones whose 90 % interval holds the truth
 };
 
-template <class PlaceOf>
-LocationScore location_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
+template <class PlaceOf, class LogEstimate = LogEstimate, class ContactLocation = ContactLocation>
+LocationScore location_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
   LocationScore s;
   int covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -199,8 +199,8 @@ struct ForceScore {
   double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
 };
 
-template <ContactJacobian J>
-ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
+template <ContactJacobian J, class LogEstimate = LogEstimate, class ForceSample = ForceSample>
+ForceScore force_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const LogEstimate& e : estimates) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/sense/location_estimator.hpp"
 
@@ -12,11 +13,12 @@ namespace lumo {
 
 /// The paper's localiser: the strongest peak of the low-passed response above a noise threshold. No labels, no training.
 /// A contact starts above `threshold` noises and ends below `release`. The filter is first order in time and starts anew after a gap.
-class PeakLocalizer {
+template <class VectorXd = Eigen::VectorXd>
+class PeakLocalizerOf {
  public:
   struct Config {
-    Eigen::VectorXd position_m;      ///< of the profile's values
-    Eigen::VectorXd noise;           ///< standard deviation of each, unloaded
+    VectorXd position_m;             ///< of the profile's values
+    VectorXd noise;                  ///< standard deviation of each, unloaded
     double time_constant_s = 0.05;   ///< of the filter
     double gap_s = 0.5;              ///< longer without a profile: forget
     double threshold = 6.0;          ///< in noises of the filtered profile
@@ -25,7 +27,7 @@ class PeakLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit PeakLocalizer(Config config) : config_(std::move(config)) {
+  explicit PeakLocalizerOf(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
       throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
@@ -40,8 +42,7 @@ class PeakLocalizer {
 
   void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
 
-  template <class = void>
-  LocationEstimate update(const Profile& response) {
+  LocationEstimate update(const Dependent<Profile, VectorXd>& response) {
     if (response.value.size() != config_.position_m.size())
       throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
     const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
@@ -60,7 +61,6 @@ class PeakLocalizer {
   }
 
  private:
-  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) {
     LocationEstimate e{stamp_ns, 0, {}, 1.0};
     if (fresh_) return e;
@@ -94,11 +94,13 @@ class PeakLocalizer {
   }
 
   Config config_;
-  Eigen::VectorXd filtered_;
+  VectorXd filtered_;
   std::int64_t stamp_ns_ = 0;
   double share_ = 1.0;
   bool fresh_ = true, touching_ = false;
 };
+
+using PeakLocalizer = PeakLocalizerOf<>;
 
 static_assert(LocationEstimator<PeakLocalizer>);
 

@@ -10,7 +10,7 @@
 namespace lumo {
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
-template <class = void>
+template <class PhotodiodeSample = PhotodiodeSample>
 inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   detail::StampColumn stamp(csv);
@@ -31,8 +31,8 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
   return list;
 }
 
-template <class = void>
-inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
+template <class PhotodiodeSample = PhotodiodeSample>
+inline std::string photodiode_log_text(In<std::vector<PhotodiodeSample>> samples) {
   std::string t = "stamp_ns";
   const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
   for (Eigen::Index i = 0; i < n; ++i) t += ',' + detail::numbered("signal_V", int(i));

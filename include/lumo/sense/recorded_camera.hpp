@@ -18,6 +18,7 @@ struct RecordedFrame {
 /// Frames that are in memory, given as fast as they are asked for.
 class RecordedCamera {
  public:
+  template <class = void>
   explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
 
   template <class = void>

@@ -26,8 +26,8 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-template <class VectorXd = Eigen::VectorXd>
-inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
+template <class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse, class Profile = Profile>
+inline std::vector<HoldResponse> hold_responses(In<std::span<const Profile>> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<VectorXd, int> m{VectorXd(), 0};
     for (const Profile& p : profiles) {
@@ -59,8 +59,8 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-template <class = void>
-inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
+template <class HoldResponse = HoldResponse>
+inline std::vector<HoldResponse> responses_of(In<std::vector<HoldResponse>> holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -71,8 +71,8 @@ namespace detail {
 
 /// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
 /// places, numbered along the finger, ascend in y.
-template <class = void>
-inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
+template <class HoldResponse = HoldResponse>
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(In<std::vector<HoldResponse>> holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
@@ -102,8 +102,8 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse>
+inline std::vector<Eigen::MatrixXd> slope_profiles(In<std::vector<HoldResponse>> holds) {
   std::vector<MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
@@ -130,8 +130,8 @@ struct DecodingTask {
 };
 
 /// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as slope_profiles does.
-template <class = void>
-inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, double least_N) {
+template <class HoldResponse = HoldResponse>
+inline std::vector<double> common_loads(In<std::vector<HoldResponse>> holds, double least_N) {
   std::map<double, int> count;
   int recontacts = 0;
   for (const auto& place : detail::recontacts(holds))
@@ -147,8 +147,8 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class DecodingTask = DecodingTask>
-inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
+template <class DecodingTask = DecodingTask, class HoldResponse = HoldResponse>
+inline DecodingTask decoding_task(In<std::vector<HoldResponse>> holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
     int place, repetition;
@@ -188,8 +188,8 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
-template <class MatrixXd = Eigen::MatrixXd>
-inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
+template <class MatrixXd = Eigen::MatrixXd, class HoldResponse = HoldResponse, class CycleRun = CycleRun>
+inline std::vector<CycleRun> cycle_runs(In<std::vector<HoldResponse>> holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
     if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);

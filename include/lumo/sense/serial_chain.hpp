@@ -10,17 +10,22 @@
 namespace lumo {
 
 /// Revolute joints in a row, each with one link that may carry a pad.
-class SerialChain {
+template <class Vec3 = Vec3>
+class SerialChainOf {
  public:
+  using Mat3 = Dependent<lumo::Mat3, Vec3>;
+  using Isometry3d = Dependent<Eigen::Isometry3d, Vec3>;
+  using AngleAxisd = Dependent<Eigen::AngleAxisd, Vec3>;
+  using JointVector = Dependent<lumo::JointVector, Vec3>;
+
   struct Link {
-    Eigen::Isometry3d joint = Eigen::Isometry3d::Identity();  ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
-    Vec3 axis = Vec3::UnitX();                                ///< of rotation, in the joint's frame; unit
-    Eigen::Isometry3d finger = Eigen::Isometry3d::Identity();  ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
+    Isometry3d joint = Isometry3d::Identity();    ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
+    Vec3 axis = Vec3::UnitX();                    ///< of rotation, in the joint's frame; unit
+    Isometry3d finger = Isometry3d::Identity();   ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
-  template <class Mat3 = Mat3, class Isometry3d = Eigen::Isometry3d>
-  explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
+  explicit SerialChainOf(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
@@ -35,23 +40,19 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     const Isometry3d& finger = p.finger;
     return torques(p, finger * Vec3(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
-  template <class Isometry3d = Eigen::Isometry3d>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     const Isometry3d& finger = p.finger;
     return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
-  template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const {
     const Isometry3d finger = pose(q, c.link).finger;
     return finger.linear().col(2);
@@ -59,11 +60,10 @@ class SerialChain {
 
  private:
   struct Pose {
-    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
-    Eigen::Isometry3d finger;
+    Eigen::Matrix<typename Vec3::Scalar, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
+    Isometry3d finger;
   };
 
-  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd, class Pose = Pose>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -83,8 +83,7 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class Vec3 = Vec3, class Pose = Pose, class JointVector = JointVector>
-  JointVector torques(In<Pose> p, In<Vec3> place, In<Vec3> n, bool is_place) const {
+  JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;
@@ -95,6 +94,8 @@ class SerialChain {
 
   std::vector<Link> links_;
 };
+
+using SerialChain = SerialChainOf<>;
 
 static_assert(ContactJacobian<SerialChain>);
 

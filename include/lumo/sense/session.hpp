@@ -61,8 +61,8 @@ struct Session {
 inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
-template <class = void>
-inline void validate(const Session& s, const std::string& name) {
+template <class Session = Session>
+inline void validate(In<Session> s, const std::string& name) {
   const auto require = [&](bool good, const std::string& what) {
     if (!good) throw InputError(detail::text(name, ": ", what));
   };
@@ -93,7 +93,7 @@ inline void validate(const Session& s, const std::string& name) {
   }
   require(s.links.size() <= 16, detail::text("has ", s.links.size(), " links, must have at most 16"));
   for (std::size_t i = 0; i < s.links.size(); ++i) {
-    const SessionLink& l = s.links[i];
+    const auto& l = s.links[i];
     try {
       validate(l.link);
     } catch (const InvalidArgument& e) {

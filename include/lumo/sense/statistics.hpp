@@ -54,6 +54,7 @@ inline Eigen::VectorXd pointwise_median(In<MatrixXd> m) {
 }
 
 /// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+template <class = void>
 inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
   if (all < 1 || right < 0 || right > all) throw InvalidArgument(detail::text("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
   const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);

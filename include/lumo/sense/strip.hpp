@@ -14,10 +14,10 @@ namespace lumo::detail {
 
 /// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
 /// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
-class Strip {
+template <class AxisMap = AxisMap>
+class StripOf {
  public:
-  template <class = void>
-  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
+  StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
 
   bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
 
@@ -26,7 +26,6 @@ class Strip {
   void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
 
   /// Share of bytes of the measured channel that are 255, on every eighth row read.
-  template <class = void>
   double saturated_share(const ImageView& image) const;
 
  private:
@@ -35,7 +34,6 @@ class Strip {
     int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
   };
 
-  template <class = void>
   void flush();
 
   int width_, height_, places_ = 0, channels_, channel_;
@@ -49,8 +47,10 @@ class Strip {
   std::vector<double> integral_;               ///< of the mean, from the first place
 };
 
-template <class>
-inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
+using Strip = StripOf<>;
+
+template <class AxisMap>
+inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
   require_in_range("frame width", width, 1, max_image_side, "px");
   require_in_range("frame height", height, 1, max_image_side, "px");
@@ -110,14 +110,15 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
   integral_.resize(std::size_t(places_) + 1);
 }
 
-template <class>
-inline void Strip::flush() {
+template <class AxisMap>
+inline void StripOf<AxisMap>::flush() {
   for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
 }
 
+template <class AxisMap>
 template <class Value>
-void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
+void StripOf<AxisMap>::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
   std::fill(wide_.begin(), wide_.end(), 0u);
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
   int rows = 0, row = -1;
@@ -163,8 +164,8 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
   }
 }
 
-template <class>
-inline double Strip::saturated_share(const ImageView& image) const {
+template <class AxisMap>
+inline double StripOf<AxisMap>::saturated_share(const ImageView& image) const {
   std::size_t full = 0, seen = 0;
   int row = -1, turn = 7;
   for (const Run& run : runs_) {
