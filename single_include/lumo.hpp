@@ -414,12 +414,12 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
-template <class = void>
+template <class DesignSpace = DesignSpace>
 DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
-template <class = void>
+template <class FingerDesign = FingerDesign>
 inline std::vector<FingerDesign> reference_designs() {
   return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
@@ -460,7 +460,7 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 }  // namespace detail
 
-template <class>
+template <class DesignSpace>
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
@@ -525,7 +525,7 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-template <class = void>
+template <class HalfSection = HalfSection>
 HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
@@ -557,7 +557,7 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-template <class>
+template <class HalfSection>
 inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
   finger_space(pad).check(given.values());
   FingerDesign d = given;
@@ -607,7 +607,10 @@ inline double HalfSection::exact_area_m2() const {
 // the cost. The body of a function template waits for its first call, so a function that computes with matrices, or calls one that does, is one:
 // `template <class = void>`. Even there the types of expressions are made at once if they do not depend on a parameter. Hence
 // `template <class Mat3 = Mat3>`: under their own names the matrix types are parameters, which nobody passes, and nothing is made before the call.
-// Arguments then convert by `In`. benchmarks/parse_cost measures it, tests/repository/check_cost.py guards it.
+// Arguments then convert by `In`. What holds of Eigen's expressions holds of the constexpr members of std::vector and std::optional, of all of which a
+// compiler makes a copy for each type of element; so records are parameters, too: `template <class Segment = Segment>`. Where nearly all of a class computes,
+// it is a template as a whole, `BayesLocalizerOf<>`, and the name that users write is an alias of it: what is declared inside of it waits of itself.
+// benchmarks/parse_cost measures it, tests/repository/check_cost.py guards it.
 
 namespace lumo {
 
@@ -761,6 +764,7 @@ inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4
 inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
 
 /// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+template <class = void>
 inline Silicone silicone(std::string_view name) {
   for (const Silicone& card : {dragon_skin(), solaris()})
     if (card.name == name) return card;
@@ -798,9 +802,9 @@ concept EmitterModel = requires(const E& e, double u, const Vec3& m) {
 
 /// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
 struct RectangleEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 half_u = Vec3::UnitX();     ///< half edge [m]
-  Vec3 half_v = Vec3::UnitY();     ///< half edge [m]
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 half_u{1.0, 0.0, 0.0};     ///< half edge [m]
+  Vec3 half_v{0.0, 1.0, 0.0};     ///< half edge [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
   bool in_air = false;             ///< radiates into the air beside the body
@@ -835,7 +839,7 @@ class Emitter {
  public:
   template <class E>
     requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3::Ones()))), calls_(&calls<E>) {}
+  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
 
   Vec3 center() const { return calls_->center(model_.get()); }
   double power_W() const { return calls_->power_W(model_.get()); }
@@ -970,8 +974,8 @@ concept SurfaceShape = requires(const S& shape, const Vec3& p) {
 
 /// The plane through `point` with outward unit normal `direction`.
 struct Plane {
-  Vec3 point = Vec3::Zero();
-  Vec3 direction = Vec3::UnitZ();
+  Vec3 point{0.0, 0.0, 0.0};
+  Vec3 direction{0.0, 0.0, 1.0};
 
   template <class Vec3 = Vec3>
   Vec3 closest_point(In<Vec3> p) const { return p - direction.dot(p - point) * direction; }
@@ -980,18 +984,19 @@ struct Plane {
 
 /// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
 struct EllipticCylinder {
-  Vec3 center = Vec3::Zero();
+  Vec3 center{0.0, 0.0, 0.0};
   double semi_x = 1.0;
   double semi_z = 1.0;
 
-  Vec3 closest_point(const Vec3& p) const;
+  template <class Vec3 = Vec3>
+  Vec3 closest_point(In<Vec3> p) const;
   template <class Vec3 = Vec3>
   Vec3 normal(In<Vec3> p) const;
 };
 
 /// Sphere of `radius` [m] about `center`; the body is inside.
 struct SphereShape {
-  Vec3 center = Vec3::Zero();
+  Vec3 center{0.0, 0.0, 0.0};
   double radius = 1.0;
 
   template <class Vec3 = Vec3>
@@ -1018,7 +1023,8 @@ inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
 // convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
 // so that it converges for every aspect ratio and every point.
-inline Vec3 EllipticCylinder::closest_point(const Vec3& p) const {
+template <class Vec3>
+inline Vec3 EllipticCylinder::closest_point(In<Vec3> p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
   const double side = p.x() < center.x() ? -1.0 : 1.0;
@@ -1088,8 +1094,8 @@ struct Facet {
 
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
-  Vec3 center = Vec3::Zero();             ///< [m]
-  Vec3 half = Vec3::Ones();               ///< half edges [m]
+  Vec3 center{0.0, 0.0, 0.0};             ///< [m]
+  Vec3 half{1.0, 1.0, 1.0};               ///< half edges [m]
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
@@ -1112,7 +1118,7 @@ struct Body {
   double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3 pivot = Vec3::Zero();                ///< approach directions turn about this point (shifted along y) [m]
+  Vec3 pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
@@ -1198,7 +1204,7 @@ void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class Body = Body, class Shape = Shape>
 Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
@@ -1220,8 +1226,8 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   }
 }
 
-template <class = void>
-inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
+template <class Body>
+void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
   const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
   if (s.twin == Twin::unsupported_base) return;
@@ -1238,8 +1244,8 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
-template <class = void>
-inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
+template <class Body>
+void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
   const auto& led = o.leds;
@@ -1297,7 +1303,7 @@ inline void validate(const FingerOptions& o) {
   if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
-template <class Vec3>
+template <class Vec3, class Body, class Shape>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
@@ -1397,8 +1403,8 @@ inline Vec3 on_disc(In<Vec3> center, In<Vec3> n, double radius_m, double u, doub
 
 /// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
 struct DiscEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
-  Vec3 normal = Vec3::UnitZ();     ///< unit
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 normal{0.0, 0.0, 1.0};     ///< unit
   double radius_m = 0.5e-3;
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
@@ -1424,7 +1430,7 @@ namespace lumo {
 
 /// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the light starts out of it.
 struct PointEmitter {
-  Vec3 center = Vec3::Zero();      ///< [m]
+  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
 
@@ -1466,8 +1472,8 @@ class LobeTable {
 /// A round flat emitter, or a point where the radius is 0, with a measured lobe.
 struct MeasuredLobe {
   LobeTable lobe;
-  Vec3 center = Vec3::Zero();         ///< [m]
-  Vec3 direction = Vec3::UnitZ();     ///< unit, of the lobe's axis
+  Vec3 center{0.0, 0.0, 0.0};         ///< [m]
+  Vec3 direction{0.0, 0.0, 1.0};     ///< unit, of the lobe's axis
   double radius_m = 0.0;
   double power_W = 1.0;
   int channel = 0;                    ///< colour channel
@@ -1475,10 +1481,12 @@ struct MeasuredLobe {
   Vec3 axis() const { return direction; }
   template <class Vec3 = Vec3>
   Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
+  template <class = void>
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
+  template <class = void>
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
   template <class Vec3 = Vec3>
   MeasuredLobe mirrored(In<Vec3> m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
@@ -1590,11 +1598,11 @@ namespace lumo {
 
 /// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that coordinate exactly 0 are
 /// shared; all other nodes lie on the positive side. Original nodes keep their numbers; images follow.
-template <class = void>
-TetMesh mirrored(const TetMesh& half, int axis);
+template <class TetMesh = TetMesh>
+TetMesh mirrored(In<TetMesh> half, int axis);
 
-template <class>
-inline TetMesh mirrored(const TetMesh& half, int axis) {
+template <class TetMesh>
+inline TetMesh mirrored(In<TetMesh> half, int axis) {
   TetMesh whole = half;
   const std::size_t n = half.nodes.size();
   std::vector<int> image(n);
@@ -1752,7 +1760,7 @@ namespace lumo {
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
 /// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
 /// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
-template <Mesher M>
+template <Mesher M, class TetMesh = TetMesh, class MeshInput = MeshInput>
 TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -1770,8 +1778,8 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identit
   return p;
 }
 
-template <class Vec3 = Vec3>
-inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+template <class TetMesh, class Vec3 = Vec3>
+void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
@@ -1793,7 +1801,7 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
 
 }  // namespace detail
 
-template <Mesher M>
+template <Mesher M, class TetMesh, class MeshInput>
 TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   if (order != 1 && order != 2) throw InvalidArgument(detail::text("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
@@ -1804,7 +1812,7 @@ TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   for (const Vec3& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
     input.edge = [&body, stretch](const Vec3& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3(p.x(), p.y() * stretch, p.z())); };
-  const LinearTets filled = mesher.fill(input);
+  const auto filled = mesher.fill(input);
 
   TetMesh mesh;
   mesh.order = 1;
@@ -1814,8 +1822,9 @@ TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   const double tiny = 1e-9 * size;
   for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
 
-  std::map<int, detail::PatchSet> vertex_patches;
-  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
+  using PatchSet = Dependent<detail::PatchSet, M>;
+  std::map<int, PatchSet> vertex_patches;
+  std::map<std::pair<int, int>, PatchSet> edge_patches;
   for (std::size_t f = 0; f < filled.faces.size(); ++f) {
     const auto& face = filled.faces[f];
     const int patch = filled.patches[f];
@@ -1899,6 +1908,7 @@ constexpr T number_at(const Byte* bytes, ByteOrder order) {
 namespace lumo::detail {
 
 /// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
+template <class = void>
 inline std::optional<std::string> read_whole(const std::filesystem::path& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) return std::nullopt;
@@ -2115,8 +2125,8 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
-template <class = void>
-inline bool outline_crosses(const std::vector<Point2>& points) {
+template <class Point2 = Point2>
+inline bool outline_crosses(In<std::vector<Point2>> points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
     const Point2& a = points[i];
@@ -2140,7 +2150,7 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class SurfaceTriangle = SurfaceTriangle, class Point2 = Point2>
 inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vector<Vec3>> vertices, const std::vector<int>& loop, In<Vec3> normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
@@ -2196,38 +2206,36 @@ namespace lumo::detail {
 /// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
 /// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
 /// are exact. Corners on straight edges are allowed.
-class PolygonTriangles {
+template <class Vec3 = Vec3>
+class PolygonTrianglesOf {
  public:
+  using Point2 = Dependent<lumo::Point2, Vec3>;
   using Triangle = std::array<int, 3>;
 
-  template <class Vec3 = Vec3>
-  PolygonTriangles(In<std::vector<Vec3>> vertices, In<Vec3> normal) {
+  PolygonTrianglesOf(const std::vector<Vec3>& vertices, const Vec3& normal) {
     const Projection project(normal);
     for (const Vec3& v : vertices) points_.push_back(project(v));
   }
 
   /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
-  template <class = void>
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
   const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
   int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
-  template <class = void>
   bool crosses(int a, int b, const std::vector<int>& loop) const;
-  template <class = void>
   bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  template <class = void>
   bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
-  template <class = void>
   double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
 
   std::vector<Point2> points_;
 };
 
+using PolygonTriangles = PolygonTrianglesOf<>;
+
 /// Whether the segment a b meets an edge of the loop that does not end in a or b.
-template <class>
-inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::crosses(int a, int b, const std::vector<int>& loop) const {
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int p = loop[i], q = loop[(i + 1) % loop.size()];
     const bool shared = p == a || p == b || q == a || q == b;
@@ -2237,25 +2245,30 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 }
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-template <class>
-inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
   const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-template <class>
-inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+template <class Vec3>
+inline bool PolygonTrianglesOf<Vec3>::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
-  std::vector<std::pair<double, std::size_t>> nearest;
+  struct Candidate {
+    double distance2;
+    std::size_t corner;
+    auto operator<=>(const Candidate&) const = default;
+  };
+  std::vector<Candidate> nearest;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
-    nearest.emplace_back(dx * dx + dy * dy, i);
+    nearest.push_back({dx * dx + dy * dy, i});
   }
   std::sort(nearest.begin(), nearest.end());
   for (const auto& candidate : nearest) {
-    const std::size_t corner = candidate.second;
+    const std::size_t corner = candidate.corner;
     const int to = loop[corner];
     if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
     if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
@@ -2268,8 +2281,8 @@ inline bool PolygonTriangles::bridge(std::vector<int>& loop, const std::vector<i
 }
 
 /// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-template <class>
-inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+template <class Vec3>
+inline double PolygonTrianglesOf<Vec3>::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
   const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
   if (a == c || turn(a, b, c) <= 0) return 0.0;
   for (const int p : loop)
@@ -2279,8 +2292,8 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
-template <class>
-inline std::optional<std::vector<PolygonTriangles::Triangle>> PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const {
+template <class Vec3>
+inline auto PolygonTrianglesOf<Vec3>::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
   const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
   while (!holes.empty()) {
@@ -2336,6 +2349,7 @@ class SelfIntersection {
   bool clash(const Corners& a, const Corners& b) const;
   template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
+  template <class = void>
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
   template <class Vec3 = Vec3>
   bool folded(const Corners& a, const Corners& b) const;
@@ -2382,6 +2396,7 @@ inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) c
 
 /// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
 /// projection is disjoint in space.
+template <class>
 inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
   for (std::size_t i = 0; i < 3; ++i) {
     const int p = a[i];
@@ -2707,8 +2722,8 @@ namespace lumo {
 
 /// What is known of a surface once it is found good.
 struct SurfaceReport {
-  Vec3 low = Vec3::Zero();                ///< bounding box
-  Vec3 high = Vec3::Zero();
+  Vec3 low{0.0, 0.0, 0.0};                ///< bounding box
+  Vec3 high{0.0, 0.0, 0.0};
   double area = 0.0;
   double volume = 0.0;                    ///< enclosed, cavities not counted
   std::vector<Vec3> cavities;             ///< a point inside each cavity (a closed inner shell that faces inwards)
@@ -2733,8 +2748,8 @@ inline constexpr double closeness = 1e-8;
 
 inline std::string place(const Vec3& p) { return text("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
 
-template <class = void>
-inline void check_numbers(const MeshInput& input) {
+template <class MeshInput = MeshInput>
+inline void check_numbers(In<MeshInput> input) {
   using Reason = MeshError::Reason;
   if (input.vertices.empty() || input.facets.empty())
     refuse(Reason::degenerate, text("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, must have some of both"));
@@ -2760,22 +2775,27 @@ inline void check_numbers(const MeshInput& input) {
 template <class Vec3 = Vec3>
 inline void check_duplicates(In<std::vector<Vec3>> vertices, double tolerance) {
   const Vec3 direction = Vec3(0.5477, 0.6083, 0.5744).normalized();
-  std::vector<std::pair<double, int>> order;
-  for (std::size_t i = 0; i < vertices.size(); ++i) order.emplace_back(direction.dot(vertices[i]), static_cast<int>(i));
+  struct Placed {
+    double along;
+    int vertex;
+    auto operator<=>(const Placed&) const = default;
+  };
+  std::vector<Placed> order;
+  for (std::size_t i = 0; i < vertices.size(); ++i) order.push_back({direction.dot(vertices[i]), static_cast<int>(i)});
   std::sort(order.begin(), order.end());
   for (std::size_t i = 0; i < order.size(); ++i)
-    for (std::size_t j = i + 1; j < order.size() && order[j].first - order[i].first <= tolerance; ++j) {
-      const Vec3& a = vertices[static_cast<std::size_t>(order[i].second)];
-      const double distance = (vertices[static_cast<std::size_t>(order[j].second)] - a).norm();
+    for (std::size_t j = i + 1; j < order.size() && order[j].along - order[i].along <= tolerance; ++j) {
+      const Vec3& a = vertices[static_cast<std::size_t>(order[i].vertex)];
+      const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
       if (distance <= tolerance)
-        refuse(MeshError::Reason::duplicate, text("vertices ", order[i].second, " and ", order[j].second, " at ", place(a), " are ", distance,
+        refuse(MeshError::Reason::duplicate, text("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", place(a), " are ", distance,
                                                   " apart, must be more than ", tolerance));
     }
 }
 
 /// Checks each facet alone and cuts it into triangles.
-template <class Vec3 = Vec3>
-inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
+template <class Vec3 = Vec3, class MeshInput = MeshInput, class SurfaceTriangle = SurfaceTriangle>
+inline std::vector<SurfaceTriangle> check_facets(In<MeshInput> input, double gap) {
   using Reason = MeshError::Reason;
   std::vector<SurfaceTriangle> triangles;
   for (std::size_t f = 0; f < input.facets.size(); ++f) {
@@ -2888,9 +2908,9 @@ class SurfaceText {
   SurfaceText(std::string_view text, std::string name) : rest_(text), name_(std::move(name)) {}
 
   /// The words of the next line that has any, without a comment; none at the end.
-  template <class = void>
-  std::vector<std::string_view> next() {
-    std::vector<std::string_view> words;
+  template <class Word = std::string_view>
+  std::vector<Word> next() {
+    std::vector<Word> words;
     while (words.empty() && !rest_.empty()) {
       const std::size_t end = std::min(rest_.find('\n'), rest_.size());
       std::string_view line = rest_.substr(0, end);
@@ -2919,8 +2939,8 @@ class SurfaceText {
     if (fault != std::errc{} || end != word.data() + word.size()) refuse(text("'", printable(word), "' is no number"));
     return value;
   }
-  template <class = void>
-  Vec3 point(const std::vector<std::string_view>& words, std::size_t first) const {
+  template <class Word = std::string_view>
+  Vec3 point(In<std::vector<Word>> words, std::size_t first) const {
     if (words.size() < first + 3) refuse("a point needs three coordinates");
     return {number<double>(words[first]), number<double>(words[first + 1]), number<double>(words[first + 2])};
   }
@@ -2932,8 +2952,8 @@ class SurfaceText {
 };
 
 // Adds the triangles of a plane polygon; of one that crosses itself a fan, which is refused with its surface.
-template <class Vec3 = Vec3>
-inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
+template <class TriangleSurface, class Vec3 = Vec3>
+void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) {
   std::vector<Vec3> corners;
   std::vector<int> order;
   for (const int vertex : loop) {
@@ -2948,7 +2968,7 @@ inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) 
   for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
-template <class = void>
+template <class TriangleSurface = TriangleSurface>
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
@@ -2971,7 +2991,7 @@ inline TriangleSurface read_obj(SurfaceText text) {
   return s;
 }
 
-template <class = void>
+template <class TriangleSurface = TriangleSurface>
 inline TriangleSurface read_stl_text(SurfaceText text) {
   TriangleSurface s;
   const auto expect = [&](const std::vector<std::string_view>& words, std::initializer_list<std::string_view> wanted) {
@@ -3001,7 +3021,7 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
 }
 
 // 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
-template <class = void>
+template <class TriangleSurface = TriangleSurface, class Vec3 = Vec3>
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
@@ -3017,13 +3037,14 @@ inline TriangleSurface read_stl_binary(std::string_view bytes) {
 }
 
 // One vertex for each place, in order of first mention.
-template <class = void>
-inline TriangleSurface welded(const TriangleSurface& loose) {
+template <class TriangleSurface>
+TriangleSurface welded(const TriangleSurface& loose) {
   TriangleSurface s;
-  std::map<std::array<double, 3>, int> known;
+  using Place = std::array<Dependent<double, TriangleSurface>, 3>;
+  std::map<Place, int> known;
   std::vector<int> number;
   for (const Vec3& v : loose.vertices) {
-    const auto [it, fresh] = known.try_emplace({v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    const auto [it, fresh] = known.try_emplace(Place{v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
     if (fresh) s.vertices.push_back(v);
     number.push_back(it->second);
   }
@@ -3032,7 +3053,7 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
 }
 
 /// `kind`: ".obj" or ".stl".
-template <class Vec3 = Vec3>
+template <class Vec3 = Vec3, class TriangleSurface = TriangleSurface>
 inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {
@@ -3104,8 +3125,8 @@ inline constexpr std::array<std::array<int, 3>, 4> outward_faces{{{1, 2, 3}, {0,
 /// faces shared by two tetrahedra of opposite sense or on the boundary, boundary faces on their facets, volume and area those of
 /// the input to 1e-6. `faces` and `facets` (number + 1) name the boundary triangles, in any sense and order.
 /// Throws MeshError: crashed for an answer that makes no sense, inverted, open, not_manifold, or inaccurate.
-template <class Vec3 = Vec3>
-inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
+template <class Vec3 = Vec3, class MeshInput = MeshInput, class LinearTets = LinearTets, class SortedFace = SortedFace>
+inline LinearTets checked_fill(In<MeshInput> input, const SurfaceReport& surface, const std::vector<double>& coordinates, double scale,
                                const std::vector<std::int32_t>& tets, const std::vector<std::int32_t>& faces,
                                const std::vector<std::int32_t>& facets) {
   using Reason = MeshError::Reason;
@@ -3150,7 +3171,11 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
   std::vector<SortedFace> named;
   for (std::size_t i = 0; i < facets.size() && 3 * i + 2 < faces.size(); ++i) named.emplace_back(std::array<int, 3>{faces[3 * i], faces[3 * i + 1], faces[3 * i + 2]}, facets[i]);
   std::sort(named.begin(), named.end());
-  std::vector<std::pair<int, int>> boundary;  // side, facet: in the order of the tetrahedra, whatever the mesher's order was
+  struct Boundary {
+    int side, facet;
+    auto operator<=>(const Boundary&) const = default;
+  };
+  std::vector<Boundary> boundary;  // in the order of the tetrahedra, whatever the mesher's order was
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].key == sides[i].key) ++end;
@@ -3160,7 +3185,7 @@ inline LinearTets checked_fill(const MeshInput& input, const SurfaceReport& surf
       const auto found = std::lower_bound(named.begin(), named.end(), sides[i], [](const SortedFace& a, const SortedFace& b) { return a.key < b.key; });
       if (found == named.end() || found->key != sides[i].key || found->from < 1 || found->from > static_cast<int>(input.facets.size()))
         throw MeshError(Reason::open, text("a boundary face of tetrahedron ", sides[i].from / 4, " lies on no facet"));
-      boundary.emplace_back(sides[i].from, found->from - 1);
+      boundary.push_back({sides[i].from, found->from - 1});
     }
     i = end;
   }
@@ -3199,8 +3224,10 @@ namespace lumo::detail {
 
 /// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of areas are exact, so that every state is
 /// a valid triangulation; whether a circle holds a point is rounded, which costs at most quality. Same input, same bits.
-class PolygonRefinement {
+template <class Point2 = Point2>
+class PolygonRefinementOf {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Point2>;
   static constexpr std::size_t most_points = 200'000;
   struct Triangle {
     std::array<int, 3> corners;   ///< counter-clockwise
@@ -3212,17 +3239,14 @@ class PolygonRefinement {
   };
 
   /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where it is not simple.
-  template <class Vec3 = Vec3>
-  static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
+  static std::optional<PolygonRefinementOf> of(const std::vector<Point2>& polygon);
 
   /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
   /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
-  template <class = void>
   bool refine(const std::function<double(const Point2&)>& edge_length);
 
   const std::vector<Point2>& points() const { return points_; }
   const std::vector<Triangle>& triangles() const { return triangles_; }
-  template <class = void>
   std::vector<Piece> outline() const;
 
  private:
@@ -3246,18 +3270,14 @@ class PolygonRefinement {
   std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
   Circle circle(const Triangle& t) const;
   bool in_circle(const Triangle& t, const Point2& p) const;
-  template <class = void>
   Place walk(int from, const Point2& p) const;
   void reconnect(int neighbour, int before, int now);
   bool flip(int t, int k);
   void settle(int point, std::vector<int>& changed);
-  template <class = void>
   std::optional<std::pair<int, int>> encroached(int t, const Point2& p) const;
-  template <class = void>
   void insert(int t, const Point2& p, std::vector<int>& changed);
   void split_inside(int t, const Point2& p, std::vector<int>& changed);
   void split_edge(int t, int k, const Point2& p, std::vector<int>& changed);
-  template <class = void>
   bool split_outline(int t, int k, double closest, std::vector<int>& changed);
 
   std::vector<Point2> points_;
@@ -3266,10 +3286,12 @@ class PolygonRefinement {
   double shortest_given_ = 0.0;
 };
 
-template <class Vec3>
-inline std::optional<PolygonRefinement> PolygonRefinement::of(const std::vector<Point2>& polygon) {
+using PolygonRefinement = PolygonRefinementOf<>;
+
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::of(const std::vector<Point2>& polygon) -> std::optional<PolygonRefinementOf> {
   if (polygon.size() < 3 || outline_crosses(polygon)) return std::nullopt;
-  PolygonRefinement r;
+  PolygonRefinementOf r;
   r.points_ = polygon;
   std::vector<int> loop;
   const int n = int(polygon.size());
@@ -3304,7 +3326,8 @@ inline std::optional<PolygonRefinement> PolygonRefinement::of(const std::vector<
   return r;
 }
 
-inline PolygonRefinement::Circle PolygonRefinement::circle(const Triangle& t) const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::circle(const Triangle& t) const -> Circle {
   const Point2 &a = at(t.corners[0]), &b = at(t.corners[1]), &c = at(t.corners[2]);
   const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
   const double bb = bx * bx + by * by, cc = cx * cx + cy * cy, twice = 2.0 * (bx * cy - by * cx);
@@ -3313,7 +3336,8 @@ inline PolygonRefinement::Circle PolygonRefinement::circle(const Triangle& t) co
 }
 
 /// Clearly inside, so that two triangles on one circle stay as they are.
-inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) const {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::in_circle(const Triangle& t, const Point2& p) const {
   double rows[3][3];
   double size = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -3326,8 +3350,8 @@ inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) con
 }
 
 /// From triangle to triangle towards a point, as far as the outline allows.
-template <class>
-inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::walk(int t, const Point2& p) const -> Place {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
     for (int k = 0; k < 3 && next == -2; ++k)
@@ -3339,14 +3363,16 @@ inline PolygonRefinement::Place PolygonRefinement::walk(int t, const Point2& p) 
   return {-1, false, 0};   // rounded circles may let a walk turn about
 }
 
-inline void PolygonRefinement::reconnect(int neighbour, int before, int now) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::reconnect(int neighbour, int before, int now) {
   if (neighbour < 0) return;
   Triangle& n = triangle(neighbour);
   n.across[std::size_t(corner_of(n, before))] = now;
 }
 
 /// Exchanges the diagonal of the two triangles at the edge opposite to corner k, where that is better.
-inline bool PolygonRefinement::flip(int t, int k) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::flip(int t, int k) {
   const int other = triangle(t).across[std::size_t(k)];
   if (other < 0) return false;
   const int j = corner_of(triangle(other), t);
@@ -3364,7 +3390,8 @@ inline bool PolygonRefinement::flip(int t, int k) {
 }
 
 /// Lawson's flips around a new point.
-inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::settle(int point, std::vector<int>& changed) {
   for (std::size_t i = 0; i < changed.size(); ++i) {
     const auto& corners = triangle(changed[i]).corners;
     const auto found = std::find(corners.begin(), corners.end(), point);
@@ -3376,7 +3403,8 @@ inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
   }
 }
 
-inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::split_inside(int t, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), second = int(triangles_.size()), third = second + 1;
   points_.push_back(p);
   const Triangle old = triangle(t);
@@ -3391,7 +3419,8 @@ inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<
 }
 
 /// A point on the edge opposite to corner k; on the outline, too.
-inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), new_t = int(triangles_.size());
   points_.push_back(p);
   const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
@@ -3419,8 +3448,8 @@ inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::ve
 }
 
 /// Halves the piece of the outline opposite to corner k, unless that brings points too close.
-template <class>
-inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::split_outline(int t, int k, double closest, std::vector<int>& changed) {
   const auto [from, to] = ends(t, k);
   const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
   if (0.5 * distance(a, b) < closest) return false;
@@ -3433,8 +3462,8 @@ inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::
 
 /// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
 /// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
-template <class>
-inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
+template <class Point2>
+inline std::optional<std::pair<int, int>> PolygonRefinementOf<Point2>::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
     for (int k = 0; k < 3; ++k) {
@@ -3450,15 +3479,15 @@ inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, c
 }
 
 /// A point of the closed triangle.
-template <class>
-inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
+template <class Point2>
+inline void PolygonRefinementOf<Point2>::insert(int t, const Point2& p, std::vector<int>& changed) {
   for (int k = 0; k < 3; ++k)
     if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
   split_inside(t, p, changed);
 }
 
-template <class>
-inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
+template <class Point2>
+inline bool PolygonRefinementOf<Point2>::refine(const std::function<double(const Point2&)>& edge_length) {
   std::vector<int> todo;
   for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
   std::vector<int> changed;
@@ -3488,8 +3517,8 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
   return true;
 }
 
-template <class>
-inline std::vector<PolygonRefinement::Piece> PolygonRefinement::outline() const {
+template <class Point2>
+inline auto PolygonRefinementOf<Point2>::outline() const -> std::vector<Piece> {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)
     for (int k = 0; k < 3; ++k)
@@ -3509,7 +3538,7 @@ namespace lumo {
 struct SweptMesher {
   /// The same input gives the same bits. Throws MeshError: degenerate for a surface that is no prism along y, with two flat ends and one quadrilateral for each
   /// edge of its section, or one with holes, interior points or `keep_surface`.
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class Point2 = Point2>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -3592,7 +3621,7 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
 
 }  // namespace detail
 
-template <class Vec3>
+template <class Vec3, class Point2>
 inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   const SurfaceReport surface = validate_surface(input);
   const detail::Prism prism = detail::prism_of<Vec3>(input, surface);
@@ -3603,7 +3632,7 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
     return edge;
   };
   constexpr int samples = 64;   // along y
-  auto section = detail::PolygonRefinement::of(prism.section);
+  auto section = detail::PolygonRefinementOf<Point2>::of(prism.section);
   if (!section) detail::refuse_prism("the section is not simple");
   const bool filled = section->refine([&](const Point2& p) {
     double least = length;
@@ -3690,16 +3719,16 @@ struct SeriesEntry {
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
 /// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
-template <class = void>
-void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields = {});
+template <class TetMesh = TetMesh, class NodeField = NodeField>
+void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
-template <class = void>
-void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries);
+template <class SeriesEntry = SeriesEntry>
+void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries);
 
 /// The field for write_vtu from one vector per node.
-template <class = void>
-inline NodeField node_field(std::string name, std::span<const Vec3> vectors) {
+template <class Vec3 = Vec3, class NodeField = NodeField>
+inline NodeField node_field(std::string name, In<std::span<const Vec3>> vectors) {
   NodeField f{std::move(name), 3, {}};
   f.values.reserve(3 * vectors.size());
   for (const Vec3& v : vectors) f.values.insert(f.values.end(), {v.x(), v.y(), v.z()});
@@ -3735,6 +3764,7 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
   out << " format=\"binary\">" << base64(bytes) << "</DataArray>\n";
 }
 
+template <class = void>
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
@@ -3748,8 +3778,8 @@ inline std::string xml_attribute(std::string_view s) {
 
 }  // namespace detail
 
-template <class>
-inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const NodeField> fields) {
+template <class TetMesh, class NodeField>
+inline void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
       throw InvalidArgument(detail::text("field '", f.name, "' has ", f.values.size(), " values of ", f.components, " components, the mesh has ", mesh.nodes.size(), " nodes"));
@@ -3778,8 +3808,8 @@ inline void write_vtu(std::ostream& out, const TetMesh& mesh, std::span<const No
   if (!out) throw InputError("writing a .vtu file failed");
 }
 
-template <class>
-inline void write_pvd(std::ostream& out, std::span<const SeriesEntry> entries) {
+template <class SeriesEntry>
+inline void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries) {
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n";
   for (const SeriesEntry& e : entries)
     out << "<DataSet timestep=\"" << detail::text(e.value) << "\" part=\"0\" file=\"" << detail::xml_attribute(e.file) << "\"/>\n";
@@ -4448,6 +4478,7 @@ struct Yeoh {
   double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
 };
 
+template <class = void>
 inline void validate(const Yeoh& m) {
   require_positive("Yeoh c1", m.c1, "Pa");
   require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
@@ -4508,6 +4539,7 @@ struct Ogden {
   double divided_difference(In<Vec3> l, int i, int j) const;
 };
 
+template <class = void>
 inline void validate(const Ogden& m) {
   for (const Ogden::Term& t : m.terms) {
     require_in_range("Ogden exponent alpha", t.alpha, -20.0, 20.0, "");
@@ -4757,7 +4789,7 @@ struct Oriented {
   using Mat3 = Dependent<lumo::Mat3, Tool>;
 
   Tool tool;
-  Mat3 turn = Mat3::Identity();
+  Mat3 turn{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
 
   bool operator==(const Oriented&) const = default;
 
@@ -5038,6 +5070,7 @@ class DistanceGrid {
 
   template <class = void>
   void fill();
+  template <class = void>
   void filter();
   template <class Vec3 = Vec3>
   void measure();
@@ -5080,6 +5113,7 @@ inline void DistanceGrid::fill() {
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
+template <class>
 inline void DistanceGrid::filter() {
   const double pole = std::sqrt(3.0) - 2.0;
   const auto line = [&](int count, auto&& value) {
@@ -5198,6 +5232,7 @@ class MeshIndenter {
   }
 
   /// The same surface on as fine a grid.
+  template <class = void>
   bool operator==(const MeshIndenter& other) const {
     const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
     return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
@@ -5447,9 +5482,11 @@ template <class = void>
 Sector sector_of(const TetMesh& whole, Symmetry planes);
 
 /// A field of vectors on the sector's nodes, mirrored to the whole mesh.
+template <class = void>
 std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field);
 
 /// A field of numbers on the sector's nodes, mirrored to the whole mesh.
+template <class = void>
 std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
 template <class>
@@ -5498,6 +5535,7 @@ std::vector<T> unfolded(const TetMesh& whole, const Sector& sector, const std::v
 
 }  // namespace detail
 
+template <class>
 inline std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field) {
   return detail::unfolded(whole, sector, field, [](Vec3 v, int axis) {
     v[axis] = -v[axis];
@@ -5505,6 +5543,7 @@ inline std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, cons
   });
 }
 
+template <class>
 inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field) {
   return detail::unfolded(whole, sector, field, [](double v, int) { return v; });
 }
@@ -5531,7 +5570,7 @@ struct Equations {
   SparseLower pattern;      ///< lower triangle; values are scratch
   std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
 
-  template <class = void>
+  template <class SparseLower = SparseLower>
   Equations(const Sector& sector, const Body& body, Parity parity);
 
   /// Position in the pattern's values of an entry of the lower triangle.
@@ -5547,7 +5586,7 @@ inline int Equations::slot(int row, int column) const {
   return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
 }
 
-template <class>
+template <class SparseLower>
 inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
   const TetMesh& mesh = sector.mesh;
   const std::size_t n = mesh.nodes.size();
@@ -5678,7 +5717,8 @@ struct LinearPatchTet {
 
   template <class Vec3 = Vec3>
   static Eigen::Matrix<double, 3, nodes> gradients(int q) {
-    Eigen::Matrix<double, 3, nodes> g = Eigen::Matrix<double, 3, nodes>::Zero();
+    using Gradients = Eigen::Matrix<typename Vec3::Scalar, 3, nodes>;
+    Gradients g = Gradients::Zero();
     const auto& part = parts[q];
     const auto edge = [&](int k) { return Vec3(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
     for (int k = 1; k < 4; ++k) {
@@ -6041,9 +6081,9 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class SurfacePoint = SurfacePoint>
   void add(const BoundaryFace& face);
-  template <class = void>
+  template <class SurfacePoint = SurfacePoint>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -6059,7 +6099,7 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
-template <class Vec3>
+template <class Vec3, class SurfacePoint>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -6094,7 +6134,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
-template <class>
+template <class SurfacePoint>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
@@ -6267,7 +6307,7 @@ namespace lumo {
 
 /// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
 struct VertexBlock {
-  Vec3 force = Vec3::Zero();   ///< [N]
+  Vec3 force{0.0, 0.0, 0.0};   ///< [N]
   Mat3 block = Mat3::Zero();   ///< [N/m]
 };
 
@@ -6649,6 +6689,7 @@ struct DescentConfig {
 };
 
 /// Throws InvalidArgument for settings out of range.
+template <class = void>
 inline void validate(const DescentConfig& c) {
   require_in_range("time step", c.time_step_s, 1e-6, 1.0, "s");
   require_in_range("sweeps", c.sweeps, 1, 1e6, "");
@@ -6664,6 +6705,7 @@ inline void validate(const DescentConfig& c) {
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element>
 struct DescentModel {
+  using Mat3 = Dependent<lumo::Mat3, Material>;
   static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
 
   Sector sector;
@@ -6758,7 +6800,7 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
-  template <class = void>
+  template <class Corner = Corner>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -6803,7 +6845,7 @@ struct EdgeSample {
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class Vec3 = Vec3, class Positions = Positions>
+template <class Vec3 = Vec3, class Positions = Positions, class EdgeSample = EdgeSample>
 inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3 middle, outward;
@@ -6845,8 +6887,8 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-template <class Vec3 = Vec3>
-inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, In<Vec3> p) {
+template <class Vec3 = Vec3, class EdgeSample = EdgeSample>
+inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> samples, In<Vec3> p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
   for (const EdgeSample& s : samples) {
@@ -6953,7 +6995,7 @@ struct FrictionHistory {
   double coefficient = 0.0;
   double stiffness_N_per_m3 = 0.0;             ///< of the spring
   double turning = 1.0;                        ///< 1: a sliding point's stiffness is its force's slope; 0: the secant, with which far starts do not cycle
-  Vec3 origin = Vec3::Zero();                  ///< of the rigid thing's frame at the last equilibrium [m]
+  Vec3 origin{0.0, 0.0, 0.0};                  ///< of the rigid thing's frame at the last equilibrium [m]
   std::vector<std::vector<Vec3>> place;        ///< of each surface point there, face by face [m]
   std::vector<std::vector<Vec3>> stretch;      ///< of its spring there [m]
 
@@ -7003,7 +7045,7 @@ struct FrictionHistory {
   /// Adds friction on the body's nodes [N] at positions x; returns their sum.
   template <ContactHandler Contact, class Tool, class Vec3 = Vec3, class Positions = Positions, class DistanceSample = DistanceSample>
   Vec3 add_nodal_forces(const ContactSurface& surface, const Contact& law, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<std::vector<Vec3>>& on_nodes) const {
-    Vec3 sum = Vec3::Zero();
+    Vec3 sum{0.0, 0.0, 0.0};
     for (std::size_t f = 0; f < surface.size() && coefficient > 0.0; ++f)
       for (std::size_t k = 0; k < surface.points(f).size(); ++k) {
         const SurfacePoint& p = surface.points(f)[k];
@@ -7161,21 +7203,21 @@ namespace lumo {
 
 /// What the steps with a kept factor have shown of a symmetric, positive definite tangent since it was made: the BFGS correction of the factor's inverse
 /// (Matthies, Strang 1979, doi:10.1002/nme.1620141104), applied by Nocedal's two loops (1980, doi:10.1090/S0025-5718-1980-0572855-7).
-class SecantPairs {
+template <class VectorXd = Eigen::VectorXd>
+class SecantPairsOf {
  public:
   void clear() { pairs_.clear(); }
 
   /// A step with the change of the residual that came with it; of equal sizes. Without effect where the residual did not grow along the step beyond
   /// rounding: the corrected inverse stays positive definite.
-  template <class = void>
-  void add(Eigen::VectorXd step, Eigen::VectorXd change) {
+  void add(VectorXd step, VectorXd change) {
     const double curvature = step.dot(change);
     if (curvature > 1e-12 * step.norm() * change.norm()) pairs_.push_back({std::move(step), std::move(change), 1.0 / curvature});
   }
 
   /// Solution of the corrected system, where `factor` is that of the kept one: a function of a vector.
-  template <class Factor, class VectorXd = Eigen::VectorXd>
-  VectorXd solve(std::type_identity_t<VectorXd> residual, Factor&& factor) const {
+  template <class Factor>
+  VectorXd solve(VectorXd residual, Factor&& factor) const {
     std::vector<double> along(pairs_.size());
     for (std::size_t k = pairs_.size(); k-- > 0;) {
       along[k] = pairs_[k].scale * pairs_[k].step.dot(residual);
@@ -7188,11 +7230,13 @@ class SecantPairs {
 
  private:
   struct Pair {
-    Eigen::VectorXd step, change;
+    VectorXd step, change;
     double scale;   ///< 1 / (step · change)
   };
   std::vector<Pair> pairs_;
 };
+
+using SecantPairs = SecantPairsOf<>;
 
 }  // namespace lumo
 
@@ -7448,12 +7492,16 @@ class QuasiStaticRun {
 
   // Brings the points with the smallest gaps into contact until `area` [m²] is.
   void touch_nearest(SeenGaps& gaps, double area) const {
-    std::vector<std::pair<double, double>> points;   // gap, area
+    struct Point {
+      double gap, area_m2;
+      auto operator<=>(const Point&) const = default;
+    };
+    std::vector<Point> points;
     for (std::size_t f = 0; f < gaps.size(); ++f)
-      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.emplace_back(gaps[f][k], model_.touchable.points(f)[k].area_m2);
+      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
     std::sort(points.begin(), points.end());
     double last = 0.0;
-    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].second, last = points[k].first;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
     for (std::vector<double>& face : gaps)
       for (double& g : face)
         if (g >= 0.0 && g <= last) g = just_touching;
@@ -7705,7 +7753,7 @@ class StepContacts {
   const ContactSurface* surface_;
   Contact law_;
   Moving<Tool> rigid_{};
-  Vec3 moved_ = Vec3::Zero();
+  Vec3 moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;
   std::vector<Point> points_;
   std::vector<int> first_;         // per node, into corners_
@@ -8125,6 +8173,8 @@ class PreparedBody {
  public:
   using Model = typename SolverOf<Method>::template Model<Material, Contact, Element>;
   using Maker = Simulator<Material, Contact, Element, Method>;
+  using TetMesh = Dependent<lumo::TetMesh, Material>;
+  using Positions = Dependent<lumo::Positions, Material>;
 
   PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh) : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
@@ -8198,6 +8248,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
 namespace lumo::detail {
 
 /// "#rrggbb" of red, green and blue, each 0 … 255.
+template <class = void>
 inline std::string hex_colour(const std::array<int, 3>& rgb) {
   std::string colour = "#";
   for (const int c : rgb)
@@ -8225,7 +8276,7 @@ struct CutPoint {
 };
 
 /// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the plane counts as beyond it.
-template <std::size_t N, class Vec3 = Vec3>
+template <std::size_t N, class Vec3 = Vec3, class CutPoint = CutPoint>
 inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, const std::array<double, N>& moved_mm, double at) {
   std::vector<CutPoint> points;
   for (std::size_t i = 0; i < N; ++i)
@@ -8243,6 +8294,7 @@ inline std::vector<CutPoint> cut_across(const std::array<Vec3, N>& corners, cons
 inline constexpr std::array<std::array<int, 4>, 8> tet_parts{{{0, 4, 6, 7}, {1, 5, 4, 8}, {2, 6, 5, 9}, {3, 7, 8, 9}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}}};
 
 /// Lightness falls with the value, which survives greyscale print; the hue is the same for any colour vision.
+template <class = void>
 inline std::string moved_colour(double part) {
   constexpr std::array<std::array<double, 3>, 4> stops{{{235, 243, 250}, {141, 190, 222}, {43, 119, 184}, {8, 44, 92}}};
   const double t = 3.0 * std::clamp(part, 0.0, 1.0);
@@ -8258,6 +8310,7 @@ template <Indenter Tool, class Vec3>
 void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, const MechanicalState& state) {
   if (state.displacement.size() != mesh.nodes.size())
     throw InvalidArgument(detail::text("picture: the state has ", state.displacement.size(), " displacements, the mesh ", mesh.nodes.size(), " nodes"));
+  using CutPoint = Dependent<detail::CutPoint, Tool>;
   const Touch touch = first_touch(body, mesh, scenario);
   const Vec3 tool = touch.origin + state.depth_m * scenario.direction();
   const auto cut = [&]<std::size_t N>(const auto& nodes, const std::array<int, N>& part, bool pressed) {
@@ -8271,7 +8324,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
     return detail::cut_across(p, moved, touch.point.y());
   };
   const bool quadratic = mesh.order == 2;
-  std::vector<std::vector<detail::CutPoint>> areas;
+  std::vector<std::vector<CutPoint>> areas;
   double most = 0.0, x_low = 0.0, x_high = 0.0, z_low = 0.0, z_high = 0.0;
   const auto cover = [&](double x, double z) { x_low = std::min(x_low, x), x_high = std::max(x_high, x), z_low = std::min(z_low, z), z_high = std::max(z_high, z); };
   for (const auto& t : mesh.tets)
@@ -8280,7 +8333,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
         for (const auto& p : area) most = std::max(most, p.moved_mm), cover(p.x, p.z);
         areas.push_back(std::move(area));
       }
-  std::vector<std::vector<detail::CutPoint>> outline;
+  std::vector<std::vector<CutPoint>> outline;
   for (const BoundaryFace& f : mesh.faces)
     for (std::size_t part = 0; part < (quadratic ? 4 : 1); ++part)
       if (auto line = cut(f.nodes, quadratic ? face_parts()[part] : std::array{0, 1, 2}, false); line.size() == 2) outline.push_back(std::move(line));
@@ -8338,7 +8391,7 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
     for (double z = z_low; z < z_high; z += step)
       for (const double upper : {0.0, 1.0}) {
         const std::array<std::array<double, 2>, 3> corner{{{x + upper * step, z + upper * step}, {x + step, z}, {x, z + step}}};
-        std::vector<detail::CutPoint> line;
+        std::vector<CutPoint> line;
         for (std::size_t i = 0; i < 3; ++i) {
           const auto &a = corner[i], &b = corner[(i + 1) % 3];
           const double da = distance(a[0], a[1]), db = distance(b[0], b[1]);
@@ -8448,11 +8501,15 @@ inline constexpr std::array<SobolSeed, 31> sobol_seeds{{
     {7, 42, {1, 3, 7, 3, 13, 59, 17}},
 }};
 
-using SobolTable = std::array<std::array<std::uint32_t, 32>, 32>;
+/// A plain array, which a compiler fills faster than std::array.
+struct SobolTable {
+  std::uint32_t number[32][32];
+};
 
 /// Direction numbers, [dimension][bit]. Source: Bratley & Fox, Algorithm 659, ACM TOMS 14 (1988).
 constexpr SobolTable make_sobol_table() {
-  SobolTable v{};
+  SobolTable table{};
+  auto& v = table.number;
   for (std::uint32_t k = 0; k < 32; ++k) v[0][k] = 1u << (31 - k);
   for (std::size_t d = 1; d < 32; ++d) {
     const SobolSeed& seed = sobol_seeds[d - 1];
@@ -8467,7 +8524,7 @@ constexpr SobolTable make_sobol_table() {
         if ((seed.polynomial >> (s - 1 - j)) & 1u) v[d][k] ^= v[d][k - j];
     }
   }
-  return v;
+  return table;
 }
 
 inline constexpr SobolTable sobol_table = make_sobol_table();
@@ -8482,7 +8539,7 @@ struct Sobol {
   static constexpr std::uint32_t bits(std::uint32_t index, int dimension) {
     std::uint32_t x = 0;
     for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= detail::sobol_table[std::size_t(dimension)][k];
+      if (index & 1u) x ^= detail::sobol_table.number[dimension][k];
     return x;
   }
 };
@@ -8573,26 +8630,26 @@ concept Intersector = requires(const I& intersector, const std::vector<SceneTria
 namespace lumo {
 
 /// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
-class BvhScene {
+template <class Vec3 = Vec3>
+class BvhSceneOf {
  public:
   /// Throws InvalidArgument when a corner is not finite.
-  template <class Vec3 = Vec3>
-  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
+  BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class Vec3 = Vec3, class Array4f = Eigen::Array4f>
-  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const;
+  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const;
 
  private:
   static constexpr std::size_t bins = 16;
-  using Box = Eigen::AlignedBox3d;
+  using Box = Eigen::AlignedBox<typename Vec3::Scalar, 3>;
+  using Array4f = Dependent<Eigen::Array4f, Vec3>;
   struct Triangle {
     Vec3 corner, edge1, edge2;
     int id;
     bool in_air_only;
   };
   struct Node {
-    std::array<Eigen::Array4f, 3> low, high;
+    std::array<Array4f, 3> low, high;
     std::array<int, 4> child{};  ///< node, or first triangle of a leaf
     std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 for nothing
   };
@@ -8601,11 +8658,8 @@ class BvhScene {
     Box box;
   };
 
-  template <class = void>
   Range bounds(int first, int last) const;
-  template <class Vec3 = Vec3>
   bool split(const Range& range, std::array<Range, 2>& halves);
-  template <class = void>
   int build(const Range& range);
 
   std::vector<Triangle> triangles_;
@@ -8616,6 +8670,8 @@ class BvhScene {
   double slack_ = 0.0;          ///< rays may start this far behind a face [m]
   int leaf_size_;
 };
+
+using BvhScene = BvhSceneOf<>;
 
 /// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
 /// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
@@ -8630,7 +8686,7 @@ struct Bvh {
 };
 
 template <class Vec3>
-inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+inline BvhSceneOf<Vec3>::BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
     for (const Vec3& p : t.corners) {
@@ -8657,8 +8713,8 @@ inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_
   order_ = {};
 }
 
-template <class>
-inline BvhScene::Range BvhScene::bounds(int first, int last) const {
+template <class Vec3>
+inline auto BvhSceneOf<Vec3>::bounds(int first, int last) const -> Range {
   Range r{first, last, {}};
   for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
   return r;
@@ -8666,7 +8722,7 @@ inline BvhScene::Range BvhScene::bounds(int first, int last) const {
 
 // Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
 template <class Vec3>
-inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
+inline bool BvhSceneOf<Vec3>::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;
   Box centers;
@@ -8711,8 +8767,8 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   return true;
 }
 
-template <class>
-inline int BvhScene::build(const Range& range) {
+template <class Vec3>
+inline int BvhSceneOf<Vec3>::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
     std::sort(parts.begin(), parts.end(), [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
@@ -8745,8 +8801,8 @@ inline int BvhScene::build(const Range& range) {
   return int(me);
 }
 
-template <class Vec3, class Array4f>
-inline RayHit BvhScene::first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
+template <class Vec3>
+inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
   const Vec3 o = origin - center_;
@@ -9245,7 +9301,7 @@ class OpticalScene {
 
  private:
   static constexpr int mixed = -2;
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class QuadraticFace = detail::QuadraticFace>
   void add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field);
   template <class Vec3 = Vec3>
   void add_carrier(const Config& config);
@@ -9288,7 +9344,7 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std:
   label(images);
 }
 
-template <class Vec3>
+template <class Vec3, class QuadraticFace>
 inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
@@ -9302,7 +9358,7 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> d
   for (const BoundaryFace& face : mesh.faces) {
     if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
       throw InvalidArgument(detail::text("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
-    detail::QuadraticFace f;
+    QuadraticFace f;
     f.patch = face.patch;
     const std::size_t given = mesh.order == 2 ? 6 : 3;
     for (std::size_t k = 0; k < given; ++k) {
@@ -9496,8 +9552,8 @@ class LightNodes {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
     std::map<PlaceKey, int> patch_at;
     const auto place = [&](int t) {
-      const auto [a, b, c] = scene.reference_corners(t);
-      return place_key(folded((a + b + c) / 3.0, symmetry));
+      const std::array<Vec3, 3> corner = scene.reference_corners(t);
+      return place_key(folded((corner[0] + corner[1] + corner[2]) / 3.0, symmetry));
     };
     for (int t = 0; t < int(of_.size()) && scene.on_body(t); ++t)
       if (std::holds_alternative<Lambertian>(scene.optics(t))) {
@@ -9568,7 +9624,7 @@ concept ExitReadout = requires(const R& readout, const Body& body, const Escape&
 
 /// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
 struct Connection {
-  Vec3 direction = Vec3::UnitZ();
+  Vec3 direction{0.0, 0.0, 1.0};
   double solid_angle_sr = 0.0;
 };
 
@@ -9618,8 +9674,8 @@ namespace lumo {
 
 /// A primary ray and what later events of its path draw their numbers from.
 struct PrimaryRay {
-  Vec3 origin = Vec3::Zero();      ///< [m]
-  Vec3 direction = Vec3::UnitZ();  ///< unit
+  Vec3 origin{0.0, 0.0, 0.0};      ///< [m]
+  Vec3 direction{0.0, 0.0, 1.0};  ///< unit
   std::uint64_t key = 0;           ///< the same for mirror images of a path
   int triangle = -1;               ///< of the scene that it starts on, if known
 };
@@ -9632,9 +9688,9 @@ class RayPattern {
   /// The rays of one emitter that belong to one mirror image.
   struct Beam {
     Emitter source;  ///< moved to the fundamental quadrant
-    Vec3 axis = Vec3::UnitZ(), tangent1 = Vec3::UnitX(), tangent2 = Vec3::UnitY();
+    Vec3 axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
     double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
-    Vec3 mirror = Vec3::Ones();  ///< (±1, ±1, 1): from the fundamental ray to the real one
+    Vec3 mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
     std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
     std::uint32_t rays = 0;      ///< per replicate
     double power_W = 0.0;        ///< per ray
@@ -9947,6 +10003,10 @@ struct Exit {
 template <ExitReadout Readout>
 class LightAccounts {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Readout>;
+  using Tally = Dependent<detail::Tally, Readout>;
+  using EnergyLedger = Dependent<lumo::EnergyLedger, Readout>;
+
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
       : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
     for (unsigned image = 0; image < 4; ++image)
@@ -10086,6 +10146,9 @@ struct PathLimits {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class PathTracer {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Scene>;
+  using Exit = Dependent<detail::Exit, Scene>;
+
   /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
   PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
              int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
@@ -10303,8 +10366,8 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
-  const Vec3 flat = side * surface_.flat_normal(triangle);
-  Vec3 n = side * surface_.smooth_normal(at);
+  const Vec3 flat = side * Vec3(surface_.flat_normal(triangle));
+  Vec3 n = side * Vec3(surface_.smooth_normal(at));
   FresnelSplit split{};
   Vec3 back, on;
   const auto turn = [&] {
@@ -10448,6 +10511,10 @@ namespace lumo::detail {
 template <class Path>
 class ExitBeams {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Path>;
+  using Exit = Dependent<detail::Exit, Path>;
+  using Escape = Dependent<lumo::Escape, Path>;
+
   explicit ExitBeams(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places come in pairs opposite
@@ -10589,6 +10656,8 @@ namespace lumo::detail {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
+  using Vec3 = Dependent<lumo::Vec3, Scene>;
+
   ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
              PathTracer<Scene, Medium, Readout>& path)
@@ -10989,9 +11058,9 @@ namespace lumo {
 
 /// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
 struct Photodiode {
-  Vec3 center = Vec3::Zero();       ///< [m]
-  Vec3 half_u = 1e-3 * Vec3::UnitX();  ///< half edge, or half axis [m]
-  Vec3 half_v = 1e-3 * Vec3::UnitY();  ///< likewise
+  Vec3 center{0.0, 0.0, 0.0};       ///< [m]
+  Vec3 half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
+  Vec3 half_v{0.0, 1e-3, 0.0};      ///< likewise
   bool round = false;               ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 
@@ -11075,9 +11144,9 @@ namespace lumo {
 class PinholeCamera {
  public:
   struct Config {
-    Vec3 position = Vec3::Zero();        ///< of the opening [m]
-    Vec3 view = Vec3::UnitZ();           ///< the way that the camera looks
-    Vec3 up = Vec3::UnitY();             ///< what is up in the image; not along `view`
+    Vec3 position{0.0, 0.0, 0.0};        ///< of the opening [m]
+    Vec3 view{0.0, 0.0, 1.0};            ///< the way that the camera looks
+    Vec3 up{0.0, 1.0, 0.0};              ///< what is up in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;
@@ -11174,7 +11243,7 @@ struct ContactTerms {
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
   /// (q_form q_stable q_stiff)^(1/3).
-  template <class = void>
+  template <class Estimate = Estimate>
   std::optional<Estimate> score() const;
 };
 
@@ -11191,7 +11260,7 @@ struct ContactLoads {
 };
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
-template <class = void>
+template <class ContactTerms = ContactTerms>
 ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
@@ -11208,7 +11277,7 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
-template <class>
+template <class Estimate>
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
@@ -11220,7 +11289,7 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
-template <class>
+template <class ContactTerms>
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
@@ -11300,7 +11369,7 @@ template <class = void>
 std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
-template <class = void>
+template <class Separation = Separation>
 std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
 
 template <class MatrixXd, class RowVectorXd>
@@ -11321,7 +11390,7 @@ inline Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b) {
 namespace detail {
 
 /// Distances of all pairs that may be compared.
-template <class = void>
+template <class Separation = Separation>
 inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
   std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
@@ -11346,9 +11415,9 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   return {wanted.begin(), wanted.end()};
 }
 
-template <class>
+template <class Separation>
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  const std::vector<Separation> pairs = detail::separations(states);
+  const std::vector<Separation> pairs = detail::separations<Separation>(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
@@ -11431,16 +11500,17 @@ namespace lumo {
 
 /// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed, so that their last
 /// free design is found and their end is known. Law: all that it returns is feasible, on the lattice to the bit, and a function of its key.
-class DesignSampler {
+template <class Design = Design>
+class DesignSamplerOf {
  public:
+  using DesignSpace = Dependent<lumo::DesignSpace, Design>;
   static constexpr std::size_t list_limit = 100000;  ///< feasible designs up to which a lattice is listed
   static constexpr std::size_t visit_limit = 4000000;  ///< nodes looked at for that
   static constexpr std::uint32_t try_limit = 1u << 18;  ///< points tried for one set of fresh designs
 
   /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
   /// node between them, a constraint with the wrong number of coefficients. It is copied.
-  template <class = void>
-  explicit DesignSampler(DesignSpace space);
+  explicit DesignSamplerOf(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
   std::size_t dimensions() const { return space_.variables.size(); }
@@ -11448,20 +11518,16 @@ class DesignSampler {
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
   /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
-  template <class = void>
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
   /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
   /// the variable's range, and at least one step of its lattice.
-  template <class = void>
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
   /// Is `reach` too small to make a difference: one step on every lattice, less than 10⁻⁴ of the range elsewhere?
-  template <class = void>
   bool finest(double reach) const;
 
   /// The same design with lattice values to the bit as the sampler writes them.
-  template <class = void>
   Design canonical(Design x) const;
 
  private:
@@ -11471,23 +11537,14 @@ class DesignSampler {
     std::vector<double> table;
   };
 
-  template <class = void>
   double node(std::size_t i, double k) const;
-  template <class = void>
   double place(std::size_t i, double unit) const;
-  template <class = void>
   double shifted(std::size_t i, double x, double by) const;
-  template <class = void>
   void list();
-  template <class = void>
   bool descend(std::size_t i, Design& x, std::size_t& visits);
-  template <class = void>
   std::optional<Design> repaired(Design x, std::uint64_t key) const;
-  template <class = void>
   static double excess(const LinearConstraint& c, const Design& x);
-  template <class = void>
   void settle(const LinearConstraint& c, Design& x, std::uint64_t key) const;
-  template <class = void>
   Design point(const OwenSobol& sequence, std::uint32_t index) const;
 
   DesignSpace space_;
@@ -11496,8 +11553,10 @@ class DesignSampler {
   bool listed_ = false;
 };
 
-template <class>
-inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)) {
+using DesignSampler = DesignSamplerOf<>;
+
+template <class Design>
+inline DesignSamplerOf<Design>::DesignSamplerOf(DesignSpace space) : space_(std::move(space)) {
   if (space_.variables.empty()) throw InvalidArgument("design space has no variables, must have at least 1");
   std::set<std::string> names;
   for (std::size_t i = 0; i < dimensions(); ++i) {
@@ -11526,8 +11585,8 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
 }
 
 /// The shortest decimal number for a node: 0.3, not 0.30000000000000004.
-template <class>
-inline double DesignSampler::node(std::size_t i, double k) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::node(std::size_t i, double k) const {
   if (!axes_[i].table.empty() && k < double(axes_[i].table.size())) return axes_[i].table[std::size_t(k)];
   const Variable& v = space_.variables[i];
   const double x = v.origin + (axes_[i].first_node + k) * v.step;
@@ -11537,15 +11596,15 @@ inline double DesignSampler::node(std::size_t i, double k) const {
   return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
 }
 
-template <class>
-inline double DesignSampler::place(std::size_t i, double unit) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::place(std::size_t i, double unit) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes > 0.0) return node(i, std::clamp(std::floor(unit * axes_[i].nodes), 0.0, axes_[i].nodes - 1.0));
   return std::clamp(v.lower + unit * (v.upper - v.lower), v.lower, v.upper);
 }
 
-template <class>
-inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
+template <class Design>
+inline double DesignSamplerOf<Design>::shifted(std::size_t i, double x, double by) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
   double steps = std::round(by / v.step);
@@ -11553,15 +11612,15 @@ inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
-template <class>
-inline Design DesignSampler::canonical(Design x) const {
+template <class Design>
+inline Design DesignSamplerOf<Design>::canonical(Design x) const {
   for (std::size_t i = 0; i < x.size() && i < dimensions(); ++i)
     if (axes_[i].nodes > 0.0) x[i] = shifted(i, x[i], 0.0);
   return x;
 }
 
-template <class>
-inline bool DesignSampler::finest(double reach) const {
+template <class Design>
+inline bool DesignSamplerOf<Design>::finest(double reach) const {
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
     const double range = v.upper - v.lower;
@@ -11570,8 +11629,8 @@ inline bool DesignSampler::finest(double reach) const {
   return true;
 }
 
-template <class>
-inline void DesignSampler::list() {
+template <class Design>
+inline void DesignSamplerOf<Design>::list() {
   Design x(dimensions());
   std::size_t visits = 0;
   listed_ = descend(0, x, visits);
@@ -11579,8 +11638,8 @@ inline void DesignSampler::list() {
 }
 
 /// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
-template <class>
-inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
+template <class Design>
+inline bool DesignSamplerOf<Design>::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
     double least = 0.0, most = 0.0, size = 0.0;
@@ -11604,8 +11663,8 @@ inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits
   return true;
 }
 
-template <class>
-inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t index) const {
+template <class Design>
+inline Design DesignSamplerOf<Design>::point(const OwenSobol& sequence, std::uint32_t index) const {
   Design x(dimensions());
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const OwenSobol block{detail::combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
@@ -11615,15 +11674,15 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
 }
 
 /// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
-template <class>
-inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
+template <class Design>
+inline double DesignSamplerOf<Design>::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
 /// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
-template <class>
-inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
+template <class Design>
+inline void DesignSamplerOf<Design>::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
     if (std::abs(before) <= c.rounding(x)) return;
@@ -11637,8 +11696,8 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
 }
 
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
-template <class>
-inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
+template <class Design>
+inline std::optional<Design> DesignSamplerOf<Design>::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
     for (const LinearConstraint& c : space_.constraints) {
@@ -11658,8 +11717,8 @@ inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key
   return std::nullopt;
 }
 
-template <class>
-inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
+template <class Design>
+inline std::vector<Design> DesignSamplerOf<Design>::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
   std::vector<Design> out;
   DesignSet seen;
   std::optional<Design> anchor;
@@ -11683,16 +11742,21 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
   }
   // What random points missed of a listed lattice, in an order that hangs on the key.
-  std::vector<std::pair<std::uint64_t, std::size_t>> rest;
+  struct Missed {
+    std::uint64_t order;
+    std::size_t number;
+    auto operator<=>(const Missed&) const = default;
+  };
+  std::vector<Missed> rest;
   for (std::size_t i = 0; i < list_.size() && out.size() < count; ++i)
     if (!taken.contains(list_[i]) && !seen.contains(list_[i])) rest.push_back({detail::combine(key, i), i});
   std::sort(rest.begin(), rest.end());
-  for (std::size_t i = 0; i < rest.size() && out.size() < count; ++i) out.push_back(list_[rest[i].second]);
+  for (std::size_t i = 0; i < rest.size() && out.size() < count; ++i) out.push_back(list_[rest[i].number]);
   return out;
 }
 
-template <class>
-inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
+template <class Design>
+inline std::vector<Design> DesignSamplerOf<Design>::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
   std::vector<Design> out;
   const std::size_t d = dimensions();
   const auto by = [&](std::size_t i) { return reach * (space_.variables[i].upper - space_.variables[i].lower); };
@@ -11763,7 +11827,7 @@ inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t r
 struct FreshCandidates {
   std::size_t count = 256;
 
-  template <class = void>
+  template <class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
     const auto pool = request.sampler.fresh(count, request.key, request.taken);
     if (pool.empty()) return std::nullopt;
@@ -11783,11 +11847,11 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
-  template <class VectorXd = Eigen::VectorXd>
+  template <class VectorXd = Eigen::VectorXd, class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
-template <class VectorXd>
+template <class VectorXd, class Design>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
@@ -11906,6 +11970,7 @@ class ExcessTable {
     return p.value + u * (p.slope + u * (0.5 * p.curvature + u * (u3 + u * (u4 + u * u5))));
   }
 
+  template <class = void>
   static const ExcessTable& get() {
     static const ExcessTable table;
     return table;
@@ -11939,6 +12004,7 @@ class ExcessTable {
 }  // namespace detail
 
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
+template <class = void>
 inline double expected_excess(double a) {
   if (a >= detail::ExcessTable::edge) return a;
   if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
@@ -11947,6 +12013,7 @@ inline double expected_excess(double a) {
 
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected Improvements to
 /// Expected Improvement for Bayesian Optimization", NeurIPS 2023.
+template <class = void>
 inline double log_expected_excess(double a) {
   if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
   return std::log(a * normal_probability(a) + normal_density(a));
@@ -12291,7 +12358,7 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
-template <class MatrixXd = Eigen::MatrixXd>
+template <class MatrixXd = Eigen::MatrixXd, class JitteredFactor = JitteredFactor>
 inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
@@ -12909,6 +12976,7 @@ class ExpectedHypervolume {
 
  private:
   /// log ∫ P(Y > t) dt over [low, high] for Y normal.
+  template <class = void>
   static double log_side(double mean, double deviation, double low, double high) {
     const double a = (mean - low) / deviation;
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
@@ -12917,6 +12985,7 @@ class ExpectedHypervolume {
       return std::log(high - low) + log_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
   }
+  template <class = void>
   static double log_probability(double z) {
     if (z > -30.0) return std::log(normal_probability(z));
     return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
@@ -13259,6 +13328,7 @@ class TrialLog {
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
   template <class = void>
   void tell(int id, std::vector<double> outputs);
+  template <class = void>
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
@@ -13336,6 +13406,7 @@ inline void TrialLog::tell(int id, std::vector<double> outputs) {
   trial.state = Trial::State::told;
 }
 
+template <class>
 inline void TrialLog::fail(int id, bool retry, std::string why) {
   Trial& trial = pending(id);
   trial.state = Trial::State::failed;
@@ -13668,6 +13739,7 @@ struct RecordedFrame {
 /// Frames that are in memory, given as fast as they are asked for.
 class RecordedCamera {
  public:
+  template <class = void>
   explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
 
   template <class = void>
@@ -13733,9 +13805,11 @@ namespace lumo {
 /// Joint samples that are in memory, given as fast as they are asked for. `read_joint_log` (sense/log.hpp) reads them from a file.
 class RecordedActuator {
  public:
+  template <class = void>
   explicit RecordedActuator(std::vector<JointSample> samples) : samples_(std::move(samples)) {}
 
-  std::optional<JointSample> next() { return next_ == samples_.size() ? std::nullopt : std::optional(samples_[next_++]); }
+  template <class JointSample = JointSample>
+  std::optional<JointSample> next() { return next_ == samples_.size() ? std::nullopt : std::optional<JointSample>(samples_[next_++]); }
   StreamState state() const { return next_ == samples_.size() ? StreamState::ended : StreamState::open; }
 
  private:
@@ -13885,6 +13959,7 @@ class CsvReader {
     return -1;
   }
   /// Place of a column that must be there.
+  template <class = void>
   int require(std::string_view column) const {
     if (const int i = find(column); i >= 0) return i;
     throw InputError(detail::text(name_, ":1: column '", column, "' is missing"));
@@ -13911,6 +13986,7 @@ class CsvReader {
   }
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
+  template <class = void>
   double number(int column) const {
     const std::string_view f = text(column);
     double v = 0.0;
@@ -13918,6 +13994,7 @@ class CsvReader {
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
+  template <class = void>
   std::int64_t integer(int column) const {
     const std::string_view f = text(column);
     std::int64_t v = 0;
@@ -13934,6 +14011,7 @@ class CsvReader {
   }
 
  private:
+  template <class = void>
   bool read_line() {
     line_text_.clear();
     ++line_;
@@ -13976,6 +14054,7 @@ class CsvReader {
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
+template <class = void>
 inline std::string csv_number(double v) {
   if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
   char buffer[32];
@@ -14008,6 +14087,7 @@ struct FrameRecord {
 };
 
 /// Name of a log's picture by its number: 000042.png.
+template <class = void>
 inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
   const std::string digits = std::to_string(number);
   return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
@@ -14016,8 +14096,8 @@ inline std::string frame_file(std::size_t number, std::string_view ending = ".pn
 /// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
 struct WrenchSample {
   std::int64_t stamp_ns = 0;
-  Vec3 force_N = Vec3::Zero();
-  Vec3 torque_Nm = Vec3::Zero();
+  Vec3 force_N{0.0, 0.0, 0.0};
+  Vec3 torque_Nm{0.0, 0.0, 0.0};
   double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
 };
 
@@ -14031,11 +14111,13 @@ namespace detail {
 /// The time column of a log's table, as integer nanoseconds; strictly ascending.
 class StampColumn {
  public:
+  template <class = void>
   explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
     if (seconds_) column_ = csv.find("time_s");
     if (column_ < 0) throw InputError(text(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
     if (!seconds_ && csv.find("time_s") >= 0) throw InputError(text(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
   }
+  template <class = void>
   std::int64_t read(const CsvReader& csv) {
     std::int64_t stamp = 0;
     if (seconds_) {
@@ -14058,6 +14140,7 @@ class StampColumn {
 };
 
 /// A path below a log's frames/ that a table can hold.
+template <class = void>
 inline bool is_below_frames(std::string_view file) {
   const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
@@ -14065,6 +14148,7 @@ inline bool is_below_frames(std::string_view file) {
 }
 
 /// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
+template <class = void>
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
     throw InvalidArgument(text("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? text(" and exceed the one before it, ", *last, " ns") : std::string()));
@@ -14078,6 +14162,7 @@ inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s
 inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
 
 /// Opens a file for reading. Throws InputError.
+template <class = void>
 inline std::ifstream open_text(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
   if (!in) throw InputError(text(path, ": cannot be opened"));
@@ -14087,6 +14172,7 @@ inline std::ifstream open_text(const std::string& path) {
 }  // namespace detail
 
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
+template <class FrameRecord = FrameRecord>
 inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
   CsvReader csv(in, name);
   csv.require_known([&](std::string_view c) { return detail::is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
@@ -14107,6 +14193,7 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
 }
 
 /// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
+template <class JointSample = JointSample>
 inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   detail::StampColumn stamp(csv);
@@ -14141,6 +14228,7 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
+template <class WrenchSample = WrenchSample>
 inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
   static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
   static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
@@ -14169,6 +14257,7 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
 }
 
 /// Reads marker.csv.
+template <class MarkerSample = MarkerSample>
 inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   detail::StampColumn stamp(csv);
@@ -14186,12 +14275,14 @@ namespace detail {
 
 inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
 
+template <class = void>
 inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
   if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
   if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
   return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
 }
 
+template <class = void>
 inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
@@ -14199,7 +14290,8 @@ inline std::string joint_header(int joints, Effort unit) {
   return t + '\n';
 }
 
-inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
+template <class JointSample = JointSample>
+inline std::string joint_row(In<JointSample> s, std::optional<std::int64_t>& last) {
   std::string t = stamp_text(s.stamp_ns, last);
   for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
   return t + '\n';
@@ -14208,14 +14300,16 @@ inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& 
 }  // namespace detail
 
 /// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
-inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
+template <class FrameRecord = FrameRecord>
+inline std::string frame_log_text(In<std::vector<FrameRecord>> frames, bool video = false) {
   std::string t = detail::frame_header(video);
   std::optional<std::int64_t> last;
   for (const FrameRecord& f : frames) t += detail::frame_row(f, video, last);
   return t;
 }
 
-inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+template <class JointSample = JointSample>
+inline std::string joint_log_text(In<std::vector<JointSample>> samples) {
   if (samples.empty()) return detail::joint_header(1, Effort::current_A);
   const auto joints = samples.front().effort.size();
   const Effort unit = samples.front().unit;
@@ -14229,7 +14323,8 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
   return t;
 }
 
-inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
+template <class WrenchSample = WrenchSample>
+inline std::string wrench_log_text(In<std::vector<WrenchSample>> samples) {
   std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
   std::optional<std::int64_t> last;
   for (const WrenchSample& w : samples) {
@@ -14241,7 +14336,8 @@ inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
   return t;
 }
 
-inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
+template <class MarkerSample = MarkerSample>
+inline std::string marker_log_text(In<std::vector<MarkerSample>> samples) {
   std::string t = "stamp_ns,displacement_m\n";
   std::optional<std::int64_t> last;
   for (const MarkerSample& m : samples) t += detail::stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
@@ -14335,7 +14431,7 @@ static_assert(Readout<PhotodiodeArray>);
 namespace lumo {
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
-template <class = void>
+template <class PhotodiodeSample = PhotodiodeSample>
 inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   detail::StampColumn stamp(csv);
@@ -14356,8 +14452,8 @@ inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const
   return list;
 }
 
-template <class = void>
-inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samples) {
+template <class PhotodiodeSample = PhotodiodeSample>
+inline std::string photodiode_log_text(In<std::vector<PhotodiodeSample>> samples) {
   std::string t = "stamp_ns";
   const auto n = samples.empty() ? Eigen::Index(1) : samples.front().signal_V.size();
   for (Eigen::Index i = 0; i < n; ++i) t += ',' + detail::numbered("signal_V", int(i));
@@ -14384,6 +14480,7 @@ struct FixedRange {
   int bits;
 
   double step() const { return (high - low) / double((1u << bits) - 1u); }
+  template <class = void>
   std::uint32_t pack(double v) const { return std::uint32_t(std::lround((std::clamp(v, low, high) - low) / step())); }
   double unpack(std::uint32_t n) const { return low + step() * double(n); }
 };
@@ -14415,6 +14512,7 @@ struct MiniCheetahProtocol {
   static constexpr Bytes zero{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe};   ///< here is position 0
 
   /// Values beyond a range are clamped to it. Throws InvalidArgument for numbers that are not finite.
+  template <class = void>
   Bytes pack(const Command& c) const {
     for (const double v : {c.position_rad, c.velocity_rad_per_s, c.kp, c.kd, c.torque_Nm})
       if (!std::isfinite(v)) throw InvalidArgument("motor command: numbers must be finite");
@@ -14424,7 +14522,7 @@ struct MiniCheetahProtocol {
             std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// Nothing for fewer than six bytes.
-  template <class = void>
+  template <class Reply = Reply>
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
     const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
@@ -14436,6 +14534,7 @@ struct MiniCheetahProtocol {
 };
 
 /// Throws InvalidArgument for a range that is not positive.
+template <class = void>
 inline void validate(const MiniCheetahProtocol& p) {
   require_positive("motor's position range", p.position_rad, "rad");
   require_positive("motor's velocity range", p.velocity_rad_per_s, "rad/s");
@@ -14454,8 +14553,8 @@ namespace lumo {
 /// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
 /// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
 struct AxisMap {
-  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();     ///< pixel centres lie on whole numbers
-  Eigen::Vector2d direction = Eigen::Vector2d::UnitX();    ///< unit, towards the finger's tip (+y)
+  Eigen::Vector2d origin_px{0.0, 0.0};     ///< pixel centres lie on whole numbers
+  Eigen::Vector2d direction{1.0, 0.0};    ///< unit, towards the finger's tip (+y)
   double half_length_px = 1.0;
   Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
@@ -14766,6 +14865,7 @@ inline Eigen::VectorXd pointwise_median(In<MatrixXd> m) {
 }
 
 /// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
+template <class = void>
 inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
   if (all < 1 || right < 0 || right > all) throw InvalidArgument(detail::text("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
   const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
@@ -14901,8 +15001,8 @@ inline Decoding decoding_of(In<VectorXd> log_weight) {
 }
 
 /// Mean response of each place, features × places.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses>
+inline Eigen::MatrixXd place_means(In<LabelledResponses> t) {
   MatrixXd mean = MatrixXd::Zero(t.response.rows(), t.places());
   VectorXd count = VectorXd::Zero(t.places());
   for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
@@ -15063,8 +15163,8 @@ inline void validate(const HandLink& l) {
 
 /// How a link's plane lies in the image: turned, shifted and scaled.
 struct LinkMap {
-  Eigen::Vector2d origin_px = Eigen::Vector2d::Zero();
-  Eigen::Vector2d along_px_per_m = Eigen::Vector2d::UnitX();   ///< of y
+  Eigen::Vector2d origin_px{0.0, 0.0};
+  Eigen::Vector2d along_px_per_m{1.0, 0.0};   ///< of y
   bool z_clockwise = false;
   double residual_px = 0.0;                                    ///< RMS of what the fit leaves
   double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
@@ -15073,7 +15173,8 @@ struct LinkMap {
   Eigen::Vector2d pixel(double y_m, double z_m) const {
     const double side = z_clockwise ? 1.0 : -1.0;
     const Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
-    return origin_px + y_m * along_px_per_m + z_m * across;
+    const Vector2d& along = along_px_per_m;
+    return origin_px + y_m * along + z_m * across;
   }
   double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
 
@@ -15122,7 +15223,7 @@ struct Hole {
 };
 
 /// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
-template <class Vector2d = Eigen::Vector2d>
+template <class Vector2d = Eigen::Vector2d, class Hole = Hole>
 inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
   if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
@@ -15178,8 +15279,8 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
 }  // namespace detail
 
 /// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
-template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd>
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
+template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LinkMap = LinkMap>
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, In<LinkMap> guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
@@ -15195,7 +15296,7 @@ inline std::optional<LinkMap> register_link(const ImageView& image, const HandLi
   for (Eigen::Index k = 1; k < n; ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale) return std::nullopt;   // one hole taken for two
-  LinkMap map = LinkMap::fit<Matrix2Xd>(link.hole_m, seen, link.z_clockwise);
+  LinkMap map = LinkMap::fit(link.hole_m, seen, link.z_clockwise);
   map.contrast_DN = contrast;
   if (map.residual_px > search.max_residual_m * scale || std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change) return std::nullopt;
   return map;
@@ -15317,6 +15418,7 @@ struct TorqueModel {
 };
 
 /// Throws InvalidArgument for numbers that make no sense.
+template <class = void>
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
     throw InvalidArgument(detail::text("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
@@ -15429,8 +15531,8 @@ struct Session {
 inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
-template <class = void>
-inline void validate(const Session& s, const std::string& name) {
+template <class Session = Session>
+inline void validate(In<Session> s, const std::string& name) {
   const auto require = [&](bool good, const std::string& what) {
     if (!good) throw InputError(detail::text(name, ": ", what));
   };
@@ -15461,7 +15563,7 @@ inline void validate(const Session& s, const std::string& name) {
   }
   require(s.links.size() <= 16, detail::text("has ", s.links.size(), " links, must have at most 16"));
   for (std::size_t i = 0; i < s.links.size(); ++i) {
-    const SessionLink& l = s.links[i];
+    const auto& l = s.links[i];
     try {
       validate(l.link);
     } catch (const InvalidArgument& e) {
@@ -15496,8 +15598,8 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-template <class VectorXd = Eigen::VectorXd>
-inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profiles, const std::vector<Segment>& segments) {
+template <class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse, class Profile = Profile>
+inline std::vector<HoldResponse> hold_responses(In<std::span<const Profile>> profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<VectorXd, int> m{VectorXd(), 0};
     for (const Profile& p : profiles) {
@@ -15529,8 +15631,8 @@ inline std::vector<HoldResponse> hold_responses(std::span<const Profile> profile
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-template <class = void>
-inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
+template <class HoldResponse = HoldResponse>
+inline std::vector<HoldResponse> responses_of(In<std::vector<HoldResponse>> holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -15541,8 +15643,8 @@ namespace detail {
 
 /// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
 /// places, numbered along the finger, ascend in y.
-template <class = void>
-inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
+template <class HoldResponse = HoldResponse>
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(In<std::vector<HoldResponse>> holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
@@ -15572,8 +15674,8 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse>
+inline std::vector<Eigen::MatrixXd> slope_profiles(In<std::vector<HoldResponse>> holds) {
   std::vector<MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
@@ -15600,8 +15702,8 @@ struct DecodingTask {
 };
 
 /// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as slope_profiles does.
-template <class = void>
-inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, double least_N) {
+template <class HoldResponse = HoldResponse>
+inline std::vector<double> common_loads(In<std::vector<HoldResponse>> holds, double least_N) {
   std::map<double, int> count;
   int recontacts = 0;
   for (const auto& place : detail::recontacts(holds))
@@ -15617,8 +15719,8 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class DecodingTask = DecodingTask>
-inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
+template <class DecodingTask = DecodingTask, class HoldResponse = HoldResponse>
+inline DecodingTask decoding_task(In<std::vector<HoldResponse>> holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
     int place, repetition;
@@ -15658,8 +15760,8 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
-template <class MatrixXd = Eigen::MatrixXd>
-inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
+template <class MatrixXd = Eigen::MatrixXd, class HoldResponse = HoldResponse, class CycleRun = CycleRun>
+inline std::vector<CycleRun> cycle_runs(In<std::vector<HoldResponse>> holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
     if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
@@ -15687,18 +15789,20 @@ namespace lumo {
 struct NearestTemplate {
   class Model {
    public:
-    template <class = void>
-    explicit Model(const LabelledResponses& training) : template_(detail::place_means(training)) {
+    template <class MatrixXd = Eigen::MatrixXd, class LabelledResponses = LabelledResponses>
+    explicit Model(In<LabelledResponses> training) : template_(detail::place_means(training)) {
+      const MatrixXd& means = template_;
       double squares = 0.0;
-      for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - template_.col(training.place[i])).squaredNorm();
+      for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - means.col(training.place[i])).squaredNorm();
       const double freedom = double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
-      variance_ = std::max(squares / freedom, 1e-12 * template_.cwiseAbs2().maxCoeff() + 1e-300);
+      variance_ = std::max(squares / freedom, 1e-12 * means.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class VectorXd = Eigen::VectorXd>
+    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
     Decoding decode(In<VectorXd> response) const {
+      const MatrixXd& means = template_;
       if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
-      return detail::decoding_of((template_.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
+      return detail::decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
     }
     const Eigen::MatrixXd& templates() const { return template_; }
 
@@ -15834,6 +15938,7 @@ struct BayesDecoder {
 
   class Model {
    public:
+    template <class = void>
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
     template <class VectorXd = Eigen::VectorXd>
@@ -15853,13 +15958,13 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class LabelledResponses = LabelledResponses>
+  template <class LabelledResponses = LabelledResponses, class Step = LinearDecoder::Model>
   Model fit(In<LabelledResponses> training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
       throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
-    std::vector<LinearDecoder::Model> models;
+    std::vector<Step> models;
     const Eigen::Index rows = training.response.rows() / steps;
     for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));
     return Model(std::move(models), training.places(), change);
@@ -15941,12 +16046,12 @@ struct OnsetDetector {
     double baseline_N = 0.0;
   };
   /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are not finite.
-  template <class = void>
+  template <class Onset = Onset>
   std::optional<Onset> find(std::span<const double> force_N) const;
 };
 
-template <class>
-inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
+template <class Onset>
+inline std::optional<Onset> OnsetDetector::find(std::span<const double> force_N) const {
   require_in_range("samples without contact", baseline, 2, 1e9, "");
   require_in_range("samples above the threshold", hold, 1, 1e6, "");
   require_in_range("threshold of the onset", threshold, 0.0, 1e6, "standard deviations");
@@ -15982,8 +16087,8 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
 
 /// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches `force_N`, interpolated linearly [m].
 /// Nothing when there is no onset or the force is not reached. Both series at the same times.
-template <class = void>
-inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, const OnsetDetector& detector = {}) {
+template <class OnsetDetector = OnsetDetector>
+inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, In<OnsetDetector> detector = {}) {
   if (force.size() != marker_m.size()) throw InvalidArgument(detail::text("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
   require_positive("force to reach", force_N, "N");
   for (const double x : marker_m)
@@ -16027,7 +16132,8 @@ struct ContactLocation {
 };
 
 /// Throws InvalidArgument unless positions of a profile are finite and ascend.
-inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
+template <class VectorXd = Eigen::VectorXd>
+inline void require_ascending_positions(In<VectorXd> position_m) {
   for (Eigen::Index i = 0; i < position_m.size(); ++i) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))
@@ -16060,11 +16166,12 @@ namespace lumo {
 
 /// The paper's localiser: the strongest peak of the low-passed response above a noise threshold. No labels, no training.
 /// A contact starts above `threshold` noises and ends below `release`. The filter is first order in time and starts anew after a gap.
-class PeakLocalizer {
+template <class VectorXd = Eigen::VectorXd>
+class PeakLocalizerOf {
  public:
   struct Config {
-    Eigen::VectorXd position_m;      ///< of the profile's values
-    Eigen::VectorXd noise;           ///< standard deviation of each, unloaded
+    VectorXd position_m;             ///< of the profile's values
+    VectorXd noise;                  ///< standard deviation of each, unloaded
     double time_constant_s = 0.05;   ///< of the filter
     double gap_s = 0.5;              ///< longer without a profile: forget
     double threshold = 6.0;          ///< in noises of the filtered profile
@@ -16073,7 +16180,7 @@ class PeakLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit PeakLocalizer(Config config) : config_(std::move(config)) {
+  explicit PeakLocalizerOf(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
       throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
@@ -16088,8 +16195,7 @@ class PeakLocalizer {
 
   void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
 
-  template <class = void>
-  LocationEstimate update(const Profile& response) {
+  LocationEstimate update(const Dependent<Profile, VectorXd>& response) {
     if (response.value.size() != config_.position_m.size())
       throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
     const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
@@ -16108,7 +16214,6 @@ class PeakLocalizer {
   }
 
  private:
-  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) {
     LocationEstimate e{stamp_ns, 0, {}, 1.0};
     if (fresh_) return e;
@@ -16142,11 +16247,13 @@ class PeakLocalizer {
   }
 
   Config config_;
-  Eigen::VectorXd filtered_;
+  VectorXd filtered_;
   std::int64_t stamp_ns_ = 0;
   double share_ = 1.0;
   bool fresh_ = true, touching_ = false;
 };
+
+using PeakLocalizer = PeakLocalizerOf<>;
 
 static_assert(LocationEstimator<PeakLocalizer>);
 
@@ -16186,12 +16293,16 @@ namespace lumo {
 /// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
 /// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
 /// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
-class BayesLocalizer {
+template <class VectorXd = Eigen::VectorXd>
+class BayesLocalizerOf {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
+  using Vector3d = Dependent<Eigen::Vector3d, VectorXd>;
+
   struct Config {
-    Eigen::VectorXd position_m;   ///< of the profile's values
-    Eigen::VectorXd noise;        ///< standard deviation of each, unloaded
-    Eigen::VectorXd unloaded;     ///< mean profile of the unloaded finger; empty: lamps are steady
+    VectorXd position_m;          ///< of the profile's values
+    VectorXd noise;               ///< standard deviation of each, unloaded
+    VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
     double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
@@ -16210,18 +16321,16 @@ class BayesLocalizer {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  explicit BayesLocalizer(Config config);
+  explicit BayesLocalizerOf(Config config);
 
   void reset() { fresh_ = true; }
-  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d>
-  LocationEstimate update(const Profile& response);
+  LocationEstimate update(const Dependent<Profile, VectorXd>& response);
 
-  const Eigen::VectorXd& grid_m() const { return grid_; }
+  const VectorXd& grid_m() const { return grid_; }
   /// Posterior of the place given one contact; sums to 1.
-  const Eigen::VectorXd& place() const { return place_; }
+  const VectorXd& place() const { return place_; }
   /// Posterior of none, one, two contacts.
-  const Eigen::Vector3d& number() const { return number_; }
+  const Vector3d& number() const { return number_; }
 
  private:
   static constexpr Eigen::Index widths = 4;
@@ -16236,36 +16345,34 @@ class BayesLocalizer {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
-  template <class VectorXd = Eigen::VectorXd>
-  bool dips_between(In<VectorXd> response, const Pair& pair) const;
+  bool dips_between(const VectorXd& response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
-  template <class Vector3d = Eigen::Vector3d>
   void predict(double step_s);
   double bias_variance_m2(double y) const {
     const double near = config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0, end = near * config_.end_bias_sigma_m;
     return config_.bias_sigma_m * config_.bias_sigma_m + end * end;
   }
-  template <class = void>
   ContactLocation one() const;
-  template <class = void>
   LocationEstimate answer(std::int64_t stamp_ns) const;
 
   Config config_;
-  Eigen::VectorXd grid_;
-  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
-  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
-  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
-  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
-  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
-  Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
-  Eigen::Vector3d number_{1.0, 0.0, 0.0};
+  VectorXd grid_;
+  MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  MatrixXd matched_;    ///< Σ⁻¹ bumps
+  MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  VectorXd energy_;     ///< diagonal of it, all widths
+  VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
+  Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
   std::int64_t stamp_ns_ = 0;
   bool fresh_ = true;
 };
 
-template <class MatrixXd, class VectorXd>
-inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
+using BayesLocalizer = BayesLocalizerOf<>;
+
+template <class VectorXd>
+inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
     throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
@@ -16315,7 +16422,8 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
 }
 
 /// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
-inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(double s, double g, double tempering) const {
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
   const double z = t / std::sqrt(h);
   // log of 2 Φ(z) e^{z²/2}, without overflow on either side
@@ -16324,8 +16432,9 @@ inline double BayesLocalizer::log_evidence(double s, double g, double tempering)
 }
 
 /// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
-inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
-  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
+template <class VectorXd>
+inline std::array<double, 2> BayesLocalizerOf<VectorXd>::heights(const Pair& p, double tempering, double& det) const {
+  const MatrixXd& gram = gram_[std::size_t(p.width)];
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
   const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
@@ -16334,13 +16443,14 @@ inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempe
 }
 
 /// Searched on every other cell, then about the best.
-inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
+template <class VectorXd>
+inline auto BayesLocalizerOf<VectorXd>::best_pair(double tempering) const -> Pair {
   const Eigen::Index cells = grid_.size();
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
   Pair best;
   const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
-    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
+    const MatrixXd& gram = gram_[std::size_t(width)];
     const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
     const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
     const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
@@ -16361,7 +16471,7 @@ inline BayesLocalizer::Pair BayesLocalizer::best_pair(double tempering) const {
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
 template <class VectorXd>
-inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair) const {
+inline bool BayesLocalizerOf<VectorXd>::dips_between(const VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
     (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
@@ -16374,7 +16484,8 @@ inline bool BayesLocalizer::dips_between(In<VectorXd> response, const Pair& pair
 }
 
 /// Log of the Bayes factor of two bumps against none.
-inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(const Pair& p, double tempering) const {
   if (p.explained < 0.0) return -1e300;
   double det = 1.0;
   const auto h = heights(p, tempering, det);
@@ -16388,8 +16499,8 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
-template <class Vector3d>
-inline void BayesLocalizer::predict(double step_s) {
+template <class VectorXd>
+inline void BayesLocalizerOf<VectorXd>::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
   number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
@@ -16409,8 +16520,8 @@ inline void BayesLocalizer::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
-template <class VectorXd, class Vector3d>
-inline LocationEstimate BayesLocalizer::update(const Profile& response) {
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::update(const Dependent<Profile, VectorXd>& response) {
   if (response.value.size() != config_.position_m.size())
     throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
@@ -16466,8 +16577,8 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   return answer(stamp_ns_);
 }
 
-template <class>
-inline ContactLocation BayesLocalizer::one() const {
+template <class VectorXd>
+inline ContactLocation BayesLocalizerOf<VectorXd>::one() const {
   const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
   // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
@@ -16478,8 +16589,8 @@ inline ContactLocation BayesLocalizer::one() const {
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
-template <class>
-inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::answer(std::int64_t stamp_ns) const {
   LocationEstimate e{stamp_ns, 0, {}, 1.0};
   if (fresh_) return e;
   Eigen::Index n = 0;
@@ -16517,7 +16628,7 @@ struct HandContact {
   double peak_DN = 0.0;          ///< largest residual
   double mean_DN = 0.0;          ///< over the region
   double area_m2 = 0.0;
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();   ///< of the centroid
+  Eigen::Vector2d pixel{0.0, 0.0};   ///< of the centroid
   std::vector<std::pair<int, int>> cells;            ///< of HandObserver's grid, along and across
 };
 
@@ -16532,8 +16643,14 @@ struct HandEstimate {
 
 /// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting holes, compared with the unloaded picture of the nearest
 /// joint configuration, freed of global and slow differences of green, and what is left in absolute value above the noise is cut into connected regions.
-class HandObserver {
+template <class MatrixXd = Eigen::MatrixXd>
+class HandObserverOf {
  public:
+  using HandLink = Dependent<lumo::HandLink, MatrixXd>;
+  using LinkMap = Dependent<lumo::LinkMap, MatrixXd>;
+  using HandContact = Dependent<lumo::HandContact, MatrixXd>;
+  using HandEstimate = Dependent<lumo::HandEstimate, MatrixXd>;
+
   struct Config {
     double cell_m = 1.0_mm;            ///< of the grid on which a link's side is read
     double threshold = 6.0;            ///< a region must reach so many noises
@@ -16545,7 +16662,7 @@ class HandObserver {
   };
 
   /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
-  HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
+  HandObserverOf(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
     if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(detail::text("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
@@ -16558,7 +16675,7 @@ class HandObserver {
     for (const HandLink& l : links_) {
       const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
       grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
-      require_in_range("cells of a link's grid", double(grid_.back()[0]) * grid_.back()[1], 1, 20000, "");
+      require_in_range("cells of a link's grid", double(grid_.back().along) * grid_.back().across, 1, 20000, "");
     }
   }
 
@@ -16569,7 +16686,7 @@ class HandObserver {
   std::pair<double, double> cell_m(int link) const {
     const HandLink& l = links_[std::size_t(link)];
     const auto& g = grid_[std::size_t(link)];
-    return {(l.y_high_m - l.y_low_m) / g[0], (l.z_high_m - l.z_low_m) / g[1]};
+    return {(l.y_high_m - l.y_low_m) / g.along, (l.z_high_m - l.z_low_m) / g.across};
   }
   /// Middle of a cell in the link's plane [m].
   std::pair<double, double> place(int link, int along, int across) const {
@@ -16579,51 +16696,47 @@ class HandObserver {
   }
 
   /// Adds a picture of the unloaded hand to the references of each link that is seen; how many were.
-  template <class = void>
   int add_reference(const JointVector& joints, const ImageView& image);
 
   /// Causal: what it says depends on this frame, the references, and where links were seen before.
-  template <class = void>
   HandEstimate observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image);
   /// What can be said without a picture or joints.
-  template <class = void>
   HandEstimate unseen(std::int64_t stamp_ns) const {
     return {stamp_ns, std::vector<bool>(links_.size(), false), std::vector<int>(links_.size(), -1), last_, {}};
   }
 
  private:
-  using Grid = Eigen::MatrixXd;   ///< along × across [DN]
+  using Grid = MatrixXd;   ///< along × across [DN]
+  struct Cells {
+    int along, across;
+  };
   struct Reference {
     std::vector<double> joints;
     LinkMap map;
     Grid green;
   };
 
-  template <class = void>
   std::vector<double> joints_of(int link, const JointVector& all) const;
   std::pair<int, double> nearest(int link, const std::vector<double>& joints) const;
-  template <class = void>
   std::optional<LinkMap> find(int link, int nearest, const ImageView& image);
-  template <class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d>
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
-  template <class MatrixXd = Eigen::MatrixXd>
   Grid levelled(const Grid& difference) const;
-  template <class MatrixXd = Eigen::MatrixXd>
   const Grid& noise(int link);
-  template <class Vector2d = Eigen::Vector2d>
   void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
 
   std::vector<HandLink> links_;
   std::vector<LinkMap> last_;
   Config config_;
-  std::vector<std::array<int, 2>> grid_;
+  std::vector<Cells> grid_;
   std::vector<std::vector<Reference>> library_;   ///< by link
   std::vector<std::vector<Grid>> steps_;          ///< by link: what differs between each reference and its nearest one before, in absolute value
   std::vector<Grid> noise_;                       ///< by link; empty where references have come since
 };
 
-template <class>
-inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
+using HandObserver = HandObserverOf<>;
+
+template <class MatrixXd>
+inline std::vector<double> HandObserverOf<MatrixXd>::joints_of(int link, const JointVector& all) const {
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
     if (j < 0 || j >= all.size()) throw InvalidArgument(detail::text("link '", detail::printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
@@ -16634,7 +16747,8 @@ inline std::vector<double> HandObserver::joints_of(int link, const JointVector& 
 }
 
 /// Number and distance [rad] of the reference whose farthest joint is nearest; −1 without any.
-inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<double>& joints) const {
+template <class MatrixXd>
+inline std::pair<int, double> HandObserverOf<MatrixXd>::nearest(int link, const std::vector<double>& joints) const {
   std::pair<int, double> best{-1, std::numeric_limits<double>::infinity()};
   const auto& all = library_[std::size_t(link)];
   for (std::size_t r = 0; r < all.size(); ++r) {
@@ -16646,8 +16760,8 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
 }
 
 /// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
-template <class>
-inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const ImageView& image) {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
   if (nearest >= 0) {
@@ -16659,14 +16773,14 @@ inline std::optional<LinkMap> HandObserver::find(int link, int nearest, const Im
 }
 
 /// Green at the cells' middles, bilinear; NaN outside the image.
-template <class MatrixXd, class Vector2d>
-inline HandObserver::Grid HandObserver::read(int link, const LinkMap& map, const ImageView& image) const {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::read(int link, const LinkMap& map, const ImageView& image) const -> Grid {
   const auto [along, across] = grid_[std::size_t(link)];
   MatrixXd g(along, across);
   for (int i = 0; i < along; ++i)
     for (int j = 0; j < across; ++j) {
       const auto [y, z] = place(link, i, j);
-      const Vector2d p = map.pixel(y, z);
+      const auto p = map.pixel(y, z);
       const int x0 = int(std::floor(p.x())), y0 = int(std::floor(p.y()));
       if (x0 < 0 || y0 < 0 || x0 + 1 >= image.width || y0 + 1 >= image.height) {
         g(i, j) = std::numeric_limits<double>::quiet_NaN();
@@ -16681,7 +16795,7 @@ inline HandObserver::Grid HandObserver::read(int link, const LinkMap& map, const
 /// Without its slow part along the link: the straight line through the means across that passes closest to two fifths of them, for contacts may cover more than half of
 /// a link (least quantile of squares, after Rousseeuw 1984, over all pairs of means; then least squares over those near it).
 template <class MatrixXd>
-inline HandObserver::Grid HandObserver::levelled(const Grid& difference) const {
+inline auto HandObserverOf<MatrixXd>::levelled(const Grid& difference) const -> Grid {
   std::vector<std::array<double, 2>> mean;   // row and mean, of rows that are seen
   for (Eigen::Index i = 0; i < difference.rows(); ++i) {
     double sum = 0.0;
@@ -16717,8 +16831,8 @@ inline HandObserver::Grid HandObserver::levelled(const Grid& difference) const {
   return rest;
 }
 
-template <class>
-inline int HandObserver::add_reference(const JointVector& joints, const ImageView& image) {
+template <class MatrixXd>
+inline int HandObserverOf<MatrixXd>::add_reference(const JointVector& joints, const ImageView& image) {
   int count = 0;
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -16740,7 +16854,7 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
 /// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal number. Beside an LED, where a fraction of a pixel
 /// counts, it is several times that of the plain side.
 template <class MatrixXd>
-inline const HandObserver::Grid& HandObserver::noise(int link) {
+inline auto HandObserverOf<MatrixXd>::noise(int link) -> const Grid& {
   MatrixXd& sigma = noise_[std::size_t(link)];
   if (sigma.size() > 0) return sigma;
   const auto [along, across] = grid_[std::size_t(link)];
@@ -16754,8 +16868,8 @@ inline const HandObserver::Grid& HandObserver::noise(int link) {
   return sigma;
 }
 
-template <class>
-inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) {
+template <class MatrixXd>
+inline auto HandObserverOf<MatrixXd>::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) -> HandEstimate {
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -16770,8 +16884,8 @@ inline HandEstimate HandObserver::observe(std::int64_t stamp_ns, const JointVect
   return e;
 }
 
-template <class Vector2d>
-inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
+template <class MatrixXd>
+inline void HandObserverOf<MatrixXd>::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
@@ -16817,11 +16931,11 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
 namespace lumo {
 
 /// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
-template <class Matrix2Xd = Eigen::Matrix2Xd>
+template <class HandLink = HandLink, class LinkMap = LinkMap>
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
-  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit<Matrix2Xd>(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
   return {std::move(links), std::move(first), std::move(config)};
 }
 
@@ -16840,7 +16954,8 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
 }
 
 /// Does a log's plan say that nothing touches the hand then?
-inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
+template <class Session = Session>
+inline bool is_unloaded(In<Session> session, std::int64_t stamp_ns) {
   return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
 }
 
@@ -16880,10 +16995,11 @@ class HandTouches {
   };
 
   /// Throws InputError.
-  static HandTouches from_table(std::istream& in, const std::string& name) {
+  template <class Touches = HandTouches>
+  static Touches from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
-    HandTouches t;
+    Touches t;
     while (csv.next()) {
       const std::int64_t number = csv.integer(link);
       const double y_m = 1e-3 * csv.number(y);
@@ -16894,6 +17010,7 @@ class HandTouches {
     std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     return t;
   }
+  template <class Touch = Touch>
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
     for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; }); row != rows_.end() && row->first == stamp_ns; ++row)
@@ -16916,7 +17033,8 @@ struct HandScore {
   static constexpr double near_m = 8.0_mm;
 
   /// One frame.
-  void add(const HandEstimate& e, const std::vector<HandTouches::Touch>& truth, double least_N = 5.0) {
+  template <class HandEstimate = HandEstimate, class Touch = HandTouches::Touch>
+  void add(In<HandEstimate> e, In<std::vector<Touch>> truth, double least_N = 5.0) {
     for (const auto& t : truth) {
       if (t.force_N < least_N) continue;
       ++touches;
@@ -16974,6 +17092,7 @@ namespace lumo {
 class PlanarFinger {
  public:
   /// `joint_to_joint_m`: from each joint's axis to the next one's; `joint_to_origin_m`: from the last one's to the pad's origin. Throws InvalidArgument.
+  template <class = void>
   PlanarFinger(std::vector<double> joint_to_joint_m, double joint_to_origin_m) : way_m_(std::move(joint_to_joint_m)), last_m_(joint_to_origin_m) {
     if (way_m_.size() >= std::size_t(max_joints)) throw InvalidArgument(detail::text("planar finger has ", way_m_.size() + 1, " joints, must have at most ", max_joints));
     for (const double l : way_m_) require_in_range("way from joint to joint", 1e3 * l, 0.0, 10000.0, "mm");
@@ -16984,8 +17103,8 @@ class PlanarFinger {
   int pad_link() const { return joints() - 1; }
 
   /// Seen from a joint, the normal force at y acts on the way along the pad's link to y, and on that part of each link between which lies along the pad's.
-  template <class = void>
-  JointVector column(const JointVector& q, const ContactPoint& c) const {
+  template <class JointVector = JointVector>
+  JointVector column(In<JointVector> q, const ContactPoint& c) const {
     check(q, c);
     JointVector torque = JointVector::Constant(joints(), last_m_ + c.y_m);
     double turn = 0.0;   // of the pad's link against the one looked at
@@ -16995,8 +17114,8 @@ class PlanarFinger {
     }
     return torque;
   }
-  template <class = void>
-  JointVector slope(const JointVector& q, const ContactPoint& c) const {
+  template <class JointVector = JointVector>
+  JointVector slope(In<JointVector> q, const ContactPoint& c) const {
     check(q, c);
     return JointVector::Ones(joints());
   }
@@ -17020,17 +17139,22 @@ static_assert(ContactJacobian<PlanarFinger>);
 namespace lumo {
 
 /// Revolute joints in a row, each with one link that may carry a pad.
-class SerialChain {
+template <class Vec3 = Vec3>
+class SerialChainOf {
  public:
+  using Mat3 = Dependent<lumo::Mat3, Vec3>;
+  using Isometry3d = Dependent<Eigen::Isometry3d, Vec3>;
+  using AngleAxisd = Dependent<Eigen::AngleAxisd, Vec3>;
+  using JointVector = Dependent<lumo::JointVector, Vec3>;
+
   struct Link {
-    Eigen::Isometry3d joint = Eigen::Isometry3d::Identity();  ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
-    Vec3 axis = Vec3::UnitX();                                ///< of rotation, in the joint's frame; unit
-    Eigen::Isometry3d finger = Eigen::Isometry3d::Identity();  ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
+    Isometry3d joint = Isometry3d::Identity();    ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
+    Vec3 axis = Vec3::UnitX();                    ///< of rotation, in the joint's frame; unit
+    Isometry3d finger = Isometry3d::Identity();   ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
-  template <class Mat3 = Mat3, class Isometry3d = Eigen::Isometry3d>
-  explicit SerialChain(std::vector<Link> links) : links_(std::move(links)) {
+  explicit SerialChainOf(std::vector<Link> links) : links_(std::move(links)) {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(detail::text("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
@@ -17045,23 +17169,19 @@ class SerialChain {
 
   int joints() const { return int(links_.size()); }
 
-  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   JointVector column(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     const Isometry3d& finger = p.finger;
     return torques(p, finger * Vec3(0.0, c.y_m, 0.0), finger.linear().col(2), true);
   }
-  template <class Isometry3d = Eigen::Isometry3d>
   JointVector slope(const JointVector& q, const ContactPoint& c) const {
     const Pose p = pose(q, c.link);
     const Isometry3d& finger = p.finger;
     return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
-  template <class Vec3 = Vec3>
   Vec3 position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3(0.0, c.y_m, 0.0); }
   /// Outward normal of the pad there, in the base's frame.
-  template <class Vec3 = Vec3, class Isometry3d = Eigen::Isometry3d>
   Vec3 normal(const JointVector& q, const ContactPoint& c) const {
     const Isometry3d finger = pose(q, c.link).finger;
     return finger.linear().col(2);
@@ -17069,11 +17189,10 @@ class SerialChain {
 
  private:
   struct Pose {
-    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
-    Eigen::Isometry3d finger;
+    Eigen::Matrix<typename Vec3::Scalar, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
+    Isometry3d finger;
   };
 
-  template <class Isometry3d = Eigen::Isometry3d, class AngleAxisd = Eigen::AngleAxisd, class Pose = Pose>
   Pose pose(const JointVector& q, int link) const {
     if (link < 0 || link >= joints()) throw InvalidArgument(detail::text("contact lies on link ", link, ", the chain has ", joints()));
     if (q.size() != joints()) throw InvalidArgument(detail::text("chain has ", joints(), " joints, got ", q.size(), " angles"));
@@ -17093,8 +17212,7 @@ class SerialChain {
   }
 
   /// The motors balance a force −n at `place`: axis · ((place − origin) × n). Directions have no origin.
-  template <class Vec3 = Vec3, class Pose = Pose, class JointVector = JointVector>
-  JointVector torques(In<Pose> p, In<Vec3> place, In<Vec3> n, bool is_place) const {
+  JointVector torques(const Pose& p, const Vec3& place, const Vec3& n, bool is_place) const {
     JointVector t = JointVector::Zero(joints());
     for (Eigen::Index i = 0; i < p.axis.cols(); ++i) {
       const Vec3 arm = is_place ? Vec3(place - p.origin.col(i)) : place;
@@ -17105,6 +17223,8 @@ class SerialChain {
 
   std::vector<Link> links_;
 };
+
+using SerialChain = SerialChainOf<>;
 
 static_assert(ContactJacobian<SerialChain>);
 
@@ -17156,7 +17276,7 @@ namespace lumo {
 struct ContactBelief {
   double y_m = 0.0;
   double force_N = 0.0;
-  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< of (y [m], F [N])
+  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], F [N])
 };
 
 /// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are what is seen: y, and the
@@ -17456,7 +17576,7 @@ struct ForceEstimate {
   std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
   /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or combinations) are.
   int rank = 0;
-  Eigen::Matrix2d null_directions = Eigen::Matrix2d::Zero();  ///< the last 2 − rank columns: unit directions that the data leave open
+  Eigen::Matrix2d null_directions{{0.0, 0.0}, {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
   std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
   std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
 };
@@ -17484,7 +17604,7 @@ struct TorqueOnlySolution {
   double y_m = 0.0;
   double force_N = 0.0;
   int rank = 0;                                         ///< of (y, force): 2 both, 1 a combination, 0 nothing
-  Eigen::Vector2d null_direction = Eigen::Vector2d::Zero();  ///< (y in units of 10 mm, force in N), unit; where the rank is 1
+  Eigen::Vector2d null_direction{0.0, 0.0};  ///< (y in units of 10 mm, force in N), unit; where the rank is 1
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();   ///< of (y [m], force [N]); where the rank is 2
 };
 
@@ -17543,11 +17663,14 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, In<JointVector> q, In<Jo
 namespace lumo {
 
 /// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
-class FrameMonitor {
+template <class VectorXd = Eigen::VectorXd>
+class FrameMonitorOf {
  public:
+  using Profile = Dependent<lumo::Profile, VectorXd>;
+
   struct Config {
-    Eigen::VectorXd position_m;        ///< of the profile's values
-    Eigen::VectorXd unloaded;          ///< mean profile without contact
+    VectorXd position_m;               ///< of the profile's values
+    VectorXd unloaded;                 ///< mean profile without contact
     std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
     double period_s = 1.0 / 30.0;      ///< of the frames
     double max_age_s = 0.15;           ///< from stamp to arrival
@@ -17561,7 +17684,7 @@ class FrameMonitor {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit FrameMonitor(Config config) : config_(std::move(config)) {
+  explicit FrameMonitorOf(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
       throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
@@ -17590,8 +17713,7 @@ class FrameMonitor {
   }
 
   /// The light itself, before the reference is subtracted.
-  template <class Profile = Profile>
-  Verdict check_light(In<Profile> p, double exposure_s, double gain) {
+  Verdict check_light(const Profile& p, double exposure_s, double gain) {
     Verdict v;
     const bool same = last_.size() == p.value.size() && last_ == p.value;
     last_ = p.value;
@@ -17627,7 +17749,6 @@ class FrameMonitor {
 
  private:
   /// Of the position that is nearest to the LED.
-  template <class VectorXd = Eigen::VectorXd>
   double led_ratio(double y) const {
     const VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;
@@ -17636,10 +17757,12 @@ class FrameMonitor {
   }
 
   Config config_;
-  Eigen::VectorXd last_, ratio_, sorted_;
+  VectorXd last_, ratio_, sorted_;
   std::int64_t stamp_ns_ = 0;
   bool seen_ = false;
 };
+
+using FrameMonitor = FrameMonitorOf<>;
 
 }  // namespace lumo
 
@@ -17688,10 +17811,10 @@ namespace lumo::detail {
 
 /// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
 /// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
-class Strip {
+template <class AxisMap = AxisMap>
+class StripOf {
  public:
-  template <class = void>
-  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
+  StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
 
   bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
 
@@ -17700,7 +17823,6 @@ class Strip {
   void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
 
   /// Share of bytes of the measured channel that are 255, on every eighth row read.
-  template <class = void>
   double saturated_share(const ImageView& image) const;
 
  private:
@@ -17709,7 +17831,6 @@ class Strip {
     int place;              ///< first place along the axis; a run along the axis goes on from it, one across it stays
   };
 
-  template <class = void>
   void flush();
 
   int width_, height_, places_ = 0, channels_, channel_;
@@ -17723,8 +17844,10 @@ class Strip {
   std::vector<double> integral_;               ///< of the mean, from the first place
 };
 
-template <class>
-inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
+using Strip = StripOf<>;
+
+template <class AxisMap>
+inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
   require_in_range("frame width", width, 1, max_image_side, "px");
   require_in_range("frame height", height, 1, max_image_side, "px");
@@ -17784,14 +17907,15 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
   integral_.resize(std::size_t(places_) + 1);
 }
 
-template <class>
-inline void Strip::flush() {
+template <class AxisMap>
+inline void StripOf<AxisMap>::flush() {
   for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
 }
 
+template <class AxisMap>
 template <class Value>
-void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
+void StripOf<AxisMap>::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
   std::fill(wide_.begin(), wide_.end(), 0u);
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
   int rows = 0, row = -1;
@@ -17837,8 +17961,8 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
   }
 }
 
-template <class>
-inline double Strip::saturated_share(const ImageView& image) const {
+template <class AxisMap>
+inline double StripOf<AxisMap>::saturated_share(const ImageView& image) const {
   std::size_t full = 0, seen = 0;
   int row = -1, turn = 7;
   for (const Run& run : runs_) {
@@ -17861,8 +17985,11 @@ namespace lumo {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
 /// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
-class GreenProfile {
+template <class AxisMap = AxisMap>
+class GreenProfileOf {
  public:
+  using LongitudinalBins = Dependent<lumo::LongitudinalBins, AxisMap>;
+  using Strip = detail::StripOf<AxisMap>;
   using Sample = Frame;
 
   struct Config {
@@ -17876,8 +18003,7 @@ class GreenProfile {
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  template <class = void>
-  explicit GreenProfile(const Config& config)
+  explicit GreenProfileOf(const Config& config)
       : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
 
@@ -17891,12 +18017,14 @@ class GreenProfile {
   const Eigen::VectorXd& positions_m() const { return centres_; }
 
   /// The pixels that a configuration reads. Throws as the constructor.
-  static detail::Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
+  static Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
 
  private:
-  detail::Strip strip_;
+  Strip strip_;
   Eigen::VectorXd centres_;
 };
+
+using GreenProfile = GreenProfileOf<>;
 
 static_assert(Readout<GreenProfile>);
 
@@ -17915,6 +18043,7 @@ class PositiveGreenProfile {
     if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
   }
 
+  template <class Frame, class Profile>
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
     profile.stamp_ns = frame.stamp_ns;
@@ -18055,10 +18184,10 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
-  template <class = void>
-  JointVector column(const JointVector&, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
-  template <class = void>
-  JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
+  template <class JointVector = JointVector>
+  JointVector column(In<JointVector>, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
+  template <class JointVector = JointVector>
+  JointVector slope(In<JointVector>, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
 
 static_assert(ContactJacobian<MomentArm>);
@@ -18423,6 +18552,7 @@ struct ForceErrors {
 class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
+  template <class = void>
   ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
@@ -18515,7 +18645,8 @@ class PhotonTransfer {
   };
 
   /// One frame; the next one makes a pair with it. Throws InvalidArgument for another size or format.
-  void add(const ImageView& v);
+  template <class ImageView = ImageView>
+  void add(In<ImageView> v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
   template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2d = Eigen::Matrix2d>
@@ -18535,6 +18666,7 @@ struct LampLevel {
 };
 
 /// `lit` and `dark` are mean pictures of one view. Throws InvalidArgument for sizes that differ, or no light.
+template <class = void>
 inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const Interval& gain_DN_per_electron) {
   if (lit.empty() || lit.width != dark.width || lit.height != dark.height) throw InvalidArgument("lamp level: the lit and the dark picture must have one size");
   std::vector<double> difference;
@@ -18578,7 +18710,8 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
   return fit;
 }
 
-inline void PhotonTransfer::add(const ImageView& v) {
+template <class ImageView>
+inline void PhotonTransfer::add(In<ImageView> v) {
   if (v.empty()) throw InvalidArgument("photon transfer: a picture is empty");
   const auto n = std::size_t(v.width) * std::size_t(v.height);
   if (frames_ == 0) sum_.assign(n, 0.0), squares_.assign(n, 0.0);
@@ -18640,6 +18773,7 @@ namespace lumo {
 struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
+  template <class = void>
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000} : UnloadedStretch{known->from_ns, known->to_ns};
@@ -18650,6 +18784,7 @@ struct UnloadedStretch {
 /// Mean of pictures of one size and format; what differs from the first is left out.
 class MeanImage {
  public:
+  template <class = void>
   void add(const ImageView& v) {
     if (v.empty()) return;
     const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
@@ -18661,6 +18796,7 @@ class MeanImage {
   }
   int count() const { return count_; }
   /// Rounded. Empty when nothing was added.
+  template <class = void>
   Image image() const {
     Image m = mean_;
     for (std::size_t i = 0; i < sum_.size(); ++i) m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
@@ -18716,7 +18852,7 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 }
 
 /// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
-template <class = void>
+template <class LedDetection = LedDetection>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   const double parallax = led_parallax(session);
@@ -18737,7 +18873,7 @@ FingerView view_finger(C& camera, const Session& session, const UnloadedStretch&
 }
 
 /// Profiles of all frames that the readout can read.
-template <Camera C>
+template <Camera C, class Profile = Profile>
 std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
   std::vector<Profile> list;
   Profile p;
@@ -18915,9 +19051,9 @@ class LogTruth {
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
   /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
-  template <class = void>
-  static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
-    LogTruth t;
+  template <class Truth = LogTruth>
+  static Truth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
+    Truth t;
     t.segments_ = session.segments;
     double tare = 0.0;
     long count = 0;
@@ -18930,12 +19066,12 @@ class LogTruth {
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
-  template <class = void>
-  static LogTruth from_table(std::istream& in, const std::string& name) {
+  template <class Truth = LogTruth>
+  static Truth from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     detail::StampColumn stamp(csv);
     const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
-    LogTruth t;
+    Truth t;
     while (csv.next()) {
       const std::int64_t at = stamp.read(csv);
       t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
@@ -18944,7 +19080,7 @@ class LogTruth {
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
-  template <class = void>
+  template <class Touch = Touch>
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
       const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
@@ -19071,7 +19207,7 @@ inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, cons
 }
 
 /// Localises in profiles of a log. Frames that cannot be read are left out.
-template <LocationEstimator L>
+template <LocationEstimator L, class LogEstimate = LogEstimate>
 std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const UnloadedReference& unloaded, L localizer) {
   std::vector<LogEstimate> list;
   for (Profile p : profiles) {
@@ -19085,8 +19221,8 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 }
 
 /// The step in which a joint's efforts come, as a driver's few bits make it; 0 where they are not whole multiples of one apart.
-template <class = void>
-double effort_step(const std::vector<JointSample>& samples, int joint) {
+template <class JointSample = JointSample>
+double effort_step(In<std::vector<JointSample>> samples, int joint) {
   double step = std::numeric_limits<double>::infinity();
   int changes = 0;
   for (std::size_t i = 1; i < samples.size(); ++i)
@@ -19101,8 +19237,8 @@ double effort_step(const std::vector<JointSample>& samples, int joint) {
 
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
-template <class = void>
-inline JointReference identify_joints(const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
+template <class JointSample = JointSample, class JointReference = JointReference>
+inline JointReference identify_joints(In<std::vector<JointSample>> samples, const Session& session, std::int64_t until_ns) {
   JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
@@ -19148,8 +19284,8 @@ typename Estimator::Config force_config(const JointReference& reference, const S
 
 /// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
 /// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
-template <class MakeCamera, LocationEstimator L, ContactJacobian J>
-std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
+template <class MakeCamera, LocationEstimator L, ContactJacobian J, class JointSample = JointSample, class LogEstimate = LogEstimate>
+std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, In<std::vector<JointSample>> samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
                                          const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
   if (samples.size() < 2 || reference.joints.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
@@ -19185,8 +19321,8 @@ struct LocationScore {
   double coverage_90 = 0.0;  ///< share of the located ones whose 90 % interval holds the truth
 };
 
-template <class PlaceOf>
-LocationScore location_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
+template <class PlaceOf, class LogEstimate = LogEstimate, class ContactLocation = ContactLocation>
+LocationScore location_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
   LocationScore s;
   int covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -19212,8 +19348,8 @@ struct ForceScore {
   double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
 };
 
-template <ContactJacobian J>
-ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
+template <ContactJacobian J, class LogEstimate = LogEstimate, class ForceSample = ForceSample>
+ForceScore force_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -19260,6 +19396,7 @@ struct Ensemble {
 };
 
 /// The paper's pad-normal contacts: 4 diameters × 7 places.
+template <class Ensemble = Ensemble>
 inline Ensemble flat_ensemble() { return {}; }
 
 /// The paper's contacts under five approach angles: 4 × 5 × 7.
@@ -19478,6 +19615,11 @@ struct SolvedScenario {
 template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, Light>;
+  using Response = Dependent<lumo::Response, Light>;
+  using ScenarioRecord = Dependent<lumo::ScenarioRecord, Light>;
+  using SolvedScenario = Dependent<detail::SolvedScenario, Light>;
+
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
@@ -19543,10 +19685,10 @@ class Lighting {
     for (std::size_t i = 0; i < jobs.size(); ++i) {
       const auto& [place, r, state] = jobs[i];
       if (state == nullptr) continue;
-      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
+      const MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      MatrixXd& sum = records_[state->solve].states[state->state].change;
       const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
+      sum = r == 0 ? change : MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
@@ -19945,10 +20087,11 @@ concept CampaignLog = requires(L& log, const L& view, std::function<std::optiona
 /// A log that lives as long as its process.
 class MemoryLog {
  public:
+  template <class = void>
   explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
 
   /// All entries, without their records.
-  template <class = void>
+  template <class LogEntry = LogEntry>
   std::vector<LogEntry> entries() const {
     std::vector<LogEntry> list = entries_;
     for (LogEntry& e : list) e.record.clear();
@@ -19992,6 +20135,7 @@ struct TrialEntry {
 };
 
 /// The shortest text that reads back as the same number.
+template <class = void>
 inline std::string exact_text(double value) {
   char text[32];
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
@@ -20004,8 +20148,11 @@ inline std::string trial_text(int id, const std::vector<double>& values) {
   return s;
 }
 
+template <class = void>
 inline LogEntry ask_entry(int id, const std::vector<double>& design) { return {0, "ask", trial_text(id, design), "", ""}; }
+template <class = void>
 inline LogEntry tell_entry(int id, const std::vector<double>& outputs) { return {0, "tell", trial_text(id, outputs), "", ""}; }
+template <class = void>
 inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, "fail", std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
 }
@@ -20327,8 +20474,8 @@ namespace lumo {
 /// processes of the trials told so far: how much of the choice is the search's luck. Both objectives are maximised, reference (0, 0).
 /// `make_optimizer(problem)` gives a fresh optimiser; `watch()` is called after each search, from any thread. Empty where a search found
 /// nothing to choose. Throws InvalidArgument with fewer than two told trials.
-template <class MakeOptimizer, Executor E, class Watch>
-std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, const std::vector<Trial>& trials, int seeds, int evaluations, const MakeOptimizer& make_optimizer,
+template <class MakeOptimizer, Executor E, class Watch, class Trial = Trial, class VectorXd = Eigen::VectorXd>
+std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, In<std::vector<Trial>> trials, int seeds, int evaluations, const MakeOptimizer& make_optimizer,
                                                       const E& executor, const Watch& watch) {
   std::vector<const Trial*> told;
   for (const Trial& t : trials)
@@ -20341,7 +20488,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
   std::vector<GaussianProcess<>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
     for (Eigen::Index j = 0; j < n; ++j) {
-      data.x.col(j) = Eigen::Map<const Eigen::VectorXd>(told[std::size_t(j)]->x.data(), d);
+      data.x.col(j) = Eigen::Map<const VectorXd>(told[std::size_t(j)]->x.data(), d);
       data.y[j] = told[std::size_t(j)]->outputs[k];
     }
     models.push_back(GaussianProcess<>::fit(data));
@@ -20355,7 +20502,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
     auto optimizer = make_optimizer(searched);
     std::vector<std::pair<double, double>> found;
     while (const std::optional<Trial> trial = optimizer.ask()) {
-      const Eigen::MatrixXd x = Eigen::Map<const Eigen::VectorXd>(trial->x.data(), d);
+      const Eigen::MatrixXd x = Eigen::Map<const VectorXd>(trial->x.data(), d);
       found.emplace_back(models[0].mean(x)[0], models[1].mean(x)[0]);
       optimizer.tell(trial->id, {found.back().first, found.back().second});
     }
@@ -20389,7 +20536,7 @@ struct MatchedStudy {
 };
 
 /// Contacts at the middle of the finger, along the pad normal, with the smallest and the largest sphere of the paper.
-template <class = void>
+template <class Ensemble = Ensemble>
 inline Ensemble middle_contacts() {
   Ensemble e;
   e.diameters_m = {10e-3, 30e-3};
@@ -20402,7 +20549,7 @@ inline constexpr int largest_study = 500;
 
 /// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
 /// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
-template <class = void>
+template <class Problem = Problem>
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
   if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
@@ -20421,7 +20568,7 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
-template <class MatrixXd = Eigen::MatrixXd>
+template <class MatrixXd = Eigen::MatrixXd, class Estimate = Estimate>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
@@ -20497,7 +20644,7 @@ struct PairedSummary {
 };
 
 /// Empty without differences.
-template <class = void>
+template <class PairedSummary = PairedSummary>
 inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& differences) {
   if (differences.empty()) return std::nullopt;
   PairedSummary s;
@@ -20632,7 +20779,8 @@ inline void validate(const PadResponses& r, const std::string& name) {
   const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
   const auto ascend = [](const VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
-  require((r.position_m + r.position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
+  const VectorXd& position_m = r.position_m;
+  require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
   require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
   require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
@@ -20643,11 +20791,14 @@ inline void validate(const PadResponses& r, const std::string& name) {
 }
 
 /// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
-class PadLight {
+template <class VectorXd = Eigen::VectorXd>
+class PadLightOf {
  public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
+  using PadResponses = Dependent<lumo::PadResponses, VectorXd>;
+
   /// Throws InputError for responses that do not fit together.
-  template <class MatrixXd = Eigen::MatrixXd>
-  explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
+  explicit PadLightOf(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
     for (const MatrixXd& m : r_.change) slope_.push_back(slopes(m));
     for (const MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
@@ -20668,8 +20819,7 @@ class PadLight {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
-  template <class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
+  VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
@@ -20680,14 +20830,12 @@ class PadLight {
     }
     return y_m < 0.0 ? VectorXd(v.reverse()) : v;
   }
-  template <class VectorXd = Eigen::VectorXd>
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     const VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
-  template <class = void>
   double load_N(double y_m, double depth_m) const {
     const double most = max_load_N(), end = this->depth_m(y_m, most);
     if (!(depth_m > 0.0)) return 0.0;
@@ -20702,8 +20850,7 @@ class PadLight {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
-  template <class VectorXd = Eigen::VectorXd>
-  static std::pair<std::size_t, double> between(In<VectorXd> x, double at) {
+  static std::pair<std::size_t, double> between(const VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
     if (at >= x[last]) return {std::size_t(last), 0.0};
@@ -20714,8 +20861,7 @@ class PadLight {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  Eigen::MatrixXd slopes(In<MatrixXd> value) const {
+  MatrixXd slopes(const MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
     for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? VectorXd(value.col(k - 1)) : VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
@@ -20729,8 +20875,7 @@ class PadLight {
     }
     return slope;
   }
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  Eigen::VectorXd at_load(In<MatrixXd> value, In<MatrixXd> slope, double at) const {
+  VectorXd at_load(const MatrixXd& value, const MatrixXd& slope, double at) const {
     const Eigen::Index n = value.cols();
     if (!(at > 0.0)) return VectorXd::Zero(value.rows());
     if (at >= load(n)) return value.col(n - 1);
@@ -20742,7 +20887,7 @@ class PadLight {
     return v;
   }
   /// v += share · f(y − shift), f linear between bins and 0 beyond.
-  void add_moved(Eigen::VectorXd& v, double share, const Eigen::VectorXd& f, double shift_m) const {
+  void add_moved(VectorXd& v, double share, const VectorXd& f, double shift_m) const {
     const double width = r_.position_m[1] - r_.position_m[0];
     const Eigen::Index n = v.size();
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -20754,9 +20899,11 @@ class PadLight {
   }
 
   PadResponses r_;
-  std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
-  Eigen::MatrixXd depth_slope_;
+  std::vector<MatrixXd> slope_, tilt_slope_;
+  MatrixXd depth_slope_;
 };
+
+using PadLight = PadLightOf<>;
 
 }  // namespace lumo
 
@@ -20784,6 +20931,7 @@ struct SideSight {
     return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
   }
   /// Middles of the bins of one side [m].
+  template <class = void>
   std::vector<double> positions_m() const {
     std::vector<double> y;
     for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
@@ -20795,7 +20943,8 @@ static_assert(ExitReadout<SideSight>);
 
 /// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
 /// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
-inline Body seen_from_sides(Body body, const SideSight& sight, double min_abs_nx = 0.5) {
+template <class Body = Body>
+inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
   require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
   require_positive("range of the side's sight", sight.half_range_m, "m");
   require_in_range("cone of the side's sight", sight.cone_rad, 0.01, pi, "rad");
@@ -20967,6 +21116,7 @@ inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
 }
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
+template <class = void>
 void validate(const CastingOptions& options, const CastSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
@@ -20979,6 +21129,7 @@ struct CastingLayout {
   double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
   double strip_y;                                 ///< half the LED strip
 
+  template <class = void>
   CastingLayout(const CastSection& s, const CastingOptions& o) {
     const double c = o.clearance;
     half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
@@ -20994,6 +21145,7 @@ struct CastingLayout {
   static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
 };
 
+template <class>
 inline void validate(const CastingOptions& o, const CastSection& s) {
   namespace limits = casting_limits;
   require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
@@ -21030,20 +21182,19 @@ namespace lumo {
 /// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
 /// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
 /// told is what is made, and surface() checks that it bounds a solid.
-class FacetedSolid {
+template <class Vec3 = Vec3>
+class FacetedSolidOf {
  public:
+  using TriangleSurface = Dependent<lumo::TriangleSurface, Vec3>;
   using Loop = std::vector<Vec3>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
-  template <class = void>
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
   /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
   /// Outward for a loop that is counter-clockwise seen from the side of `to`.
-  template <class = void>
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
-  template <class = void>
   TriangleSurface surface() const;
 
  private:
@@ -21052,55 +21203,54 @@ class FacetedSolid {
     std::vector<std::vector<int>> holes;
   };
 
-  template <class = void>
   int vertex(const Vec3& p);
-  template <class = void>
   std::vector<int> numbers(const Loop& loop);
-  template <class Vec3 = Vec3>
   std::vector<int> with_corners_between(const std::vector<int>& loop) const;
 
   std::vector<Vec3> vertices_;
-  std::map<std::array<double, 3>, int> known_;
+  std::map<std::array<typename Vec3::Scalar, 3>, int> known_;
   std::vector<Face> faces_;
 };
 
+using FacetedSolid = FacetedSolidOf<>;
+
 /// The loop the other way round.
-template <class = void>
-inline FacetedSolid::Loop reversed(FacetedSolid::Loop loop) {
+template <class Loop = FacetedSolid::Loop>
+inline Loop reversed(std::type_identity_t<Loop> loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }
 
-template <class>
-inline int FacetedSolid::vertex(const Vec3& p) {
+template <class Vec3>
+inline int FacetedSolidOf<Vec3>::vertex(const Vec3& p) {
   const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
 
-template <class>
-inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
+template <class Vec3>
+inline std::vector<int> FacetedSolidOf<Vec3>::numbers(const Loop& loop) {
   std::vector<int> n;
   for (const Vec3& p : loop) n.push_back(vertex(p));
   return n;
 }
 
-template <class>
-inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
+template <class Vec3>
+inline void FacetedSolidOf<Vec3>::face(const Loop& outline, const std::vector<Loop>& holes) {
   Face f{numbers(outline), {}};
   for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
   faces_.push_back(std::move(f));
 }
 
-template <class>
-inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
+template <class Vec3>
+inline void FacetedSolidOf<Vec3>::band(const Loop& from, const Loop& to, bool closed) {
   const std::size_t n = from.size();
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
 }
 
 /// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
 template <class Vec3>
-inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
+inline std::vector<int> FacetedSolidOf<Vec3>::with_corners_between(const std::vector<int>& loop) const {
   std::vector<int> full;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int from = loop[i], to = loop[(i + 1) % loop.size()];
@@ -21109,20 +21259,25 @@ inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int
     for (int axis = 0; axis < 3; ++axis) {
       const int u = (axis + 1) % 3, v = (axis + 2) % 3;
       if (a[u] != b[u] || a[v] != b[v]) continue;
-      std::vector<std::pair<double, int>> between;
+      struct Corner {
+        double way;
+        int vertex;
+        auto operator<=>(const Corner&) const = default;
+      };
+      std::vector<Corner> between;
       for (std::size_t k = 0; k < vertices_.size(); ++k) {
         const Vec3& p = vertices_[k];
-        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.emplace_back(std::abs(p[axis] - a[axis]), int(k));
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
       }
       std::sort(between.begin(), between.end());
-      for (const auto& corner : between) full.push_back(corner.second);
+      for (const auto& corner : between) full.push_back(corner.vertex);
     }
   }
   return full;
 }
 
-template <class>
-inline TriangleSurface FacetedSolid::surface() const {
+template <class Vec3>
+inline auto FacetedSolidOf<Vec3>::surface() const -> TriangleSurface {
   TriangleSurface s{vertices_, {}};
   for (const Face& f : faces_) {
     const std::vector<int> outline = with_corners_between(f.outline);
@@ -21142,7 +21297,7 @@ inline TriangleSurface FacetedSolid::surface() const {
     };
     std::vector<std::vector<int>> local_holes;
     for (const auto& hole : holes) local_holes.push_back(local(hole));
-    const auto triangles = detail::PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
+    const auto triangles = detail::PolygonTrianglesOf<Vec3>(corners, normal).cut(local(outline), std::move(local_holes));
     if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
     for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }
@@ -21271,7 +21426,7 @@ struct Opening {
 };
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
-template <class = void>
+template <class Opening = Opening>
 std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
@@ -21283,7 +21438,7 @@ TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& o
 template <class = void>
 TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
-template <class>
+template <class Opening>
 inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
@@ -21299,16 +21454,18 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
 namespace detail {
 
 /// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
-class MouldHalf {
+template <class Vec3 = Vec3>
+class MouldHalfOf {
  public:
-  template <class = void>
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  using CastSection = Dependent<lumo::CastSection, Vec3>;
+  using FacetedSolid = Dependent<lumo::FacetedSolid, Vec3>;
+
+  MouldHalfOf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
     if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
   }
 
-  template <class = void>
   TriangleSurface surface() {
     cavity();
     parting();
@@ -21320,25 +21477,26 @@ class MouldHalf {
   }
 
  private:
-  using Loop = FacetedSolid::Loop;
-  using Corners = std::vector<std::array<double, 2>>;
+  using Loop = typename FacetedSolid::Loop;
+  using Corners = decltype(CastSection::outline);
+
+  struct Notch {
+    double from, to;   ///< along x
+  };
 
   /// Of corners (x, z), in a plane of constant y.
-  template <class = void>
   static Loop upright(const Corners& corners, double y) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
     return loop;
   }
   /// Of corners (y, z), in a plane of constant x.
-  template <class = void>
   static Loop lengthwise(const Corners& corners, double x) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
     return loop;
   }
   /// Of corners (x, y), in a plane of constant z.
-  template <class = void>
   static Loop level(const Corners& corners, double z) {
     Loop loop;
     for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
@@ -21346,38 +21504,33 @@ class MouldHalf {
   }
 
   /// A line at height z from the mould's left side, with a step up to `up` over each core.
-  template <class = void>
   Corners stepped(double z, double up) const {
     Corners line{{-at_.mould_x, z}};
     for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
     return line;
   }
 
-  template <class = void>
   void cavity();
-  template <class = void>
   void parting();
-  template <class = void>
   void underside();
-  template <class = void>
   void outside();
-  template <class = void>
   void notches();
-  template <class = void>
   void openings();
 
   const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
-  std::vector<Opening> openings_;
-  std::vector<std::pair<double, double>> notches_;   ///< from and to, along x
+  std::vector<Dependent<Opening, Vec3>> openings_;
+  std::vector<Notch> notches_;
   double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
+using MouldHalf = MouldHalfOf<>;
+
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
-template <class>
-inline void MouldHalf::cavity() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::cavity() {
   solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
   const Corners crown(s_.outline.rbegin(), s_.outline.rend());
   Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
@@ -21394,8 +21547,8 @@ inline void MouldHalf::cavity() {
 }
 
 /// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
-template <class>
-inline void MouldHalf::parting() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::parting() {
   constexpr double radius = 2.5e-3, height = 3.0e-3;
   const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
   const auto around = [&](double x, double place, double r) { return ring(Vec3(x, place, z), Vec3::UnitZ(), Vec3::UnitY(), r); };   // seen from −x
@@ -21408,8 +21561,8 @@ inline void MouldHalf::parting() {
 }
 
 /// The ledge that lies on the carrier's plate, and the rim round it.
-template <class>
-inline void MouldHalf::underside() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
   if (!notches_.empty())
@@ -21424,8 +21577,8 @@ inline void MouldHalf::underside() {
   solid_.face(upright(inner, at_.rim_y));
 }
 
-template <class>
-inline void MouldHalf::outside() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
@@ -21438,8 +21591,8 @@ inline void MouldHalf::outside() {
 }
 
 /// Through the end wall, open to the plate; the rim below it is a clearance lower, so that the core lies on the plate.
-template <class>
-inline void MouldHalf::notches() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::notches() {
   const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
   const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
   for (const auto& [a, b] : notches_) {
@@ -21450,8 +21603,8 @@ inline void MouldHalf::notches() {
   }
 }
 
-template <class>
-inline void MouldHalf::openings() {
+template <class Vec3>
+inline void MouldHalfOf<Vec3>::openings() {
   for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
     const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);
@@ -21482,6 +21635,7 @@ inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& 
 namespace lumo::detail {
 
 /// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+template <class = void>
 inline std::string in_mm(double length_m) {
   char digits[400];
   std::string s(digits, std::to_chars(digits, digits + sizeof digits, 1e3 * length_m, std::chars_format::fixed, 6).ptr);
@@ -21575,7 +21729,7 @@ struct CastingPart {
   TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
   double volume_m3 = 0.0;         ///< of one
-  Vec3 box = Vec3::Zero();        ///< edges of the printed one's bounding box [m]
+  Vec3 box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
 };
 
 /// Silicone that a cast takes [m³].
@@ -21702,20 +21856,20 @@ struct Drawing {
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-template <class = void>
-Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing section_drawing(In<CastSection> section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-template <class = void>
-Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing strip_drawing(In<CastSection> section, const CastingOptions& options = {});
 /// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-template <class = void>
-Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+template <class Drawing = Drawing, class CastSection = CastSection>
+Drawing core_drawing(In<CastSection> section, const CastingOptions& options = {});
 
 namespace detail {
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
-template <class = void>
-inline void add_caption(Drawing& d, const std::string& words) {
+template <class Drawing>
+void add_caption(Drawing& d, const std::string& words) {
   const int layer = int(d.layers.size());
   d.layers.push_back({"NOTES", 8, "#666666"});
   const auto box = d.box();
@@ -21726,11 +21880,12 @@ inline void add_caption(Drawing& d, const std::string& words) {
   d.title = words;
 }
 
-inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
+template <class Line = Drawing::Line>
+inline Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
 
 /// A half outline at x > 0 and its mirror image in one loop.
-template <class = void>
-inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
+template <class Point = Drawing::Point>
+inline std::vector<Point> mirrored(std::type_identity_t<std::vector<Point>> half) {
   for (std::size_t i = half.size(); i-- > 0;)
     if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
   return half;
@@ -21738,15 +21893,15 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
-template <class>
-inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing section_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
   Drawing d;
   d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
   if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
+  std::vector<typename Drawing::Point> pad{{ridge, s.ridge_height}};
   if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
   else pad.push_back({ridge, 0.0});
   pad.insert(pad.end(), s.outline.begin(), s.outline.end());
@@ -21756,10 +21911,10 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
   d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+    std::vector<typename Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
                                      {0.0, at.mould_top}};
     half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
-    for (Drawing::Point& p : half) p[0] *= side;
+    for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
     if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
   }
@@ -21771,8 +21926,8 @@ inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
-template <class>
-inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing strip_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   Drawing d;
@@ -21786,8 +21941,8 @@ inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   return d;
 }
 
-template <class>
-inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+template <class Drawing, class CastSection>
+inline Drawing core_drawing(In<CastSection> s, const CastingOptions& o) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
   Drawing d;
@@ -22012,6 +22167,7 @@ struct Rig {
 inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
 
 /// Throws InvalidArgument for numbers that make no sense.
+template <class = void>
 inline void validate(const Rig& r) {
   require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
   require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");
@@ -22170,10 +22326,14 @@ struct CameraPlace {
 };
 
 /// A pinhole camera before the side of a pad.
-class SideCamera {
+template <class Vector3d = Eigen::Vector3d>
+class SideCameraOf {
  public:
-  template <class Vector3d = Eigen::Vector3d, class Matrix3d = Eigen::Matrix3d, class AngleAxisd = Eigen::AngleAxisd>
-  SideCamera(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
+  using Vector2d = Dependent<Eigen::Vector2d, Vector3d>;
+  using Matrix3d = Dependent<Eigen::Matrix3d, Vector3d>;
+  using AngleAxisd = Dependent<Eigen::AngleAxisd, Vector3d>;
+
+  SideCameraOf(const CameraRig& camera, const SideGeometry& side, const CameraPlace& place)
       : camera_(camera), side_(side), centre_(0.5 * (camera.width - 1), 0.5 * (camera.height - 1)) {
     // Level, looking along −x; distal to the right. It turns about the middle of the side: whoever places it aims at that.
     Matrix3d level;
@@ -22185,29 +22345,23 @@ class SideCamera {
   }
 
   /// From a pixel to the middle of the window, over the focal length.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d off_axis(double u, double v) const { return (Vector2d(u, v) - centre_) / camera_.focal_px; }
+  Vector2d off_axis(double u, double v) const { return (Vector2d(u, v) - centre_) / camera_.focal_px; }
   /// Where the ray through a pixel meets the plane of the facing side.
-  template <class Vector3d = Eigen::Vector3d, class Vector2d = Eigen::Vector2d>
-  Eigen::Vector3d on_side(double u, double v) const {
+  Vector3d on_side(double u, double v) const {
     const Vector2d off = off_axis(u, v);
     const Vector3d ray = axes_ * Vector3d(off.x(), off.y(), 1.0);
     return eye_ + (side_.half_width_m - eye_.x()) / ray.x() * ray;
   }
   /// Pixel of a point on the facing side.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
+  Vector2d pixel(double y_m, double z_m) const { return project({side_.half_width_m, y_m, z_m}); }
   /// Pixel at which an LED is seen.
-  template <class Vector2d = Eigen::Vector2d>
-  Eigen::Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
+  Vector2d lamp_pixel(double y_m) const { return project({side_.half_width_m - side_.half_width_m / side_.refractive_index, y_m, side_.lamp_height_m}); }
   /// Does a point of the facing side lie in the window, a pixel from its edge at least?
-  template <class Vector2d = Eigen::Vector2d>
   bool shows(double y_m, double z_m) const {
     const Vector2d p = pixel(y_m, z_m);
     return p.x() >= 1.0 && p.y() >= 1.0 && p.x() <= camera_.width - 2.0 && p.y() <= camera_.height - 2.0;
   }
   /// The whole side?
-  template <class = void>
   bool shows_side() const {
     return shows(-side_.half_length_m, side_.low_m) && shows(-side_.half_length_m, side_.high_m) && shows(side_.half_length_m, side_.low_m) && shows(side_.half_length_m, side_.high_m);
   }
@@ -22216,18 +22370,19 @@ class SideCamera {
   const SideGeometry& side() const { return side_; }
 
  private:
-  template <class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
-  Eigen::Vector2d project(In<Vector3d> p) const {
+  Vector2d project(const Vector3d& p) const {
     const Vector3d d = axes_.transpose() * (p - eye_);
     return centre_ + camera_.focal_px / d.z() * d.template head<2>();
   }
 
   CameraRig camera_;
   SideGeometry side_;
-  Eigen::Vector3d eye_;
-  Eigen::Matrix3d axes_;   ///< columns: right, down, forward
-  Eigen::Vector2d centre_;
+  Vector3d eye_;
+  Matrix3d axes_;   ///< columns: right, down, forward
+  Vector2d centre_;
 };
+
+using SideCamera = SideCameraOf<>;
 
 }  // namespace lumo
 
@@ -22245,7 +22400,8 @@ class SidePainter {
   SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+  template <class VectorXd = Eigen::VectorXd>
+  Image paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -22299,7 +22455,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, I
     }
 }
 
-inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
+template <class VectorXd>
+inline Image SidePainter::paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const {
   const CameraRig& camera = view_.camera();
   Image image = Image::black(camera.width, camera.height, PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -22363,6 +22520,7 @@ inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3,
 /// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
 inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
+template <class LoadStep = LoadStep>
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
   std::vector<LoadStep> steps;
   for (const double f : loads_N) steps.push_back({f, ramp_s, hold_s});
@@ -22372,6 +22530,7 @@ inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, doubl
 }  // namespace detail
 
 /// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between (paper, re-contact evaluation).
+template <class LabPlan = LabPlan>
 inline LabPlan recontact_plan(int repetitions = 5) {
   require_in_range("repetitions", repetitions, 1, 1000, "");
   LabPlan plan{"re-contacts at six places", 0.0, {}};
@@ -22381,6 +22540,7 @@ inline LabPlan recontact_plan(int repetitions = 5) {
 }
 
 /// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics (paper, contact cycling).
+template <class LabPlan = LabPlan, class LabContact = LabContact>
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
@@ -22398,6 +22558,7 @@ inline LabPlan cycle_plan(int runs = 3) {
 }
 
 /// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper, imaging variation).
+template <class LabPlan = LabPlan>
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
   plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
@@ -22407,6 +22568,7 @@ inline LabPlan imaging_plan() {
 }
 
 /// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force estimation).
+template <class LabPlan = LabPlan>
 inline LabPlan force_plan() {
   LabPlan plan{"location and force at six places", 9.0, {}};
   for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], 0, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
@@ -22430,6 +22592,7 @@ class Relaxation {
   }
 
   /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches are exact. Returns e, never below 0.
+  template <class = void>
   double step(double load_N, double dt_s) {
     double lag = 0.0, whole = 1.0;
     std::array<double, 3> keep{}, gain{};
@@ -22466,6 +22629,7 @@ struct TruthSample {
 };
 
 /// truth.csv: stamp_ns, contact, y_mm, force_N, tilt_deg, equivalent_N, depth_mm.
+template <class = void>
 inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
@@ -22478,11 +22642,22 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
 
 /// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
 /// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
-class VirtualRig {
+template <class PadLight = PadLight>
+class VirtualRigOf {
  public:
+  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
+  using SideCamera = Dependent<lumo::SideCamera, PadLight>;
+  using SidePainter = Dependent<lumo::SidePainter, PadLight>;
+  using Session = Dependent<lumo::Session, PadLight>;
+  using LabPlan = Dependent<lumo::LabPlan, PadLight>;
+  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
+  using JointSample = Dependent<lumo::JointSample, PadLight>;
+  using WrenchSample = Dependent<lumo::WrenchSample, PadLight>;
+  using MarkerSample = Dependent<lumo::MarkerSample, PadLight>;
+  using TruthSample = Dependent<lumo::TruthSample, PadLight>;
+
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
-  template <class = void>
-  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+  VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -22493,7 +22668,6 @@ class VirtualRig {
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
 
  private:
@@ -22515,11 +22689,8 @@ class VirtualRig {
   void lay_out_time();
   void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
   void deform();
-  template <class = void>
   void record_joints();
-  template <class Vec3 = Vec3>
   void record_forces();
-  template <class SideCamera = SideCamera>
   void record_frames();
   Sampled at(double t_s) const;
 
@@ -22544,6 +22715,8 @@ class VirtualRig {
   double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
+using VirtualRig = VirtualRigOf<>;
+
 /// The rig's camera as frames come from it. The rig stays the caller's.
 class VirtualCamera {
  public:
@@ -22566,8 +22739,8 @@ class VirtualCamera {
 
 static_assert(Camera<VirtualCamera>);
 
-template <class>
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+template <class PadLight>
+inline VirtualRigOf<PadLight>::VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -22599,7 +22772,8 @@ inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t
   record_frames();
 }
 
-inline void VirtualRig::draw_contacts() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
@@ -22609,7 +22783,8 @@ inline void VirtualRig::draw_contacts() {
   }
 }
 
-inline void VirtualRig::lay_out_time() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::lay_out_time() {
   double t = plan_.free_run_s;
   if (t > 0.0) add_segment(0.0, t, "free");
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
@@ -22638,7 +22813,8 @@ inline void VirtualRig::lay_out_time() {
   end_s_ = t + 1.0;
 }
 
-inline void VirtualRig::deform() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::deform() {
   int places = 1;
   for (const LabContact& c : plan_.contacts) places = std::max(places, c.place + 1);
   std::vector<Relaxation> pad(std::size_t(places), Relaxation(rig_.silicone));  // a place remembers its own contacts
@@ -22658,7 +22834,8 @@ inline void VirtualRig::deform() {
   }
 }
 
-inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
+template <class PadLight>
+inline auto VirtualRigOf<PadLight>::at(double t_s) const -> Sampled {
   const double index = std::clamp(t_s * rig_.motor.hz, 0.0, double(sampled_.size() - 1));
   const auto i = std::size_t(index), j = std::min(i + 1, sampled_.size() - 1);
   const Sampled &a = sampled_[i], &b = sampled_[j];
@@ -22668,8 +22845,8 @@ inline VirtualRig::Sampled VirtualRig::at(double t_s) const {
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
-template <class>
-inline void VirtualRig::record_joints() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
@@ -22710,8 +22887,8 @@ inline void VirtualRig::record_joints() {
   }
 }
 
-template <class Vec3>
-inline void VirtualRig::record_forces() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
@@ -22726,8 +22903,8 @@ inline void VirtualRig::record_forces() {
   }
 }
 
-template <class SideCamera>
-inline void VirtualRig::record_frames() {
+template <class PadLight>
+inline void VirtualRigOf<PadLight>::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
   Draws once(seed_, 6), jitter(seed_, 7);
@@ -22766,8 +22943,8 @@ inline void VirtualRig::record_frames() {
   }
 }
 
-template <class VectorXd>
-inline Image VirtualRig::image(std::size_t k) const {
+template <class PadLight>
+inline Image VirtualRigOf<PadLight>::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
@@ -22806,6 +22983,7 @@ struct HandPlan {
 };
 
 /// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where `step_m` is not 0, at its nearest multiple.
+template <class HandPlan = HandPlan, class HandGrasp = HandGrasp, class HandTouch = HandTouch>
 inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
   require_in_range("number of grasps", count, 1, 1000, "");
   require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
@@ -22833,6 +23011,7 @@ struct HandTruth {
 };
 
 /// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
+template <class = void>
 inline std::string truth_text(const std::vector<HandTruth>& truth) {
   std::string t = "stamp_ns,link,y_mm,force_N\n";
   for (const HandTruth& s : truth)
@@ -22862,11 +23041,23 @@ struct HandRig {
 
 /// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
-class HandLab {
+template <class PadLight = PadLight>
+class HandLabOf {
  public:
+  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
+  using Vector2d = Dependent<Eigen::Vector2d, PadLight>;
+  using LinkMap = Dependent<lumo::LinkMap, PadLight>;
+  using HandPlan = Dependent<lumo::HandPlan, PadLight>;
+  using Session = Dependent<lumo::Session, PadLight>;
+  using SessionLink = Dependent<lumo::SessionLink, PadLight>;
+  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
+  using JointSample = Dependent<lumo::JointSample, PadLight>;
+  using JointVector = Dependent<lumo::JointVector, PadLight>;
+  using HandTruth = Dependent<lumo::HandTruth, PadLight>;
+  using HandTouch = Dependent<lumo::HandTouch, PadLight>;
+
   /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
-  template <class = void>
-  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+  HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -22874,10 +23065,8 @@ class HandLab {
   const std::vector<HandTruth>& truth() const { return truth_; }
   const HandPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  template <class VectorXd = Eigen::VectorXd>
   Image image(std::size_t k) const;
   /// Where a link really is in the image.
-  template <class Vector2d = Eigen::Vector2d>
   LinkMap map(int link, const HandJoints& joints) const;
 
  private:
@@ -22893,7 +23082,6 @@ class HandLab {
     keys_.push_back({keys_.back().t_s + way / plan_.speed_rad_per_s + 0.05, joints, -1, 0.0});
   }
   HandTruth at(double t_s) const;
-  template <class = void>
   void require_seen(const HandJoints& joints) const {
     for (int l = 0; l < 4; ++l)
       for (const double y : {-side_.half_length_m, side_.half_length_m})
@@ -22919,8 +23107,10 @@ class HandLab {
   std::vector<double> lamps_, room_DN_;
 };
 
-template <class Vector2d>
-inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
+using HandLab = HandLabOf<>;
+
+template <class PadLight>
+inline auto HandLabOf<PadLight>::map(int link, const HandJoints& joints) const -> LinkMap {
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
   Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
@@ -22937,8 +23127,8 @@ inline LinkMap HandLab::map(int link, const HandJoints& joints) const {
   return m;
 }
 
-template <class>
-inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
+template <class PadLight>
+inline HandLabOf<PadLight>::HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -22979,7 +23169,10 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     session_.links.push_back(std::move(s));
   }
   const double free_s = keys_.back().t_s;
-  std::vector<std::pair<double, double>> held;
+  struct Held {
+    double from_s, to_s;
+  };
+  std::vector<Held> held;
   for (int g = 0; g < int(plan_.grasps.size()); ++g) {
     const HandGrasp& grasp = plan_.grasps[std::size_t(g)];
     move_to(grasp.joints_rad);
@@ -22990,7 +23183,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
-    held.emplace_back(t + plan_.close_s, t + plan_.close_s + plan_.hold_s);
+    held.push_back({t + plan_.close_s, t + plan_.close_s + plan_.hold_s});
   }
   const double end_s = keys_.back().t_s;
 
@@ -23029,7 +23222,8 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   }
 }
 
-inline HandTruth HandLab::at(double t_s) const {
+template <class PadLight>
+inline auto HandLabOf<PadLight>::at(double t_s) const -> HandTruth {
   std::size_t k = 0;
   while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
   const Key &a = keys_[k], &b = keys_[k + 1];
@@ -23042,8 +23236,8 @@ inline HandTruth HandLab::at(double t_s) const {
   return truth;
 }
 
-template <class VectorXd>
-inline Image HandLab::image(std::size_t k) const {
+template <class PadLight>
+inline Image HandLabOf<PadLight>::image(std::size_t k) const {
   struct Seen {
     LinkMap map;
     double c, s;      ///< cosine and sine of its turn
@@ -23103,6 +23297,7 @@ namespace lumo::detail {
 
 /// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
 /// line, and leaves what was there.
+template <class = void>
 inline void write_whole(const std::string& path, std::string_view bytes) {
   // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
   const std::string part = text(path, ".part-", std::chrono::steady_clock::now().time_since_epoch().count(), '-', static_cast<const void*>(&bytes));
@@ -23132,13 +23327,15 @@ namespace detail {
 
 inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
 
+template <class = void>
 inline std::uint64_t checksum(std::string_view text) {
   std::uint64_t sum = text.size();
   for (const char c : text) sum = mix64(sum ^ std::uint64_t(static_cast<unsigned char>(c))) + 0x9e3779b97f4a7c15ull;
   return sum;
 }
 
-inline void append_block(std::string& to, const char* name, const Eigen::MatrixXd& m) {
+template <class MatrixXd = Eigen::MatrixXd>
+inline void append_block(std::string& to, const char* name, In<MatrixXd> m) {
   to += text(name, ' ', m.rows(), ' ', m.cols(), '\n');
   char buffer[32];
   for (Eigen::Index i = 0; i < m.rows(); ++i)
@@ -23154,6 +23351,7 @@ class BlockReader {
  public:
   BlockReader(std::string_view text, std::string name) : left_(text), name_(std::move(name)) {}
 
+  template <class = void>
   std::string_view line() {
     const auto end = left_.find('\n');
     if (end == std::string_view::npos) fail("ends too early");
@@ -23161,7 +23359,8 @@ class BlockReader {
     left_.remove_prefix(end + 1);
     return l;
   }
-  Eigen::MatrixXd block(std::string_view wanted) {
+  template <class MatrixXd = Eigen::MatrixXd>
+  MatrixXd block(std::string_view wanted) {
     const std::string_view head = line();
     const auto first = head.find(' '), second = head.find(' ', first + 1);
     long rows = -1, columns = -1;
@@ -23169,7 +23368,7 @@ class BlockReader {
     std::from_chars(head.data() + first + 1, head.data() + second, rows);
     std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
     if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000) fail("a block has no sensible size");
-    Eigen::MatrixXd m(rows, columns);
+    MatrixXd m(rows, columns);
     for (long i = 0; i < rows && columns > 0; ++i) {
       const std::string_view l = line();
       const char* at = l.data();
@@ -23181,11 +23380,13 @@ class BlockReader {
     }
     return m;
   }
+  template <class MatrixXd = Eigen::MatrixXd>
   Eigen::VectorXd column(std::string_view wanted) {
-    const Eigen::MatrixXd m = block(wanted);
+    const MatrixXd m = block<MatrixXd>(wanted);
     if (m.cols() != 1) fail("a block has more than one column");
     return m.col(0);
   }
+  template <class = void>
   [[noreturn]] void fail(const char* why) const { throw InputError(text(name_, ": ", why)); }
 
  private:
@@ -23240,7 +23441,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
-template <class = void>
+template <class PadResponses = PadResponses>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return std::nullopt;
