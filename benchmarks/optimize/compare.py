@@ -62,29 +62,31 @@ class BoTorch:
         return int(values.argmax())
 
 
-def run_botorch(problem, seed):
+def run_botorch(problem, seed, evaluations=EVALUATIONS):
+    """Designs, their objectives (maximised), and the processor seconds of fits and acquisitions."""
     peer, rng = BoTorch(), np.random.default_rng([seed, 2])
     asked = [tuple(row) for row in starts(problem, seed)]
     y = problem.evaluate(np.array(asked)) * problem.sign
     seconds = 0.0
-    while np.isfinite(y).all(1).sum() < EVALUATIONS:
+    while np.isfinite(y).all(1).sum() < evaluations:
         good = np.isfinite(y).all(1)
         candidates = problem.fresh(rng, POOL, asked)
-        begin = time.perf_counter()
+        begin = time.process_time()
         x = candidates[peer.choose(problem, np.array(asked)[good], y[good], candidates, seed * 1000 + len(asked))]
-        seconds += time.perf_counter() - begin
+        seconds += time.process_time() - begin
         asked.append(tuple(x))
         y = np.vstack([y, problem.evaluate(x[None]) * problem.sign])
     return np.array(asked), y, seconds
 
 
-def run_lumo(problem, seed, source, program):
-    space = problem.space(initial=starts(problem, seed).tolist(), sobol=0, evaluations=EVALUATIONS, seed=seed, source=source)
+def run_lumo(problem, seed, source, program, evaluations=EVALUATIONS):
+    """The same; the processor seconds are the program's, all that it does."""
+    space = problem.space(initial=starts(problem, seed).tolist(), sobol=0, evaluations=evaluations, seed=seed, source=source)
     with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
         json.dump(space, file)
         file.flush()
         process = subprocess.Popen([program, "optimize", "--space", file.name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1)
-        x, y, begin = [], [], time.perf_counter()
+        x, y = [], []
         for line in process.stdout:
             ask = json.loads(line).get("ask")
             if ask is None:
@@ -98,7 +100,7 @@ def run_lumo(problem, seed, source, program):
                 answer = {"fail": {"id": ask["id"], "retry": False, "why": "outside the problem's constraints"}}
             process.stdin.write(json.dumps(answer) + "\n")
             process.stdin.flush()
-        seconds = time.perf_counter() - begin
+        seconds = cpu_seconds(process.pid)
         process.stdin.close()
         if process.wait() != 0:
             raise RuntimeError(f"lumo optimize ended with {process.returncode}")

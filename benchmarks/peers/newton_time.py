@@ -22,6 +22,7 @@ import measured
 from newton_vbd import DT, SPEED, Newton, numbers
 
 LOAD = 5.0
+SOFT = 1000.0   # N/m of a vertex, as in newton_vbd.py's table: overlaps then make up for what linear tetrahedra lock
 QUADRATIC = [(0.2, 2.0), (0.4, 3.0), (0.8, 4.0), (1.5, 5.0)]   # finest and contact edge in mm; the first is `lumo press`'s
 
 
@@ -65,12 +66,13 @@ def compare(edge, args):
     equilibrium = static("linear", edge, args.stiffness)
     forces, seconds, steps = held(edge, equilibrium["depth_mm"], args)
     again = static("linear", edge, args.stiffness)
+    soft = static("linear", edge, SOFT)
     outside = np.flatnonzero(np.abs(forces / LOAD - 1) > 0.01)
     first = outside[-1] + 1
     settled = first < len(forces)
     after = forces[steps:]
     return {"edge_mm": edge, "nodes": equilibrium["nodes"], "static_depth_mm": equilibrium["depth_mm"], "N_per_mm": equilibrium["N_per_mm"],
-            "static_seconds": min(equilibrium["seconds"], again["seconds"]), "factors": equilibrium["factors"], "steps_to_depth": steps, "steps": len(forces),
+            "static_seconds": min(equilibrium["seconds"], again["seconds"]), "factors": equilibrium["factors"], "soft_depth_mm": soft["depth_mm"], "steps_to_depth": steps, "steps": len(forces),
             "seconds_per_step": seconds[-1] / len(forces), "arrived_N": forces[steps - 1], "arrived_seconds": seconds[steps - 1], "least_N": after.min(), "largest_N": after.max(), "last_N": forces[-1],
             "settled": bool(settled), "settled_step": int(first), "settled_seconds": seconds[first] if settled else seconds[-1],
             "depth_mm": equilibrium["depth_mm"] - (forces[-1] - LOAD) / equilibrium["N_per_mm"]}
@@ -101,7 +103,7 @@ def main():
     lumo = [{"finest_mm": size[0], "contact_mm": size[1], **runs[0], "seconds": min(r["seconds"] for r in runs)} for size, runs in own.items()]
     for row in lumo + rows:
         row["error"] = row["depth_mm"] / depth - 1
-    result = {"load_N": LOAD, "reference_mm": depth, "reference_uncertainty_mm": uncertainty, "sweeps": args.sweeps, "time_step_s": DT, "stiffness_N_per_m": args.stiffness, "stay_s": args.stay,
+    result = {"load_N": LOAD, "reference_mm": depth, "reference_uncertainty_mm": uncertainty, "sweeps": args.sweeps, "time_step_s": DT, "stiffness_N_per_m": args.stiffness, "soft_N_per_m": SOFT, "stay_s": args.stay,
               "lumo": lumo, "newton": rows}
     if len(rows) > 1:   # beyond what was run: by the orders that the meshes show
         edges = [r["edge_mm"] for r in rows]
