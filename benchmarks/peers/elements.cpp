@@ -1,8 +1,8 @@
-// lumo's half of scikit_fem.py: the finger in quadratic tetrahedra in a bent state, its forces and its tangent, and one linear step with it.
-// Files hold raw little-endian numbers: *.f64 and *.i32. Seconds are of the processor, of one thread.
+// lumo's half of scikit_fem.py: the finger in quadratic tetrahedra in a bent state, its forces and its tangent, and one linear step with
+// it. Files hold raw little-endian numbers: *.f64 and *.i32. Seconds are of the processor, of one thread.
 //   lumo_peer_elements DIR EDGE_MM
-//       writes nodes.f64, tets.i32 (10 nodes each), displacement.f64, forces.f64, equations.i32 (per component, −1: held), and the lower triangle of the tangent of the
-//       free components by columns (starts.i32, rows.i32, values.f64); then answers lines with lines:
+//       writes nodes.f64, tets.i32 (10 nodes each), displacement.f64, forces.f64, equations.i32 (per component, −1: held), and the lower
+//       triangle of the tangent of the free components by columns (starts.i32, rows.i32, values.f64); then answers lines with lines:
 //   assemble plain|cured N     seconds of the forces and of the tangent, each the mean of N
 //   solve eigen|cholmod        seconds of analysis, factor and solution; writes step.f64
 
@@ -37,7 +37,8 @@ void write(const fs::path& path, const T* values, std::size_t count) {
   if (!out) throw InputError(detail::text("cannot write ", path.string()));
 }
 
-// Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the tangent stays positive definite.
+// Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the tangent stays positive
+// definite.
 Vec3 bent(const Vec3& X) { return Vec3(6.0, 3.0, -0.1) * (X.z() * X.z()); }
 
 struct State {
@@ -49,11 +50,15 @@ struct State {
   Solid<NeoHookean, QuadraticTet> plain, cured;
 
   explicit State(double edge_m)
-      : body(finger(baseline_design(), dragon_skin(), options(edge_m))), mesh(mesh_body(body, TetgenMesher{})), equations(sector_of(mesh, {}), body, {}), x(positions_of(mesh)),
-        plain(mesh, material, {.mean_dilatation = false}), cured(mesh, material, {.mean_dilatation = true}) {
+      : body(finger(baseline_design(), dragon_skin(), options(edge_m))),
+        mesh(mesh_body(body, TetgenMesher{})),
+        equations(sector_of(mesh, {}), body, {}),
+        x(positions_of(mesh)),
+        plain(mesh, material, {.mean_dilatation = false}),
+        cured(mesh, material, {.mean_dilatation = true}) {
     for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) += bent(mesh.nodes[k]);
   }
-  State(const State&) = delete;   // the solids point into the mesh
+  State(const State&) = delete;  // the solids point into the mesh
   State& operator=(const State&) = delete;
 
   static FingerOptions options(double edge_m) {

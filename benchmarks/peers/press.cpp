@@ -1,6 +1,8 @@
-// lumo's half of newton_time.py: the finger pressed to 5 N by a sphere of 10 mm, in equilibrium. Prints one line of JSON; seconds are of the processor, of one thread.
-//   lumo_peer_press quadratic FINEST_MM CONTACT_MM    quadratic tetrahedra with the locking cure and full-surface contact, as `lumo press` has them
-//   lumo_peer_press linear EDGE_MM STIFFNESS_N_PER_M  Newton's mesh, energy and contact, on all of it: what vertex block descent descends to
+// lumo's half of newton_time.py: the finger pressed to 5 N by a sphere of 10 mm, in equilibrium. Prints one line of JSON; seconds are of
+// the processor, of one thread.
+//   lumo_peer_press quadratic FINEST_MM CONTACT_MM    quadratic tetrahedra with the locking cure and full-surface contact, as `lumo press`
+//   has them lumo_peer_press linear EDGE_MM STIFFNESS_N_PER_M  Newton's mesh, energy and contact, on all of it: what vertex block descent
+//   descends to
 
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
@@ -40,8 +42,8 @@ int quadratic(double finest_m, double contact_edge_m) {
   const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const MechanicalState s = simulator.press(body, mesh, scenario).back();
   const double pressed = processor_seconds();
-  std::printf("{\"nodes\": %zu, \"depth_mm\": %.9g, \"seconds\": %.4g, \"factors\": %d, \"status\": \"%s\"}\n", mesh.nodes.size(), 1e3 * s.depth_m,
-              pressed - begun, s.iterations, to_string(s.status).data());
+  std::printf("{\"nodes\": %zu, \"depth_mm\": %.9g, \"seconds\": %.4g, \"factors\": %d, \"status\": \"%s\"}\n", mesh.nodes.size(),
+              1e3 * s.depth_m, pressed - begun, s.iterations, to_string(s.status).data());
   return s.status == Status::converged ? 0 : 1;
 }
 
@@ -49,12 +51,12 @@ int linear(double edge_m, double stiffness_N_per_m) {
   using Model = SectorModel<StableNeoHookean, VertexContact, LinearTet, Cholmod>;
   const Silicone card = dragon_skin();
   FingerOptions options;
-  options.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};   // as in newton_vbd.cpp
+  options.mesh = {edge_m, edge_m, 0.0, 1.0, 1.6, edge_m};  // as in newton_vbd.cpp
   const Body body = finger(baseline_design(), card, options);
   const TetMesh mesh = mesh_body(body, TetgenMesher{}, 1);
   const Scenario<Sphere> scenario{.indenter = Sphere{10e-3}, .loads_N = {load_N}};
   const Touch touch = first_touch(body, mesh, scenario);
-  constexpr double area = 1e-6;   // Newton's stiffness belongs to the vertex
+  constexpr double area = 1e-6;  // Newton's stiffness belongs to the vertex
   const VertexContact contact{.stiffness_N_per_m3 = stiffness_N_per_m / area, .friction = 0.0, .area_per_vertex_m2 = area};
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
   const double begun = processor_seconds();
@@ -66,12 +68,15 @@ int linear(double edge_m, double stiffness_N_per_m) {
   const int factors = path.iterations;
   std::vector<Vec3> displacement;
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) displacement.push_back(path.positions().col(Eigen::Index(k)) - mesh.nodes[k]);
-  const double unbalanced = out_of_balance(body, mesh, material, contact, LinearTet{}, scenario.indenter, touch.origin + depth * scenario.direction(), scenario.direction(),
-                                           load_N, displacement);
-  const double more = 1.02;   // for the slope of force over depth
+  const double unbalanced = out_of_balance(body, mesh, material, contact, LinearTet{}, scenario.indenter,
+                                           touch.origin + depth * scenario.direction(), scenario.direction(), load_N, displacement);
+  const double more = 1.02;  // for the slope of force over depth
   const bool good = status == Status::converged && unbalanced <= 1e-6 * load_N && path.solve(more * load_N) == Status::converged;
-  std::printf("{\"nodes\": %zu, \"depth_mm\": %.9g, \"N_per_mm\": %.6g, \"seconds\": %.4g, \"factors\": %d, \"residual_N\": %.2g, \"status\": \"%s\"}\n", mesh.nodes.size(),
-              1e3 * depth, (more - 1.0) * load_N / (1e3 * (path.advance() - depth)), pressed - begun, factors, unbalanced, to_string(status).data());
+  std::printf(
+      "{\"nodes\": %zu, \"depth_mm\": %.9g, \"N_per_mm\": %.6g, \"seconds\": %.4g, \"factors\": %d, \"residual_N\": %.2g, \"status\": "
+      "\"%s\"}\n",
+      mesh.nodes.size(), 1e3 * depth, (more - 1.0) * load_N / (1e3 * (path.advance() - depth)), pressed - begun, factors, unbalanced,
+      to_string(status).data());
   return good ? 0 : 1;
 }
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """scikit-fem beside lumo's elements: forces and tangent of one bent finger in quadratic tetrahedra, and one linear step with that tangent.
 
-usage: benchmarks/peers/scikit_fem.py [--edge 2.5] [--rounds 3]
+usage: benchmarks/peers/scikit_fem.py [--edge 3] [--rounds 2]
 
 Both have the same mesh (curved faces), the same four quadrature points, and the plain displacement formulation of a compressible Neo-Hookean solid. Writes scikit_fem.json.
 Processor seconds of one thread; rounds of both take turns.
@@ -105,8 +105,8 @@ def seconds_of(function, *arguments):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--edge", type=float, default=2.5, help="mesh size in mm")
-    parser.add_argument("--rounds", type=int, default=3, help="of assembly; solutions go through two")
+    parser.add_argument("--edge", type=float, default=3.0, help="mesh size in mm")
+    parser.add_argument("--rounds", type=int, default=2, help="of assembly; solutions go through two")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
