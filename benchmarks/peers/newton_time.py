@@ -84,6 +84,15 @@ def order(x, y):
     return float(p), float(np.exp(a))
 
 
+def beyond(rows):
+    """Edge and seconds at which 1 % would be met, by the orders that the meshes show."""
+    edges = [r["edge_mm"] for r in rows]
+    p, a = order(edges, [abs(r["error"]) for r in rows])
+    q, b = order(edges, [r["settled_seconds"] for r in rows])
+    edge = (0.01 / a) ** (1 / p)
+    return {"error_order": p, "time_order": q, "edge_mm": edge, "seconds": b * edge**q}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--edges", type=numbers(float), default=[2.0, 1.5, 1.0], help="mesh sizes of Newton in mm")
@@ -100,18 +109,14 @@ def main():
         print(rows[-1], flush=True)
         for size in QUADRATIC:
             own[size].append(static("quadratic", *size))
-    lumo = [{"finest_mm": size[0], "contact_mm": size[1], **runs[0], "seconds": min(r["seconds"] for r in runs)} for size, runs in own.items()]
-    for row in lumo + rows:
-        row["error"] = row["depth_mm"] / depth - 1
-    result = {"load_N": LOAD, "reference_mm": depth, "reference_uncertainty_mm": uncertainty, "sweeps": args.sweeps, "time_step_s": DT, "stiffness_N_per_m": args.stiffness, "soft_N_per_m": SOFT, "stay_s": args.stay,
-              "lumo": lumo, "newton": rows}
-    if len(rows) > 1:   # beyond what was run: by the orders that the meshes show
-        edges = [r["edge_mm"] for r in rows]
-        p, a = order(edges, [abs(r["error"]) for r in rows])
-        q, b = order(edges, [r["settled_seconds"] for r in rows])
-        edge = (0.01 / a) ** (1 / p)
-        result["extrapolated"] = {"error_order": p, "time_order": q, "edge_mm": edge, "seconds": b * edge**q}
-    measured.keep("newton", result, ["newton", "warp-lang", "numpy"])
+        lumo = [{"finest_mm": size[0], "contact_mm": size[1], **runs[0], "seconds": min(r["seconds"] for r in runs)} for size, runs in own.items()]
+        for row in lumo + rows:
+            row["error"] = row["depth_mm"] / depth - 1
+        result = {"load_N": LOAD, "reference_mm": depth, "reference_uncertainty_mm": uncertainty, "sweeps": args.sweeps, "time_step_s": DT, "stiffness_N_per_m": args.stiffness,
+                  "soft_N_per_m": SOFT, "stay_s": args.stay, "lumo": lumo, "newton": rows}
+        if len(rows) > 1:
+            result["extrapolated"] = beyond(rows)
+        measured.keep("newton", result, ["newton", "warp-lang", "numpy"])   # a fine mesh takes long: what is known by then is kept
 
 
 if __name__ == "__main__":
