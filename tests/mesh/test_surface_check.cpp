@@ -32,21 +32,21 @@ std::optional<Reason> verdict(const MeshInput& input) {
 }
 
 /// Reasons that are right for a fault: random changes may break more than one rule.
-std::set<Reason> right_reasons(Fault fault) {
+std::set<Reason> right_reasons(surfaces::Fault fault) {
   switch (fault) {
-    case Fault::hole: return {Reason::open};
-    case Fault::crossing: return {Reason::self_intersecting};
-    case Fault::degenerate_facet: return {Reason::degenerate, Reason::duplicate};
-    case Fault::bad_index: return {Reason::bad_index};
-    case Fault::nan_vertex:
-    case Fault::infinite_vertex:
-    case Fault::huge_vertex: return {Reason::not_finite};
-    case Fault::duplicate_vertices: return {Reason::duplicate};
-    case Fault::touching_sheets: return {Reason::self_intersecting};
-    case Fault::soup: return {Reason::degenerate, Reason::open, Reason::not_manifold};
-    case Fault::coplanar: return {Reason::degenerate, Reason::duplicate};
-    case Fault::inverted: return {Reason::not_manifold};
-    case Fault::empty: return {Reason::degenerate};
+    case surfaces::Fault::hole: return {Reason::open};
+    case surfaces::Fault::crossing: return {Reason::self_intersecting};
+    case surfaces::Fault::degenerate_facet: return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::bad_index: return {Reason::bad_index};
+    case surfaces::Fault::nan_vertex:
+    case surfaces::Fault::infinite_vertex:
+    case surfaces::Fault::huge_vertex: return {Reason::not_finite};
+    case surfaces::Fault::duplicate_vertices: return {Reason::duplicate};
+    case surfaces::Fault::touching_sheets: return {Reason::self_intersecting};
+    case surfaces::Fault::soup: return {Reason::degenerate, Reason::open, Reason::not_manifold};
+    case surfaces::Fault::coplanar: return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::inverted: return {Reason::not_manifold};
+    case surfaces::Fault::empty: return {Reason::degenerate};
   }
   return {};
 }
