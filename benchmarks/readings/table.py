@@ -18,7 +18,7 @@ WEAK = 0.8   # Kendall's tau below which conclusions hang on a reading, as the p
 
 
 def number(text, digits):
-    return f"{float(text):+.{digits}f}".replace("-", "−") if text else "–"
+    return (f"{float(text):+.{digits}f}" if float(text) else "0").replace("-", "−") if text else "–"
 
 
 def change(row, key, digits):
@@ -27,7 +27,10 @@ def change(row, key, digits):
 
 
 def tau(text):
-    return "–" if not text else f"**{float(text):.2f}**" if float(text) < WEAK else f"{float(text):.2f}"
+    if not text:
+        return "–"
+    shown = f"{float(text):.2f}".replace("-", "−")
+    return f"**{shown}**" if float(text) < WEAK else shown
 
 
 def share(row, key):
@@ -48,7 +51,7 @@ def table(rows):
 def weak(rows):
     lines = []
     for key, objective in (("tau_J_contact", "J_contact"), ("tau_J_obs", "J_obs")):
-        names = [f"{r['quantity']} ({r['value']}), τ {float(r[key]):.2f}".replace("|", "\\|") for r in sorted(rows, key=lambda r: float(r[key] or 1.0)) if r[key] and float(r[key]) < WEAK]
+        names = [f"{r['quantity']} ({r['value']}), τ {float(r[key]):.2f}".replace("|", "\\|").replace("τ -", "τ −") for r in sorted(rows, key=lambda r: float(r[key] or 1.0)) if r[key] and float(r[key]) < WEAK]
         lines.append(f"- The ranking by {objective} is another one (τ below {WEAK}) under: " + ("; ".join(names) if names else "none") + ".")
     return lines
 
