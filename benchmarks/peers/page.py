@@ -33,7 +33,7 @@ def percent(share, digits=2):
 def machine(part, result):
     m = result["machine"]
     packages = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
-    return f"{result['date']}; {m['processor']}, {m['threads']} threads of a shared machine; lumo by {m['compiler']}; {packages}; Python {m['python']}. `benchmarks/peers/run {part}`"
+    return f"{result['date']}; {m['processor']}, {m['threads']} threads of a shared machine; lumo by {m['compiler']}; {packages}; Python {m['python']}. `benchmarks/peers/run {part}`" + result.get("note", "")
 
 
 def newton(r):
