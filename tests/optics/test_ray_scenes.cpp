@@ -13,6 +13,8 @@ std::vector<SceneTriangle> cube(const Vec3& center, double half) {
 
 }  // namespace
 
+static_assert(RayScene<BvhScene> && Intersector<Bvh> && !Intersector<int>);
+
 TEST_CASE("The tree finds the wall of a cube, wherever it lies", "[rays]") {
   const OwenSobol s{1};
   for (const Vec3& center : {Vec3(0, 0, 0), Vec3(1000, -500, 30)}) {

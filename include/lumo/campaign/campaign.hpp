@@ -62,7 +62,7 @@ class CampaignState {
   O optimizer_;
   std::size_t known_ = 1;   // entry 0 is the problem
   std::vector<std::int64_t> asked_;
-  std::vector<std::optional<std::int64_t>> answered_;
+  std::vector<Dependent<std::optional<std::int64_t>, O>> answered_;
 };
 
 /// How a campaign goes on when things go wrong.

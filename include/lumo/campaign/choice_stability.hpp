@@ -26,7 +26,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, In
   const auto n = Eigen::Index(told.size()), d = Eigen::Index(problem.space.variables.size());
   TrainingData data{Eigen::MatrixXd(d, n), Eigen::VectorXd(n), Eigen::VectorXd(d), Eigen::VectorXd(d)};
   for (Eigen::Index i = 0; i < d; ++i) data.lower[i] = problem.space.variables[std::size_t(i)].lower, data.upper[i] = problem.space.variables[std::size_t(i)].upper;
-  std::vector<GaussianProcess<>> models;
+  std::vector<Dependent<GaussianProcess<>, Trial>> models;
   for (std::size_t k = 0; k < problem.objectives.size(); ++k) {
     for (Eigen::Index j = 0; j < n; ++j) {
       data.x.col(j) = Eigen::Map<const VectorXd>(told[std::size_t(j)]->x.data(), d);
@@ -35,13 +35,13 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, In
     models.push_back(GaussianProcess<>::fit(data));
   }
 
-  std::vector<std::optional<Design>> choices(std::size_t(seeds), std::nullopt);
+  std::vector<Dependent<std::optional<Design>, Trial>> choices(std::size_t(seeds), std::nullopt);
   executor.for_each(choices.size(), [&](std::size_t s) {
     Problem searched = problem;
     searched.seed = std::uint64_t(s) + 1;
     searched.evaluations = evaluations;
     auto optimizer = make_optimizer(searched);
-    std::vector<std::pair<double, double>> found;
+    Dependent<std::vector<std::pair<double, double>>, Trial> found;
     while (const std::optional<Trial> trial = optimizer.ask()) {
       const Eigen::MatrixXd x = Eigen::Map<const VectorXd>(trial->x.data(), d);
       found.emplace_back(models[0].mean(x)[0], models[1].mean(x)[0]);

@@ -59,6 +59,4 @@ class EigenCholeskyOf {
 /// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
 using EigenCholesky = detail::EigenCholeskyOf<>;
 
-static_assert(LinearSolver<EigenCholesky>);
-
 }  // namespace lumo

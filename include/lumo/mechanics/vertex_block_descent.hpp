@@ -202,7 +202,7 @@ class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<Lanes::Point> points_;   // x_ for the lanes
+  std::vector<Dependent<Lanes::Point, Model>> points_;  // x_ for the lanes
   typename Model::LanesStart lanes_start_;
 };
 

@@ -18,7 +18,8 @@ template <class Vec3 = Vec3>
 class PolygonTrianglesOf {
  public:
   using Point2 = Dependent<lumo::Point2, Vec3>;
-  using Triangle = std::array<int, 3>;
+  using Triangle = Dependent<std::array<int, 3>, Vec3>;
+  using Loop = Dependent<std::vector<int>, Vec3>;
 
   PolygonTrianglesOf(const std::vector<Vec3>& vertices, const Vec3& normal) {
     const Projection project(normal);
@@ -33,7 +34,7 @@ class PolygonTrianglesOf {
   int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
   bool crosses(int a, int b, const std::vector<int>& loop) const;
   bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
-  bool bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  bool bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
   double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
 
   std::vector<Point2> points_;
@@ -61,7 +62,7 @@ inline bool PolygonTrianglesOf<Vec3>::opens_to(const std::vector<int>& loop, std
 }
 
 template <class Vec3>
-inline bool PolygonTrianglesOf<Vec3>::bridge(std::vector<int>& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+inline bool PolygonTrianglesOf<Vec3>::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
   struct Candidate {

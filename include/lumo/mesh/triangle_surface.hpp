@@ -15,7 +15,7 @@ struct TriangleSurface {
 };
 
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
-template <class = void>
+template <class MeshInput = MeshInput>
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
   MeshInput input;
   input.vertices = surface.vertices;

@@ -66,8 +66,8 @@ struct Bvh {
   };
   Config config{};
 
-  template <class = void>
-  BvhScene build(const std::vector<SceneTriangle>& triangles) const { return BvhScene(triangles, config.leaf_size); }
+  template <class Scene = BvhScene>
+  Scene build(const std::vector<SceneTriangle>& triangles) const { return Scene(triangles, config.leaf_size); }
 };
 
 template <class Vec3>
@@ -240,8 +240,5 @@ inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direct
   }
   return best;
 }
-
-static_assert(RayScene<BvhScene> && Intersector<Bvh>);
-static_assert(!Intersector<int>);
 
 }  // namespace lumo

@@ -174,7 +174,7 @@ class ExitGather {
   const LightNodes& nodes_;
   const FaceSet& exits_;
   PathTracer<Scene, Medium, Readout>& path_;
-  std::vector<unsigned> images_;
+  std::vector<Dependent<unsigned, Readout>> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
   Vec3 reference_ = Vec3::Zero();  ///< of the sample at hand

@@ -106,7 +106,7 @@ class LightAccounts {
   const OpticalScene& surface_;
   const Readout& readout_;
   std::size_t channels_;
-  std::vector<unsigned> images_;
+  std::vector<Dependent<unsigned, Readout>> images_;
   std::vector<double> direct_, gathered_;  ///< as in Tally
   std::vector<double> arrived_;            ///< per node
   std::vector<int> reached_;               ///< nodes with arrived_ > 0

@@ -165,7 +165,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
   const double outer_index = BeerLambert(body.surroundings).refractive_index();
 
-  Response response;
+  Dependent<Response, Medium> response;
   response.replicates.resize(config_.replicates, colors * channels);
   response.direct.resize(config_.replicates, colors * channels);
   EnergyLedger& sum = response.ledger;

@@ -259,7 +259,7 @@ template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Reado
 void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e, bool with_forces) const {
   const int link = config_.filter.link;
   const double map2 = config_.map_sigma_m * config_.map_sigma_m, force2 = config_.filter.force_prior_N * config_.filter.force_prior_N;
-  std::array<ContactPoint, 2> points;
+  std::array<Dependent<ContactPoint, Jacobian>, 2> points;
   for (std::size_t i = 0; i < 2; ++i) {
     points[i] = {link, location_.contact[i].y_m};
     e.contact[i].y_m = location_.contact[i].y_m;

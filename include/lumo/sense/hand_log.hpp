@@ -60,7 +60,7 @@ int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, con
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
     const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
-    std::optional<HandEstimate> estimate;
+    std::optional<Dependent<HandEstimate, C>> estimate;
     if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
     else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);

@@ -40,11 +40,11 @@ class StripOf {
   PixelFormat format_;
   bool along_;  ///< the axis runs along image rows
   std::vector<Run> runs_;
-  std::vector<double> inverse_count_;          ///< 1/pixels at each place
-  std::vector<double> edges_;                  ///< of the bins, in places
-  std::vector<std::uint16_t> narrow_;          ///< bytes of the places; wrap after 257 rows
-  std::vector<std::uint32_t> wide_;
-  std::vector<double> integral_;               ///< of the mean, from the first place
+  std::vector<double> inverse_count_;  ///< 1/pixels at each place
+  std::vector<double> edges_;          ///< of the bins, in places
+  std::vector<Dependent<std::uint16_t, AxisMap>> narrow_;  ///< bytes of the places; wrap after 257 rows
+  std::vector<Dependent<std::uint32_t, AxisMap>> wide_;
+  std::vector<double> integral_;  ///< of the mean, from the first place
 };
 
 using Strip = StripOf<>;
