@@ -18,7 +18,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 SPACE = ('{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], "objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}')
 ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))
 # What takes hours, and the line of progress after which it has shown what it does; none: half a minute.
-LONG = {"campaign run": r"^ *2/", "study carrier": r"^ *1/", "study void": r"^ *1/", "study readings": None}
+LONG = {"campaign run": r"^lumo: +[2-9]/", "study carrier": r"^lumo: +1/", "study void": r"^lumo: +1/", "study readings": None}
 INTERRUPTED = 130
 
 
