@@ -6,14 +6,16 @@ With --xml the table is made from what the program wrote before (-r xml) and not
 """
 import argparse
 import pathlib
-import platform
 import re
 import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
-HERE = pathlib.Path(__file__).parent
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import pages
+
 PACKAGES = {"Eigen": "libeigen3-dev", "Embree": "libembree-dev", "SuiteSparse": "libsuitesparse-dev", "OpenBLAS": "libopenblas0-pthread", "TetGen": "libtet1.5-dev",
             "TBB": "libtbb-dev", "Catch2": "catch2"}
 SCALES = [(1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns")]
@@ -82,9 +84,8 @@ def cached(program, key):
 
 def machine():
     """Name of the processor and its threads."""
-    cpuinfo = pathlib.Path("/proc/cpuinfo")
-    names = re.findall(r"^model name\s*: (.*)$", cpuinfo.read_text(encoding="utf-8"), re.MULTILINE) if cpuinfo.exists() else []
-    return f"{names[0]}, {len(names)} threads" if names else platform.machine()
+    name, threads = pages.processor()
+    return f"{name}, {threads} threads"
 
 
 def versions():

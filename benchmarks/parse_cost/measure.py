@@ -9,10 +9,12 @@ import argparse
 import json
 import os
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
+import pages
 
 PROGRAMS = ["eigen", "lumo", "simulator", "tracer", "evaluate"]
 FOLDER = pathlib.Path(__file__).parent / "programs"
@@ -54,11 +56,6 @@ def instantiations(compiler, folders, name):
     return {"functions": kinds.count("InstantiateFunction"), "classes": kinds.count("InstantiateClass")}
 
 
-def processor():
-    names = re.findall(r"^model name\s*: (.*)$", pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
-    return f"{names[0] if names else 'unknown processor'}, {os.cpu_count()} threads"
-
-
 def table(compiler, folders, runs):
     counted = is_clang(compiler)
     yield f"{version(compiler)}:\n"
@@ -91,12 +88,8 @@ def main():
         lines.append("")
     if arguments.page:
         begin, end = "<!-- measured: made by benchmarks/parse_cost/measure.py -->\n", "<!-- measured: end -->\n"
-        text = arguments.page.read_text(encoding="utf-8")
-        before, _, rest = text.partition(begin)
-        _, found, after = rest.partition(end)
-        if not found:
-            raise SystemExit(f"{arguments.page} lacks the markers {begin.strip()} and {end.strip()}")
-        arguments.page.write_text(before + begin + "\n" + "\n".join([*lines, f"{processor()}.", "", ""]) + end + after, encoding="utf-8")
+        name, threads = pages.processor()
+        pages.replace_part(arguments.page, begin, end, "\n" + "\n".join([*lines, f"{name}, {threads} threads.", "", ""]))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@
 //   assemble plain|cured N     seconds of the forces and of the tangent, each the mean of N
 //   solve eigen|cholmod        seconds of analysis, factor and solution; writes step.f64
 
+#include "half.hpp"
 #include "lumo/mechanics/equations.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mechanics/solid.hpp"
@@ -14,10 +15,8 @@
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
 
-#include <ctime>
 #include <exception>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <sstream>
 #include <string>
@@ -27,15 +26,6 @@ namespace {
 
 using namespace lumo;
 namespace fs = std::filesystem;
-
-double processor_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
-
-template <class T>
-void write(const fs::path& path, const T* values, std::size_t count) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(values), std::streamsize(count * sizeof(T)));
-  if (!out) throw InputError(detail::text("cannot write ", path.string()));
-}
 
 // Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the tangent stays positive
 // definite.

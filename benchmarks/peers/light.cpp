@@ -6,13 +6,13 @@
 //       response [W] by FACTOR times the default rays (a power of two, below 1 too), with what is gathered backwards or by paths from the
 //       LEDs only; FOLD 1 traces a quarter of the symmetric whole.
 
+#include "half.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tetgen.hpp"
 
-#include <ctime>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -26,15 +26,6 @@ namespace {
 using namespace lumo;
 namespace fs = std::filesystem;
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-
-double processor_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
-
-template <class T>
-void write(const fs::path& path, const std::vector<T>& values) {
-  std::ofstream out(path, std::ios::binary);
-  out.write(reinterpret_cast<const char*>(values.data()), std::streamsize(values.size() * sizeof(T)));
-  if (!out) throw InputError(detail::text("cannot write ", path.string()));
-}
 
 void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
   const OpticalScene scene(body, mesh, {}, {}, {}, Light::Config{}.scene);
@@ -52,9 +43,9 @@ void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
       normals.insert(normals.end(), n.data(), n.data() + 3);
     }
   }
-  write(dir / "corners.f64", corners);
-  write(dir / "normals.f64", normals);
-  write(dir / "diffuse.i32", diffuse);
+  write(dir / "corners.f64", corners.data(), corners.size());
+  write(dir / "normals.f64", normals.data(), normals.size());
+  write(dir / "diffuse.i32", diffuse.data(), diffuse.size());
   const FingerOptions o;
   const FingerDesign d = baseline_design();
   std::ofstream out(dir / "scene.json");

@@ -6,19 +6,21 @@ import pathlib
 import platform
 import re
 import subprocess
+import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
 BUILT = HERE.parents[1] / "build/release"
+sys.path.insert(0, str(HERE.parent))
+import pages
 
 
 def machine():
     """Processor, its threads, compiler of lumo's halves, and Python."""
-    cpu = open("/proc/cpuinfo", encoding="utf-8").read()
-    model = re.search(r"model name\s*:\s*(.+)", cpu)
+    processor, threads = pages.processor()
     cache = (BUILT / "CMakeCache.txt").read_text(encoding="utf-8")
     compiler = re.search(r"^CMAKE_CXX_COMPILER:[A-Z]+=(.+)$", cache, re.M)[1]
     first = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
-    return {"processor": model[1].strip() if model else platform.machine(), "threads": cpu.count("processor\t:"),
+    return {"processor": processor, "threads": threads,
             "compiler": f"{pathlib.Path(compiler).name} {re.search(r'[0-9]+[.][0-9.]+', first)[0]}, Release", "python": platform.python_version()}
 
 

@@ -83,10 +83,8 @@ Newton until its force stays within 1 % of that.
 
 def mitsuba(r):
     parts = []
-    agreement = []
     for c in r["cases"]:
         peer, rows = c["mitsuba"], []
-        agreement.append(c)
         rows.append([f"Mitsuba, {c['paths']} paths", number(peer["seconds"]), f"{100 * peer['error']:.2f} %", number(peer["seconds"] * (peer["error"] / 0.01) ** 2), "1"])
         for w in c["lumo"]:
             name = {"gathered": "lumo", "forward": "lumo, forward paths only"}[w["way"]] + (", default rays" if w["factor"] == 1 else f", {w['factor']:g} of the default rays") + \

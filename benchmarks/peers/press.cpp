@@ -4,6 +4,7 @@
 //   has them lumo_peer_press linear EDGE_MM STIFFNESS_N_PER_M  Newton's mesh, energy and contact, on all of it: what vertex block descent
 //   descends to
 
+#include "half.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
@@ -15,7 +16,6 @@
 
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <exception>
 #include <iostream>
 #include <string>
@@ -26,8 +26,6 @@ namespace {
 using namespace lumo;
 
 constexpr double load_N = 5.0;
-
-double processor_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
 
 int quadratic(double finest_m, double contact_edge_m) {
   const Silicone card = dragon_skin();

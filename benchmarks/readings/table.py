@@ -7,11 +7,13 @@ The page's part between its two markers is written anew: a row a reading, larges
 """
 import csv
 import pathlib
-import re
 import shutil
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+import pages
+
 PAGE = HERE.parents[1] / "docs/pages/readings.md"
 BEGIN, END = "<!-- found: made by benchmarks/readings/table.py -->\n", "<!-- found: end -->\n"
 WEAK = 0.8   # Kendall's tau below which conclusions hang on a reading, as the program says
@@ -65,10 +67,7 @@ def main(folder):
     with open(HERE / tables[0], encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     found = "\n".join([*table(rows), "", *weak(rows), ""])
-    text = PAGE.read_text(encoding="utf-8")
-    if BEGIN not in text or END not in text:
-        sys.exit(f"{PAGE.name} lacks the markers {BEGIN.strip()} and {END.strip()}")
-    PAGE.write_text(re.sub(re.escape(BEGIN) + ".*?" + re.escape(END), lambda _: BEGIN + "\n" + found + "\n" + END, text, flags=re.DOTALL), encoding="utf-8")
+    pages.replace_part(PAGE, BEGIN, END, "\n" + found + "\n")
 
 
 if __name__ == "__main__":
