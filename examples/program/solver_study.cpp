@@ -1,6 +1,6 @@
 #include "program/solver_study.hpp"
 
-#include "lumo/campaign/stopwatch.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/support/tbb.hpp"

@@ -9,6 +9,8 @@
 
 using namespace lumo;
 
+static_assert(HyperelasticMaterial<NeoHookean> && HyperelasticMaterial<StableNeoHookean> && HyperelasticMaterial<MooneyRivlin> && HyperelasticMaterial<Yeoh>);
+static_assert(HyperelasticMaterial<Ogden>);
 static_assert(!HyperelasticMaterial<int>);
 static_assert(!HyperelasticMaterial<Mat3>);
 

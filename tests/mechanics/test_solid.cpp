@@ -9,6 +9,8 @@
 
 using namespace lumo;
 
+static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet> && !TetElement<int>);
+
 namespace {
 
 const NeoHookean kMaterial{.mu = 1e5, .lambda = 9.9e6};

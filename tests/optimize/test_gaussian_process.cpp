@@ -1,9 +1,15 @@
 #include "../catch.hpp"
 
 #include "lumo/optimize/gaussian_process.hpp"
-#include "lumo/optimize/acquisition.hpp"
+#include "lumo/optimize/log_nehvi.hpp"
+#include "lumo/optimize/qlog_nehvi.hpp"
 
 using namespace lumo;
+
+static_assert(CovarianceKernel<RbfKernel> && CovarianceKernel<Matern52Kernel> && !CovarianceKernel<int>);
+static_assert(Acquisition<LogNehvi, std::vector<GaussianProcess<RbfKernel>>, EachOutput>);
+static_assert(Acquisition<QLogNehvi, std::vector<GaussianProcess<RbfKernel>>, EachOutput>);
+static_assert(Acquisition<QLogNehvi, std::vector<GaussianProcess<RbfKernel>>, MinimumOverTerms>);
 
 namespace {
 

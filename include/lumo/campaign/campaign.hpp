@@ -2,15 +2,14 @@
 
 #include "lumo/campaign/log.hpp"
 #include "lumo/campaign/trial_entry.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/optimize/optimizer.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cstdint>
 #include <optional>
 #include <set>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -185,7 +184,7 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
     const std::optional<int> id = detail::take(log, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
-      std::this_thread::sleep_for(std::chrono::duration<double>(config.poll_s));
+      detail::pause_for(config.poll_s);
       continue;
     }
     Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);

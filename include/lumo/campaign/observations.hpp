@@ -76,8 +76,8 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
     if (!channel || channel->empty()) return;
-    for (StateRecord& s : record.states) {
-      const Eigen::MatrixXd change = s.change;
+    for (Dependent<StateRecord, Tool>& s : record.states) {
+      const Dependent<Eigen::MatrixXd, Tool> change = s.change;
       for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };

@@ -4,8 +4,8 @@
 #include "lumo/campaign/lighting.hpp"
 #include "lumo/campaign/observations.hpp"
 #include "lumo/campaign/ray_refinement.hpp"
-#include "lumo/campaign/stopwatch.hpp"
 #include "lumo/core/executor.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/objective/contact_progression.hpp"
@@ -204,7 +204,7 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::unfolds(pressed.plan, images)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  Observations out;
+  Dependent<Observations, P> out;
 
   // Light, first for all states, then with more and more rays for those that decide.
   detail::Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
@@ -225,8 +225,8 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   }
 
   out.scenarios = detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records());
-  for (ScenarioRecord& record : out.scenarios)
-    for (StateRecord& s : record.states)
+  for (auto& record : out.scenarios)
+    for (auto& s : record.states)
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
   for (const auto& p : pressed.places) {
     out.nodes = std::max(out.nodes, p->mesh().nodes.size());

@@ -117,7 +117,9 @@ constexpr SobolTable make_sobol_table() {
   return table;
 }
 
-inline constexpr SobolTable sobol_table = make_sobol_table();
+/// Made by the compiler, and so only where it is used.
+template <class Table = SobolTable>
+inline constexpr Table sobol_table = make_sobol_table();
 
 }  // namespace detail
 
@@ -126,10 +128,11 @@ struct Sobol {
   static constexpr int dimensions = 32;
 
   /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  static constexpr std::uint32_t bits(std::uint32_t index, int dimension) {
+  template <class Table = detail::SobolTable>
+  static std::uint32_t bits(std::uint32_t index, int dimension) {
     std::uint32_t x = 0;
     for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= detail::sobol_table.number[dimension][k];
+      if (index & 1u) x ^= detail::sobol_table<Table>.number[dimension][k];
     return x;
   }
 };
@@ -140,7 +143,8 @@ struct OwenSobol {
   std::uint64_t seed = 0;
 
   /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  constexpr double operator()(std::uint32_t index, int dimension) const {
+  template <class = void>
+  double operator()(std::uint32_t index, int dimension) const {
     const std::uint32_t key = std::uint32_t(detail::combine(seed, std::uint64_t(dimension)) >> 32);
     return (double(detail::owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
   }

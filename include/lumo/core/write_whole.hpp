@@ -1,10 +1,10 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
 
 #include <cerrno>
-#include <chrono>
-#include <filesystem>
+#include <cstdio>
 #include <fstream>
 #include <string>
 #include <string_view>
@@ -17,17 +17,14 @@ namespace lumo::detail {
 template <class = void>
 inline void write_whole(const std::string& path, std::string_view bytes) {
   // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
-  const std::string part = text(path, ".part-", std::chrono::steady_clock::now().time_since_epoch().count(), '-', static_cast<const void*>(&bytes));
+  const std::string part = text(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
   out.close();
-  std::error_code error;
-  if (!out) error = {errno != 0 ? errno : EIO, std::generic_category()};
-  else std::filesystem::rename(part, path, error);
-  if (out && !error) return;
-  const std::string why = error.message();
-  std::filesystem::remove(part, error);
+  if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
+  const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
+  std::remove(part.c_str());
   throw InputError(text(path, ": cannot be written: ", why));
 }
 

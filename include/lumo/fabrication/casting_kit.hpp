@@ -30,7 +30,7 @@ struct CastVolume {
 };
 
 /// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
-template <class = void>
+template <class Mat3 = Mat3>
 std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
 
 template <class = void>
@@ -60,7 +60,7 @@ inline CastingPart print_part(std::string name, TriangleSurface surface, In<Mat3
 
 }  // namespace detail
 
-template <class>
+template <class Mat3>
 inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
   // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
   const Mat3 flat = Mat3::Identity(), on_far_end = (Mat3() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),

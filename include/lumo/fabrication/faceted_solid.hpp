@@ -47,8 +47,8 @@ class FacetedSolidOf {
 using FacetedSolid = FacetedSolidOf<>;
 
 /// The loop the other way round.
-template <class Loop = FacetedSolid::Loop>
-inline Loop reversed(std::type_identity_t<Loop> loop) {
+template <class Vec3 = Vec3>
+inline std::vector<Vec3> reversed(std::type_identity_t<std::vector<Vec3>> loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }

@@ -30,9 +30,9 @@ std::vector<Opening> pour_openings(const CastSection& section, const CastingOpti
 /// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
 /// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
 /// Throws InvalidArgument, MeshError.
-template <class = void>
+template <class Vec3 = Vec3>
 TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
-template <class = void>
+template <class Vec3 = Vec3>
 TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
 template <class Opening>
@@ -123,8 +123,6 @@ class MouldHalfOf {
   FacetedSolid solid_;
 };
 
-using MouldHalf = MouldHalfOf<>;
-
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
 template <class Vec3>
 inline void MouldHalfOf<Vec3>::cavity() {
@@ -211,16 +209,16 @@ inline void MouldHalfOf<Vec3>::openings() {
 
 }  // namespace detail
 
-template <class>
+template <class Vec3>
 inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  return detail::MouldHalf(s, o, true).surface();
+  return detail::MouldHalfOf<Vec3>(s, o, true).surface();
 }
 
-template <class>
+template <class Vec3>
 inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  TriangleSurface half = detail::MouldHalf(s, o, false).surface();
+  TriangleSurface half = detail::MouldHalfOf<Vec3>(s, o, false).surface();
   for (Vec3& v : half.vertices) v = Vec3(-v.x(), -v.y(), v.z());
   return half;
 }

@@ -8,11 +8,9 @@
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
-#include <system_error>
 
 namespace lumo {
 
@@ -139,8 +137,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
 template <class PadResponses = PadResponses>
 inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
-  std::error_code error;
-  if (!std::filesystem::exists(path, error)) return std::nullopt;
+  if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
   const auto text = detail::read_whole(path);
   if (!text) throw InputError(detail::text(path, ": cannot be read"));
   return pad_responses_from_text(*text, key, path);

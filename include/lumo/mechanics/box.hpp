@@ -39,7 +39,7 @@ inline DistanceSample distance_to_box(In<Vec3> half, In<Vec3> p) {
 
 /// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress without limit: round them.
 struct Box {
-  Vec3 size_m = Vec3::Constant(10e-3);
+  Vec3 size_m{10e-3, 10e-3, 10e-3};
   double edge_radius_m = 0.5e-3;
 
   bool operator==(const Box&) const = default;

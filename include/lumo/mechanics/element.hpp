@@ -9,9 +9,9 @@ namespace lumo {
 
 /// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
 template <int Nodes, class Vec3 = Vec3>
-Eigen::Matrix<double, 3, Nodes> shape_gradients(In<Vec3> xi) {
+Eigen::Matrix<typename Vec3::Scalar, 3, Nodes> shape_gradients(In<Vec3> xi) {
   static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  Eigen::Matrix<double, 3, Nodes> g;
+  Eigen::Matrix<typename Vec3::Scalar, 3, Nodes> g;
   const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
   for (int i = 0; i < 3; ++i) {
     for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
@@ -47,7 +47,7 @@ struct QuadraticTet {
   bool mean_dilatation = true;
 
   template <class Vec3 = Vec3>
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int q) {
     constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
     return shape_gradients<nodes, Vec3>(Vec3(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
   }
@@ -64,7 +64,7 @@ struct LinearTet {
   bool mean_dilatation = false;
 
   template <class Vec3 = Vec3>
-  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes, Vec3>(Vec3::Constant(0.25)); }
+  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int) { return shape_gradients<nodes, Vec3>(Vec3::Constant(0.25)); }
   static double weight(int) { return 1.0 / 6.0; }
   static double mass_share(int) { return 0.25; }
 };
@@ -78,7 +78,7 @@ struct LinearPatchTet {
   bool mean_dilatation = true;
 
   template <class Vec3 = Vec3>
-  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int q) {
     using Gradients = Eigen::Matrix<typename Vec3::Scalar, 3, nodes>;
     Gradients g = Gradients::Zero();
     const auto& part = parts[q];
@@ -103,8 +103,6 @@ struct LinearPatchTet {
  private:
   static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
-
-static_assert(TetElement<QuadraticTet> && TetElement<LinearTet> && TetElement<LinearPatchTet>);
 
 /// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
 inline std::array<double, 6> face_shape(double u, double v, int order) {

@@ -32,7 +32,7 @@ struct FrictionHistory {
     for (std::size_t f = 0; f < surface.size(); ++f)
       for (const SurfacePoint& p : surface.points(f)) {
         place[f].push_back(surface.position(f, p, x));
-        stretch[f].push_back(Vec3::Zero());
+        stretch[f].push_back({0.0, 0.0, 0.0});
       }
   }
 

@@ -9,19 +9,22 @@
 namespace lumo {
 
 /// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
-struct InvariantSample {
+template <class Mat9 = Mat9>
+struct InvariantSampleOf {
   double value;
   Mat3 gradient;
   Mat9 hessian;
 };
 
+using InvariantSample = InvariantSampleOf<>;
+
 /// Ī₁ = J^(−2/3) tr C; det F must be positive.
 template <class Mat3 = Mat3, class Mat9 = Mat9>
-InvariantSample first_isochoric_invariant(In<Mat3> F);
+InvariantSampleOf<Mat9> first_isochoric_invariant(In<Mat3> F);
 
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
 template <class Mat3 = Mat3, class Mat9 = Mat9>
-InvariantSample second_isochoric_invariant(In<Mat3> F);
+InvariantSampleOf<Mat9> second_isochoric_invariant(In<Mat3> F);
 
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
@@ -45,12 +48,12 @@ inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, doub
 }  // namespace detail
 
 template <class Mat3, class Mat9>
-inline InvariantSample first_isochoric_invariant(In<Mat3> F) {
+inline InvariantSampleOf<Mat9> first_isochoric_invariant(In<Mat3> F) {
   return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, isotropic(2.0)}, 2.0 / 3.0);
 }
 
 template <class Mat3, class Mat9>
-inline InvariantSample second_isochoric_invariant(In<Mat3> F) {
+inline InvariantSampleOf<Mat9> second_isochoric_invariant(In<Mat3> F) {
   const Mat3 C = F.transpose() * F, B = F * F.transpose();
   const double I1 = C.trace();
   Mat9 h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)

@@ -47,6 +47,4 @@ inline void validate(const NeoHookean& m) {
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
 
-static_assert(HyperelasticMaterial<NeoHookean> && DilatationalMaterial<NeoHookean>);
-
 }  // namespace lumo

@@ -132,6 +132,4 @@ inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
   return frame * local * frame.transpose();
 }
 
-static_assert(HyperelasticMaterial<Ogden>);
-
 }  // namespace lumo

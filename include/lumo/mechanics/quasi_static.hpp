@@ -1,12 +1,12 @@
 #pragma once
 
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_set.hpp"
 #include "lumo/mechanics/press_system.hpp"
 #include "lumo/mechanics/secant_pairs.hpp"
 #include "lumo/mechanics/state.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <memory>
 #include <utility>
@@ -77,9 +77,7 @@ class QuasiStaticRun {
   QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations), now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()),
-        deadline_(std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                                                         std::chrono::duration<double>(std::min(config.time_limit_s, 1e6)))) {
+        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -169,7 +167,7 @@ class QuasiStaticRun {
       if (!std::isfinite(unbalanced)) return Status::non_finite;
       // The plain residual is what counts; it is looked at when the linearised one is small.
       if (unbalanced <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
-      if (std::chrono::steady_clock::now() > deadline_) return Status::time_limit;
+      if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
       if (before.size() > 0 && unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
       } else {
@@ -279,7 +277,7 @@ class QuasiStaticRun {
   std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>> linear_;   // by parity; the first one's factor is that of the steps
   typename System::Place now_, factored_;   // where we are, and where the factor was made
   FrictionHistory touched_, rested_;        // at the end of the last stride
-  std::chrono::steady_clock::time_point deadline_;
+  Stopwatch watch_;
   typename System::Tangent tangent_;
   VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;

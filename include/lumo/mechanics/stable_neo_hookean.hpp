@@ -37,6 +37,4 @@ inline void validate(const StableNeoHookean& m) {
   require_in_range("Lame parameter lambda", m.lambda, 0.0, 1e15, "Pa");
 }
 
-static_assert(HyperelasticMaterial<StableNeoHookean> && DilatationalMaterial<StableNeoHookean>);
-
 }  // namespace lumo

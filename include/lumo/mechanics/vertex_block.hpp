@@ -9,7 +9,7 @@ namespace lumo {
 /// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
 struct VertexBlock {
   Vec3 force{0.0, 0.0, 0.0};   ///< [N]
-  Mat3 block = Mat3::Zero();   ///< [N/m]
+  Mat3 block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};   ///< [N/m]
 };
 
 /// Elastic and viscous force and stiffness of single nodes, for any material and element.

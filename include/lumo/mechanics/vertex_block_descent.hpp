@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/executor.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/carrier.hpp"
 #include "lumo/mechanics/descent_model.hpp"
 #include "lumo/mechanics/press_solver.hpp"
@@ -9,7 +10,6 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
@@ -211,9 +211,7 @@ class Descent {
 template <Executor E>
 template <class SomeModel, Indenter Tool>
 std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  using Clock = std::chrono::steady_clock;
-  const auto begun = Clock::now();
-  const auto late = [&] { return std::chrono::duration<double>(Clock::now() - begun).count() > config.time_limit_s; };
+  const detail::Stopwatch watch;
   detail::Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
   const int hold = int(std::lround(config.hold_s / config.time_step_s));
   std::vector<MechanicalState> states;
@@ -226,7 +224,7 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     const auto go = [&](double by) {
       ++steps;
       if (!body.step(by)) state.status = Status::non_finite;
-      else if (late()) state.status = Status::time_limit;
+      else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {
       if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;

@@ -21,7 +21,7 @@ struct SizeField {
     int unused = 0;                 ///< keeps the bytes defined
   };
 
-  Vec3 low = Vec3::Zero();
+  Vec3 low{0.0, 0.0, 0.0};
   double side = 0.0;                ///< of the root cube
   std::vector<Cell> cells;          ///< empty: no wish
 

@@ -12,7 +12,6 @@
 #include <charconv>
 #include <cstdint>
 #include <cstring>
-#include <filesystem>
 #include <map>
 #include <string>
 #include <string_view>
@@ -24,7 +23,7 @@ namespace lumo {
 /// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
 /// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
 template <class Vec3 = Vec3>
-TriangleSurface read_surface(const std::filesystem::path& path, double unit_m = 1e-3);
+TriangleSurface read_surface(const std::string& path, double unit_m = 1e-3);
 
 namespace detail {
 
@@ -203,20 +202,19 @@ inline TriangleSurface surface_of(std::string_view kind, const std::string& byte
 }  // namespace detail
 
 template <class Vec3>
-inline TriangleSurface read_surface(const std::filesystem::path& path, double unit_m) {
+inline TriangleSurface read_surface(const std::string& path, double unit_m) {
   require_in_range("unit of a surface file", unit_m, 1e-9, 1e3, "m");
-  const std::string name = path.string();
-  std::string kind = path.extension().string();
+  const std::size_t dot = std::min(path.find_last_of("./"), path.size());
+  std::string kind = path.substr(dot);
   for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
-  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", name, "': its name must end in .obj or .stl"));
-  std::error_code none;
-  if (!std::filesystem::is_regular_file(path, none)) throw InputError(detail::text("cannot read surface file '", name, "': there is no such file"));
+  if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", path, "': its name must end in .obj or .stl"));
+  const auto size = detail::file_size<Dependent<std::uintmax_t, Vec3>>(path);
+  if (!size) throw InputError(detail::text("cannot read surface file '", path, "': there is no such file"));
   constexpr std::uintmax_t most = 500'000'000;
-  if (std::error_code fault; std::filesystem::file_size(path, fault) > most && !fault)
-    throw InputError(detail::text("surface file '", name, "' is larger than ", most, " bytes"));
-  const auto bytes = detail::read_whole(path);
-  if (!bytes) throw InputError(detail::text("cannot read surface file '", name, "'"));
-  return detail::surface_of(kind, *bytes, name, unit_m);
+  if (*size > most) throw InputError(detail::text("surface file '", path, "' is larger than ", most, " bytes"));
+  const auto bytes = detail::read_whole<Dependent<std::string, Vec3>>(path);
+  if (!bytes) throw InputError(detail::text("cannot read surface file '", path, "'"));
+  return detail::surface_of(kind, *bytes, path, unit_m);
 }
 
 }  // namespace lumo

@@ -13,7 +13,7 @@ namespace lumo {
 
 /// Where on a triangle abc a point is nearest to another, and on what of it.
 struct TrianglePoint {
-  Vec3 point = Vec3::Zero();
+  Vec3 point{0.0, 0.0, 0.0};
   int feature = inside;   ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
   static constexpr int inside = 6;
 };
@@ -75,7 +75,7 @@ class TriangleTree {
 
  private:
   struct Node {
-    Eigen::AlignedBox3d box;
+    Vec3 low, high;     ///< corners of its box
     int first, count;   ///< triangles of a leaf; count 0: the children are at `first` and `second`
     int second;
   };
@@ -85,11 +85,11 @@ class TriangleTree {
   template <class AlignedBox3d = Eigen::AlignedBox3d>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
-    nodes_.push_back({{}, begin, end - begin, -1});
+    nodes_.push_back({{}, {}, begin, end - begin, -1});
     AlignedBox3d box;
     for (int i = begin; i < end; ++i)
       for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
-    nodes_[std::size_t(self)].box = box;
+    nodes_[std::size_t(self)].low = box.min(), nodes_[std::size_t(self)].high = box.max();
     if (end - begin <= 4) return self;
     int axis;
     box.sizes().maxCoeff(&axis);
@@ -106,7 +106,7 @@ class TriangleTree {
     return self;
   }
 
-  template <class Vec3 = Vec3>
+  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   void search(int at, In<Vec3> p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
@@ -118,7 +118,8 @@ class TriangleTree {
       return;
     }
     int near = n.first, far = n.second;
-    double to_near = nodes_[std::size_t(near)].box.squaredExteriorDistance(p), to_far = nodes_[std::size_t(far)].box.squaredExteriorDistance(p);
+    const auto away = [&](const Node& child) { return AlignedBox3d(child.low, child.high).squaredExteriorDistance(p); };
+    double to_near = away(nodes_[std::size_t(near)]), to_far = away(nodes_[std::size_t(far)]);
     if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
     if (to_near < least) search(near, p, least, best);
     if (to_far < least) search(far, p, least, best);

@@ -67,7 +67,7 @@ inline std::string base64(std::span<const unsigned char> bytes) {
 template <class T>
 void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components, const std::vector<T>& values) {
   const std::uint64_t size = values.size() * sizeof(T);
-  std::vector<unsigned char> bytes(sizeof size + size);
+  std::vector<Dependent<unsigned char, T>> bytes(sizeof size + size);
   std::memcpy(bytes.data(), &size, sizeof size);
   if (size > 0) std::memcpy(bytes.data() + sizeof size, values.data(), size);
   out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\"";

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/design.hpp"
 
@@ -51,8 +52,8 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-template <class HalfSection = HalfSection>
-HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+template <class HalfSection = HalfSection, class FingerDesign = FingerDesign>
+HalfSection half_section(In<FingerDesign> design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
@@ -83,8 +84,8 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-template <class HalfSection>
-inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+template <class HalfSection, class FingerDesign>
+inline HalfSection half_section(In<FingerDesign> given, Twin twin, const Chords& chords, const PadDimensions& pad) {
   finger_space(pad).check(given.values());
   FingerDesign d = given;
   if (twin == Twin::no_void) d.w_v = 0.0;

@@ -40,7 +40,7 @@ struct ContactLoads {
 };
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
-template <class ContactTerms = ContactTerms>
+template <class ContactTerms = ContactTerms, class Positions = Positions>
 ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
@@ -69,7 +69,7 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
-template <class ContactTerms>
+template <class ContactTerms, class Positions>
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
@@ -85,7 +85,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
+    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of<Positions>(mesh)).ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);

@@ -55,11 +55,12 @@ concept OpaqueSurface = requires(const S& s, const Vec3& v) {
 static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
 static_assert(!OpaqueSurface<Dielectric>);
 
-inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
+template <std::same_as<SurfaceOptics> Optics>
+inline bool is_dielectric(const Optics& s) { return std::holds_alternative<Dielectric>(s); }
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
-template <class = void>
-inline void validate(const SurfaceOptics& optics) {
+template <std::same_as<SurfaceOptics> Optics>
+inline void validate(const Optics& optics) {
   std::visit(
       [](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) require_in_range("surface reflectance", reflectance(s), 0.0, 1.0, "");

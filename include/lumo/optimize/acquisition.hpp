@@ -21,8 +21,9 @@ concept Acquisition = requires(const A& acquisition, const Models& models, const
 
 /// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees evenly spread draws.
 /// Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number of rows.
+template <class MatrixXd = Eigen::MatrixXd>
 inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
-  Eigen::MatrixXd z(points, draws);
+  MatrixXd z(points, draws);
   for (Eigen::Index i = 0; i < points; ++i) {
     const OwenSobol sequence{detail::combine(seed, std::uint64_t(i / Sobol::dimensions))};
     for (Eigen::Index s = 0; s < draws; ++s) z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));

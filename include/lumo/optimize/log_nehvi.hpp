@@ -3,7 +3,6 @@
 #include "lumo/optimize/acquisition.hpp"
 #include "lumo/optimize/expected_hypervolume.hpp"
 
-
 namespace lumo {
 
 /// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's objectives are
@@ -101,7 +100,5 @@ struct LogNehvi {
     return base;
   }
 };
-
-static_assert(Acquisition<LogNehvi, std::vector<GaussianProcess<RbfKernel>>, EachOutput>);
 
 }  // namespace lumo

@@ -33,7 +33,7 @@ struct Problem {
   std::uint64_t seed = 0;
 
   /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by DesignSampler.
-  template <class = void>
+  template <class Design = Design>
   void validate() const {
     if (objectives.empty()) throw InvalidArgument("problem has no objectives, must have at least 1");
     std::set<std::string> names;

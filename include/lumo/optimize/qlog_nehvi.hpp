@@ -105,7 +105,4 @@ struct QLogNehvi {
   }
 };
 
-static_assert(Acquisition<QLogNehvi, std::vector<GaussianProcess<RbfKernel>>, EachOutput>);
-static_assert(Acquisition<QLogNehvi, std::vector<GaussianProcess<RbfKernel>>, MinimumOverTerms>);
-
 }  // namespace lumo

@@ -41,8 +41,8 @@ class TrialLog {
   template <class = void>
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
-  template <class = void>
-  const Trial& open(int id, Design x);
+  template <class Design = Design>
+  const Trial& open(int id, std::type_identity_t<Design> x);
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
   template <class = void>
   void tell(int id, std::vector<double> outputs);
@@ -92,8 +92,8 @@ inline std::optional<Design> TrialLog::scheduled() const {
   return std::nullopt;
 }
 
-template <class>
-inline const Trial& TrialLog::open(int id, Design x) {
+template <class Design>
+inline const Trial& TrialLog::open(int id, std::type_identity_t<Design> x) {
   if (id != int(trials_.size())) throw InvalidArgument(detail::text("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
   problem_.space.check(x);
   x = sampler_.canonical(std::move(x));

@@ -20,7 +20,7 @@ struct AxisMap {
   Eigen::Vector2d direction{1.0, 0.0};    ///< unit, towards the finger's tip (+y)
   double half_length_px = 1.0;
   Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d covariance{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 

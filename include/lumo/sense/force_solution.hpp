@@ -26,7 +26,7 @@ struct TorqueOnlySolution {
   double force_N = 0.0;
   int rank = 0;                                         ///< of (y, force): 2 both, 1 a combination, 0 nothing
   Eigen::Vector2d null_direction{0.0, 0.0};  ///< (y in units of 10 mm, force in N), unit; where the rank is 1
-  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();   ///< of (y [m], force [N]); where the rank is 2
+  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};   ///< of (y [m], force [N]); where the rank is 2
 };
 
 /// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only

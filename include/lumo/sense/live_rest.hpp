@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/sense/camera.hpp"
 #include "lumo/sense/finger_view.hpp"
 #include "lumo/sense/frame_monitor.hpp"
@@ -9,20 +10,14 @@
 #include "lumo/sense/unloaded_reference.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
 namespace lumo {
-
-/// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
-template <class = void>
-std::int64_t steady_ns() { return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// How live streams are waited for.
 struct LiveWait {
@@ -43,7 +38,7 @@ namespace detail {
 /// Lets others run; cameras that wait by themselves have done so before.
 template <class = void>
 void idle() {
-  std::this_thread::sleep_for(std::chrono::microseconds(200));
+  pause_for(200e-6);
 }
 
 /// The next picture, or nothing when the camera has ended; `meanwhile()` is called while none is there. Throws InputError, with `name` before the message, where none comes in time.

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/sense/bayes_localizer.hpp"
 #include "lumo/sense/finger_view.hpp"
 #include "lumo/sense/force_baselines.hpp"
@@ -10,7 +11,6 @@
 #include "lumo/sense/standstill.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -154,9 +154,9 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, In<std::vector<
     actuator.until(now);
     LogEstimate e;
     e.stamp_ns = now;
-    const auto from = std::chrono::steady_clock::now();
+    const detail::Stopwatch watch;
     e.force = estimator.step(now);
-    e.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
+    e.seconds = watch.seconds();
     e.location = estimator.location();
     e.joints = torques.at(now, std::max(0.02, 5.0 * joint_period_s));
     list.push_back(std::move(e));
