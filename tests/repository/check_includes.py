@@ -1,4 +1,4 @@
-"""Checks that include arrows point one way, along the order of the stages.
+"""Checks that include arrows point one way, along the order of the stages, and that lumo.hpp includes nothing that is dear to compile.
 
 usage: check_includes.py include/lumo
 """
@@ -26,6 +26,8 @@ STANDARD = set(
     system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray variant vector
     version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal cstdarg cuchar cwchar cwctype""".split()
 )
+SYSTEM = {"sys/stat.h", "time.h"}   # in place of what is dear
+DEAR = {"chrono", "condition_variable", "filesystem", "future", "iomanip", "iostream", "locale", "random", "ranges", "regex", "thread"}
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
@@ -60,9 +62,20 @@ def cycle(graph):
     return None
 
 
+def reached(graph, start):
+    """All headers that `start` includes, itself too."""
+    found, waiting = set(), [start]
+    while waiting:
+        header = waiting.pop()
+        if header not in found:
+            found.add(header)
+            waiting += graph.get(header, ())
+    return found
+
+
 def check(root):
     root = pathlib.Path(root)
-    faults, graph = [], {}
+    faults, graph, dear = [], {}, []
     headers = sorted(root.rglob("*.hpp"))
     if not headers:
         return [f"{root}: no headers found"]
@@ -88,10 +101,14 @@ def check(root):
                 graph[here].append(inside)
                 if stage_of(inside) not in ALLOWED[stage]:
                     faults.append(f"{where}: {stage or 'the umbrella'} must not include {stage_of(inside)} ({target})")
+            elif target in DEAR:
+                dear.append((here, f"{where}: lumo.hpp must not include <{target}>, which is dear to compile"))
             elif bracket == '"':
                 faults.append(f'{where}: write the path from the include folder: "{target}"')
-            elif stage != "support" and target not in STANDARD and not target.startswith(("Eigen/", "unsupported/Eigen/")):
+            elif stage != "support" and target not in STANDARD | SYSTEM and not target.startswith(("Eigen/", "unsupported/Eigen/")):
                 faults.append(f"{where}: only support/ may include a foreign library: <{target}>")
+    behind_lumo = reached(graph, "lumo.hpp")
+    faults += [fault for header, fault in dear if header in behind_lumo]
     ring = cycle(graph)
     if ring:
         faults.append("headers include each other: " + " -> ".join(ring))

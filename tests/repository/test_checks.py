@@ -66,6 +66,12 @@ class Checks(unittest.TestCase):
         self.plant("core/bad.hpp", '#include "a.hpp"\n')
         self.one_fault(check_includes.check, "path from the include folder")
 
+    def test_dear_header_behind_lumo(self):
+        self.plant("core/clock.hpp", "#include <chrono>\n")
+        self.assertEqual(check_includes.check(self.root), [])
+        self.plant("lumo.hpp", '#include "lumo/core/clock.hpp"\n')
+        self.one_fault(check_includes.check, "must not include <chrono>")
+
     def test_unknown_folder(self):
         self.plant("misc/bad.hpp", "\n")
         self.one_fault(check_includes.check, "no stage")
