@@ -10,6 +10,7 @@
 #include "lumo/support/tetgen.hpp"
 #include "taylor_hood.hpp"
 
+#include <chrono>
 #include <cstdio>
 #include <fstream>
 #include <iostream>

@@ -9,6 +9,7 @@
 #include "lumo/support/zip.hpp"
 #include "temporary_folder.hpp"
 
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <sstream>
