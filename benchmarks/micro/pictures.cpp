@@ -1,0 +1,40 @@
+#include "kernel.hpp"
+
+#include "lumo/sense/led_detector.hpp"
+#include "sense/hand_scene.hpp"
+#include "sense/synthetic.hpp"
+
+using namespace lumo;
+using namespace lumo::micro;
+
+TEST_CASE("sense: LEDs of a finger", "[sense]") {
+  synthetic::View view;
+  view.angle_rad = 0.2;
+  const Image image = synthetic::paint(view, [](double y, double across) { return synthetic::leds(y, across); }, 2.0, 4);
+  LedDetector detector;
+  detector.distal = view.direction();
+  const auto found = detector.find(image.view());
+  REQUIRE(found);
+  REQUIRE((found->centroid_px.col(2) - view.pixel(0.0)).norm() < 0.5);
+  BENCHMARK(named("row of LEDs found", "1 picture of 640 x 480")) { return detector.find(image.view()); };
+}
+
+TEST_CASE("sense: contacts of a hand", "[sense]") {
+  HandObserver hand = synthetic::practised_hand();   // four links, 25 pictures of reference
+  synthetic::HandScene scene;
+  std::vector<Image> pictures;
+  for (const bool touched : {false, true}) {
+    scene.touches.clear();
+    if (touched) scene.touches = {{1, 5.0, 25.0}, {3, -8.0, 25.0}};
+    scene.seed = 900 + touched;
+    pictures.push_back(scene.paint());
+  }
+  const JointVector joints = scene.sample();
+  std::int64_t stamp = 0;
+  const auto observe = [&](const Image& picture) { return hand.observe(stamp += synthetic::ms, joints, picture.view()).contacts.size(); };
+  REQUIRE(observe(pictures[0]) == 0);
+  REQUIRE(observe(pictures[1]) == 2);
+  const std::string input = "4 links in a picture of 640 x 480";
+  BENCHMARK(named("contacts of a hand", input, "nothing touched")) { return observe(pictures[0]); };
+  BENCHMARK(named("contacts of a hand", input, "two links touched")) { return observe(pictures[1]); };
+}
