@@ -1907,21 +1907,21 @@ constexpr T number_at(const Byte* bytes, ByteOrder order) {
 namespace lumo::detail {
 
 /// Bytes of a regular file; nothing where there is none. By the system's call: `<filesystem>` would add a twentieth to what it costs to include lumo.
-template <class Size = std::uintmax_t>
-inline std::optional<Size> file_size(const std::string& path) {
+template <class = void>
+inline std::optional<std::uintmax_t> file_size(const std::string& path) {
   struct stat found;
   if (::stat(path.c_str(), &found) != 0 || (found.st_mode & S_IFMT) != S_IFREG) return std::nullopt;
-  return Size(found.st_size);
+  return std::uintmax_t(found.st_size);
 }
 
 /// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
-template <class String = std::string>
-inline std::optional<String> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
-  const auto size = file_size<Dependent<std::uintmax_t, String>>(path);
+template <class = void>
+inline std::optional<std::string> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
+  const auto size = file_size(path);
   if (!size || *size > most) return std::nullopt;
   std::ifstream in(path, std::ios::binary);
   if (!in) return std::nullopt;
-  String bytes(std::size_t(*size), '\0');
+  std::string bytes(std::size_t(*size), '\0');
   in.read(bytes.data(), std::streamsize(bytes.size()));
   if (in.bad()) return std::nullopt;
   bytes.resize(std::size_t(in.gcount()));
@@ -3090,11 +3090,11 @@ inline TriangleSurface read_surface(const std::string& path, double unit_m) {
   std::string kind = path.substr(dot);
   for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
   if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", path, "': its name must end in .obj or .stl"));
-  const auto size = detail::file_size<Dependent<std::uintmax_t, Vec3>>(path);
+  const auto size = detail::file_size(path);
   if (!size) throw InputError(detail::text("cannot read surface file '", path, "': there is no such file"));
   constexpr std::uintmax_t most = 500'000'000;
   if (*size > most) throw InputError(detail::text("surface file '", path, "' is larger than ", most, " bytes"));
-  const auto bytes = detail::read_whole<Dependent<std::string, Vec3>>(path);
+  const auto bytes = detail::read_whole(path);
   if (!bytes) throw InputError(detail::text("cannot read surface file '", path, "'"));
   return detail::surface_of(kind, *bytes, path, unit_m);
 }
@@ -21342,14 +21342,13 @@ inline std::vector<Vec3> rectangle(double x0, double x1, double y0, double y1, d
 template <class Vec3>
 inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  const auto rectangle = [](double x0, double x1, double y0, double y1, double z) { return detail::rectangle<Vec3>(x0, x1, y0, y1, z); };
   const CastingLayout at(s, o);
   const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
   FacetedSolidOf<Vec3> solid;
-  const auto plate = [&](double z) { return rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto ridge = [&](double z) { return rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
-  const auto pocket = [&](double z) { return rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
-  const auto duct = [&](double z) { return rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
+  const auto plate = [&](double z) { return detail::rectangle<Vec3>(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto ridge = [&](double z) { return detail::rectangle<Vec3>(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto pocket = [&](double z) { return detail::rectangle<Vec3>(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
+  const auto duct = [&](double z) { return detail::rectangle<Vec3>(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
   const auto holes = [&](double z) {
     std::vector<std::vector<Vec3>> loops;
     for (const double x : {-1.0, 1.0})

@@ -1,6 +1,7 @@
 // Reference solutions of presses against lumo's default: `lumo_reference run …` fills a table of results, `lumo_reference table` compares.
 // Rows that the file already holds are skipped, so a run can be stopped and taken up again.
 
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
@@ -10,7 +11,6 @@
 #include "lumo/support/tetgen.hpp"
 #include "taylor_hood.hpp"
 
-#include <chrono>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -106,11 +106,6 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
   return all;
 }
 
-struct Clock {
-  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); }
-};
-
 /// Mesh sizes of lumo's own solution, from a level's name: `lumo` is the default, `lumo:finest:growth:depth_growth:contact_edge:coarsest:base_growth`
 /// (edges in mm) anything else; what is left out keeps its default.
 std::pair<FingerOptions, Focus> sizes_of(const std::string& level) {
@@ -134,7 +129,7 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
   std::vector<Scenario<Sphere>> place;   // what shares a mesh in a campaign
   for (double d : {10e-3, 15e-3, 20e-3, 30e-3}) place.push_back({Sphere{d}, c.scenario().angle_rad, c.scenario().y_m, loads});
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), place, mesher, focus);
-  const Clock clock;
+  const detail::Stopwatch clock;
   const Silicone card = dragon_skin();
   const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{card.mu_Pa, card.lambda_Pa}};
   const auto states = simulator.press(body, mesh, c.scenario());
@@ -244,7 +239,7 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   if (!c.planes().y) whole = spelled_out(whole, 1);
   const Body body = focused(whole, {touch.point}, focus);
   const TetMesh mesh = mesh_body(body, mesher);
-  const Clock clock;
+  const detail::Stopwatch clock;
   const Sector sector = sector_of(mesh, c.planes());
   const Silicone card = dragon_skin();
   reference::TaylorHood solver(body, sector.mesh, c.planes(), {card.mu_Pa, card.lambda_Pa});

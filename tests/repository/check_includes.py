@@ -92,6 +92,8 @@ def check(root):
                 continue
             bracket, target = match.groups()
             where = f"{here}:{number}"
+            if target in DEAR:
+                dear.append((here, f"{where}: lumo.hpp must not include <{target}>, which is dear to compile"))
             if target.startswith("lumo/"):
                 inside = target[len("lumo/"):]
                 if bracket == "<":
@@ -101,8 +103,6 @@ def check(root):
                 graph[here].append(inside)
                 if stage_of(inside) not in ALLOWED[stage]:
                     faults.append(f"{where}: {stage or 'the umbrella'} must not include {stage_of(inside)} ({target})")
-            elif target in DEAR:
-                dear.append((here, f"{where}: lumo.hpp must not include <{target}>, which is dear to compile"))
             elif bracket == '"':
                 faults.append(f'{where}: write the path from the include folder: "{target}"')
             elif stage != "support" and target not in STANDARD | SYSTEM and not target.startswith(("Eigen/", "unsupported/Eigen/")):

@@ -1,7 +1,5 @@
 #pragma once
 
-#include "lumo/core/types.hpp"
-
 #include <sys/stat.h>
 
 #include <cstddef>
@@ -14,21 +12,21 @@
 namespace lumo::detail {
 
 /// Bytes of a regular file; nothing where there is none. By the system's call: `<filesystem>` would add a twentieth to what it costs to include lumo.
-template <class Size = std::uintmax_t>
-inline std::optional<Size> file_size(const std::string& path) {
+template <class = void>
+inline std::optional<std::uintmax_t> file_size(const std::string& path) {
   struct stat found;
   if (::stat(path.c_str(), &found) != 0 || (found.st_mode & S_IFMT) != S_IFREG) return std::nullopt;
-  return Size(found.st_size);
+  return std::uintmax_t(found.st_size);
 }
 
 /// All bytes of a regular file; nothing where there is none, it cannot be read, or has more than `most` bytes. (A pipe would wait, a folder reads as empty.)
-template <class String = std::string>
-inline std::optional<String> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
-  const auto size = file_size<Dependent<std::uintmax_t, String>>(path);
+template <class = void>
+inline std::optional<std::string> read_whole(const std::string& path, std::uintmax_t most = std::uintmax_t{1} << 29) {
+  const auto size = file_size(path);
   if (!size || *size > most) return std::nullopt;
   std::ifstream in(path, std::ios::binary);
   if (!in) return std::nullopt;
-  String bytes(std::size_t(*size), '\0');
+  std::string bytes(std::size_t(*size), '\0');
   in.read(bytes.data(), std::streamsize(bytes.size()));
   if (in.bad()) return std::nullopt;
   bytes.resize(std::size_t(in.gcount()));

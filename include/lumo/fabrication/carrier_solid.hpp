@@ -36,14 +36,13 @@ inline std::vector<Vec3> rectangle(double x0, double x1, double y0, double y1, d
 template <class Vec3>
 inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  const auto rectangle = [](double x0, double x1, double y0, double y1, double z) { return detail::rectangle<Vec3>(x0, x1, y0, y1, z); };
   const CastingLayout at(s, o);
   const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
   FacetedSolidOf<Vec3> solid;
-  const auto plate = [&](double z) { return rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
-  const auto ridge = [&](double z) { return rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
-  const auto pocket = [&](double z) { return rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
-  const auto duct = [&](double z) { return rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
+  const auto plate = [&](double z) { return detail::rectangle<Vec3>(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto ridge = [&](double z) { return detail::rectangle<Vec3>(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto pocket = [&](double z) { return detail::rectangle<Vec3>(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
+  const auto duct = [&](double z) { return detail::rectangle<Vec3>(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
   const auto holes = [&](double z) {
     std::vector<std::vector<Vec3>> loops;
     for (const double x : {-1.0, 1.0})

@@ -208,11 +208,11 @@ inline TriangleSurface read_surface(const std::string& path, double unit_m) {
   std::string kind = path.substr(dot);
   for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
   if (kind != ".obj" && kind != ".stl") throw InputError(detail::text("surface file '", path, "': its name must end in .obj or .stl"));
-  const auto size = detail::file_size<Dependent<std::uintmax_t, Vec3>>(path);
+  const auto size = detail::file_size(path);
   if (!size) throw InputError(detail::text("cannot read surface file '", path, "': there is no such file"));
   constexpr std::uintmax_t most = 500'000'000;
   if (*size > most) throw InputError(detail::text("surface file '", path, "' is larger than ", most, " bytes"));
-  const auto bytes = detail::read_whole<Dependent<std::string, Vec3>>(path);
+  const auto bytes = detail::read_whole(path);
   if (!bytes) throw InputError(detail::text("cannot read surface file '", path, "'"));
   return detail::surface_of(kind, *bytes, path, unit_m);
 }

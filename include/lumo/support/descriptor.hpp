@@ -1,10 +1,8 @@
 #pragma once
 
 #include <fcntl.h>
-#include <time.h>
 #include <unistd.h>
 
-#include <cstdint>
 #include <utility>
 
 namespace lumo::detail {
@@ -27,12 +25,5 @@ class Descriptor {
  private:
   int fd_;
 };
-
-/// CLOCK_MONOTONIC.
-inline std::int64_t monotonic_ns() {
-  timespec t{};
-  ::clock_gettime(CLOCK_MONOTONIC, &t);
-  return std::int64_t(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
-}
 
 }  // namespace lumo::detail

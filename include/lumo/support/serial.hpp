@@ -3,6 +3,7 @@
 // Serial lines (POSIX termios): a row of photodiodes behind a microcontroller. It has not met hardware yet; tested over a pseudo-terminal and a pipe.
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/sense/photodiodes.hpp"
 #include "lumo/sense/stream.hpp"
 #include "lumo/support/descriptor.hpp"
@@ -29,7 +30,7 @@ class SerialPhotodiodes {
   struct Config {
     int diodes = 8;
     int baud = 115200;
-    std::int64_t (*now)() = detail::monotonic_ns;
+    std::int64_t (*now)() = steady_ns<>;
   };
 
   /// On a serial device, which is set to raw 8N1 without flow control. What comes before the first line's end is left out: it may be a line's rest and

@@ -4,6 +4,7 @@
 // Tested over a socket pair with a motor made in software.
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/stopwatch.hpp"
 #include "lumo/sense/actuator.hpp"
 #include "lumo/sense/mini_cheetah.hpp"
 #include "lumo/support/descriptor.hpp"
@@ -37,7 +38,7 @@ class MiniCheetahMotors {
     int host = 0;                    ///< identifier of the answers
     std::vector<double> sign{1.0};   ///< of each joint's direction (one for all, or one each)
     std::vector<double> offset_rad{0.0};  ///< the motor's position where the joint is at 0
-    std::int64_t (*now)() = detail::monotonic_ns;
+    std::int64_t (*now)() = steady_ns<>;
   };
 
   /// On an interface such as "can0", which must be up. Throws InputError.
