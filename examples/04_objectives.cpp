@@ -1,6 +1,6 @@
 // 04 Objectives: θ → mesh → equilibria → responses → J_contact and J_obs, here for two places under two spheres.
-#include "lumo/campaign/evaluate.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/pipeline/evaluate.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"

@@ -1,6 +1,6 @@
 // 05 Campaign: a search over designs that an interruption cannot harm. Run it again and it goes on; here on a coarse mesh with two contacts.
 #include "lumo/campaign/finger_campaign.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"

@@ -1,8 +1,8 @@
 // 06 Lab: logs of a virtual rig and of a virtual hand in two folders; their light comes from pressed and traced states, here five places on a coarse mesh.
-#include "lumo/campaign/observe_pad.hpp"
+#include "lumo/lab/observe_pad.hpp"
 #include "lumo/lab/hand_lab.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"

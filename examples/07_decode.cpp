@@ -1,9 +1,9 @@
 // 07 Decode: from a log's pictures to which place was touched, and how far apart places are. Reads the log of example 06, or any other.
-#include "lumo/sense/cross_validation.hpp"
-#include "lumo/sense/finger_view.hpp"
-#include "lumo/sense/linear_decoder.hpp"
-#include "lumo/sense/nearest_template.hpp"
-#include "lumo/sense/segment_responses.hpp"
+#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/profile/finger_view.hpp"
+#include "lumo/sense/decode/linear_decoder.hpp"
+#include "lumo/sense/decode/nearest_template.hpp"
+#include "lumo/sense/decode/segment_responses.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 

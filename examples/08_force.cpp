@@ -1,5 +1,5 @@
 // 08 Force: where and how hard, from pictures and motor current, as they would come live; then compared with what was true. Reads the log of example 06.
-#include "lumo/sense/log_estimates.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 

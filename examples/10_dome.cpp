@@ -1,8 +1,8 @@
 // 10 Dome: not only fingers. A GelSight-like dome of gel on an acrylic window, lit in three colours, watched from behind, and pressed by a box.
-#include "lumo/campaign/evaluate.hpp"
-#include "lumo/mechanics/box.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
-#include "lumo/mechanics/oriented.hpp"
+#include "lumo/pipeline/evaluate.hpp"
+#include "lumo/mechanics/indenters/box.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/morphology/disc_emitter.hpp"
 #include "lumo/optics/pinhole_camera.hpp"
 #include "lumo/support/cholmod.hpp"

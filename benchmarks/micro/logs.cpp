@@ -1,7 +1,7 @@
 #include "kernel.hpp"
 
-#include "lumo/sense/mcap_reader.hpp"
-#include "lumo/sense/mcap_writer.hpp"
+#include "lumo/sense/recording/mcap/mcap_reader.hpp"
+#include "lumo/sense/recording/mcap/mcap_writer.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"
 

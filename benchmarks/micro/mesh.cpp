@@ -3,8 +3,8 @@
 #include "mesh/surfaces.hpp"
 
 #include "lumo/mesh/body_mesh.hpp"
-#include "lumo/mesh/predicates.hpp"
-#include "lumo/mesh/signed_distance.hpp"
+#include "lumo/geometry/predicates.hpp"
+#include "lumo/geometry/signed_distance.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tetgen.hpp"

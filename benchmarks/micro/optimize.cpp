@@ -1,10 +1,10 @@
 #include "kernel.hpp"
 
 #include "lumo/optimize/candidate_source.hpp"
-#include "lumo/optimize/gaussian_process.hpp"
+#include "lumo/model/gaussian_process.hpp"
 #include "lumo/optimize/hypervolume.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
-#include "lumo/optimize/normal.hpp"
+#include "lumo/model/normal.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
 
 #include <cmath>

@@ -1,7 +1,7 @@
 #include "pad.hpp"
 
 #include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"

@@ -1,9 +1,9 @@
 #pragma once
 
-#include "lumo/mechanics/first_touch.hpp"
-#include "lumo/mechanics/indenter.hpp"
-#include "lumo/mechanics/scenario.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/indenters/indenter.hpp"
+#include "lumo/mechanics/contact/scenario.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 

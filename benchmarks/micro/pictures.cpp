@@ -1,6 +1,6 @@
 #include "kernel.hpp"
 
-#include "lumo/sense/led_detector.hpp"
+#include "lumo/sense/profile/led_detector.hpp"
 #include "sense/hand_scene.hpp"
 #include "sense/synthetic.hpp"
 

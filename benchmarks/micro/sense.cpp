@@ -1,12 +1,12 @@
 #include "kernel.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/bayes_decoder.hpp"
-#include "lumo/sense/bayes_localizer.hpp"
-#include "lumo/sense/force_estimator.hpp"
-#include "lumo/sense/green_profile.hpp"
-#include "lumo/sense/linear_decoder.hpp"
-#include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/decode/bayes_decoder.hpp"
+#include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/profile/green_profile.hpp"
+#include "lumo/sense/decode/linear_decoder.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -2,8 +2,8 @@
 // silicone and carrier albedo the share of direct light in the unloaded response, the relative standard error of that response and of its change under
 // 1 N (10 mm, y = 0), the seconds of one core, and by how much gathering lowers error² × seconds.
 //   lumo_direct_light
-#include "lumo/campaign/evaluate.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/pipeline/evaluate.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"

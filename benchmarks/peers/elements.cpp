@@ -7,9 +7,9 @@
 //   solve eigen|cholmod        seconds of analysis, factor and solution; writes step.f64
 
 #include "half.hpp"
-#include "lumo/mechanics/equations.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
-#include "lumo/mechanics/solid.hpp"
+#include "lumo/mechanics/elements/equations.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"

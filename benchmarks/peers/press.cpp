@@ -6,10 +6,10 @@
 
 #include "half.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/mechanics/stable_neo_hookean.hpp"
-#include "lumo/mechanics/vertex_contact.hpp"
+#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"

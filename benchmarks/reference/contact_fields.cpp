@@ -2,7 +2,7 @@
 // nodes. usage: lumo_contact_fields [SIZE]    (a Markdown table; SIZE, default 1: edge length at the contact over the default's)
 
 #include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/linear_solver.hpp"
+#include "lumo/mechanics/elements/linear_solver.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>

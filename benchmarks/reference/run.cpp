@@ -3,7 +3,7 @@
 
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/objective/contact_progression.hpp"

@@ -1,7 +1,7 @@
 // Checks of the reference solver itself: exits with 1 when one fails.
 
 #include "mechanics/bodies.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "taylor_hood.hpp"

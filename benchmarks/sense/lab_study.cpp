@@ -2,16 +2,16 @@
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
 // FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
-#include "lumo/campaign/gaussian_process_decoder.hpp"
+#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/bayes_decoder.hpp"
-#include "lumo/sense/cross_validation.hpp"
-#include "lumo/sense/linear_decoder.hpp"
-#include "lumo/sense/log_estimates.hpp"
-#include "lumo/sense/nearest_template.hpp"
-#include "lumo/sense/peak_localizer.hpp"
-#include "lumo/sense/segment_responses.hpp"
+#include "lumo/sense/decode/bayes_decoder.hpp"
+#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/linear_decoder.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/decode/nearest_template.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/decode/segment_responses.hpp"
 #include "program/chart.hpp"
 
 #include <cstdio>

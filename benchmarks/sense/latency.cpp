@@ -6,10 +6,10 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/bayes_localizer.hpp"
-#include "lumo/sense/force_estimator.hpp"
-#include "lumo/sense/peak_localizer.hpp"
-#include "lumo/sense/statistics.hpp"
+#include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/core/statistics.hpp"
 
 #include <algorithm>
 #include <chrono>

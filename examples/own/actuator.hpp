@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/actuator.hpp"
+#include "lumo/sense/devices/actuator.hpp"
 
 #include <cmath>
 #include <istream>

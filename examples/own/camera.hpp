@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/camera.hpp"
+#include "lumo/sense/devices/camera.hpp"
 
 #include <fstream>
 #include <string>

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mechanics/contact_handler.hpp"
+#include "lumo/mechanics/contact/contact_handler.hpp"
 
 namespace own {
 

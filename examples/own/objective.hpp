@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/campaign/evaluate.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -4,8 +4,8 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/force_estimator.hpp"
-#include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 
 #include <cstdio>
 #include <filesystem>

@@ -1,6 +1,6 @@
 #include "program/campaign.hpp"
 
-#include "lumo/campaign/choice_stability.hpp"
+#include "lumo/study/choice_stability.hpp"
 #include "lumo/support/tbb.hpp"
 #include "program/campaign_store.hpp"
 #include "program/commands.hpp"

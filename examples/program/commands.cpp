@@ -1,8 +1,8 @@
 #include "program/commands.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
-#include "lumo/campaign/observe_pad.hpp"
-#include "lumo/campaign/readings.hpp"
+#include "lumo/lab/observe_pad.hpp"
+#include "lumo/study/assumptions.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"

@@ -6,7 +6,7 @@
 #include "program/section_drawing.hpp"
 
 #include "lumo/campaign/campaign.hpp"
-#include "lumo/campaign/matched_study.hpp"
+#include "lumo/study/matched_study.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
 #include <functional>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mechanics/contact_surface.hpp"
+#include "lumo/mechanics/contact/contact_surface.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "program/svg.hpp"
 

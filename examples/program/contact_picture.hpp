@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/mechanics/contact_surface.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/contact_surface.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "program/chart.hpp"
 

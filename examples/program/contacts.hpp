@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/campaign/ensemble.hpp"
+#include "lumo/pipeline/ensemble.hpp"
 #include "lumo/morphology/silicone.hpp"
 #include "program/json.hpp"
 #include "program/options.hpp"

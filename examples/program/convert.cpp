@@ -2,7 +2,7 @@
 
 #include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
-#include "lumo/sense/mcap_log_writer.hpp"
+#include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 #include "program/interrupt.hpp"
 #include "program/json.hpp"
 #include "program/new_folder.hpp"

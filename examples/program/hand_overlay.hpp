@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/hand_observer.hpp"
+#include "lumo/sense/hand/hand_observer.hpp"
 #include "lumo/support/opencv.hpp"
 #include "program/text.hpp"
 

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/sense/log_estimates.hpp"
-#include "lumo/sense/peak_localizer.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 
 namespace lumo::program {
 

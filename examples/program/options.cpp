@@ -1,6 +1,6 @@
 #include "program/options.hpp"
 
-#include "lumo/mechanics/scenario.hpp"
+#include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/morphology/design.hpp"
 #include "program/contacts.hpp"
 #include "program/text.hpp"

@@ -3,7 +3,7 @@
 #include "program/options.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/mechanics/scenario.hpp"
+#include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/mesh/sizing.hpp"
 #include "lumo/morphology/finger.hpp"
 

@@ -2,7 +2,7 @@
 
 #include "program/report.hpp"
 
-#include "lumo/mechanics/status.hpp"
+#include "lumo/mechanics/contact/status.hpp"
 #include "lumo/objective/contact_progression.hpp"
 
 #include <optional>

@@ -1,6 +1,6 @@
 #include "program/study.hpp"
 
-#include "lumo/campaign/readings.hpp"
+#include "lumo/study/assumptions.hpp"
 #include "program/campaign_problem.hpp"
 #include "program/chart.hpp"
 #include "program/commands.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 
 #include <array>

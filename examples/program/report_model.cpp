@@ -2,7 +2,7 @@
 
 #include "program/commands.hpp"
 
-#include "lumo/optimize/gaussian_process.hpp"
+#include "lumo/model/gaussian_process.hpp"
 
 #include <algorithm>
 #include <cctype>

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/sense/log_estimates.hpp"
-#include "lumo/sense/mcap_camera.hpp"
-#include "lumo/sense/planar_finger.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/recording/mcap/mcap_camera.hpp"
+#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/opencv.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/location_estimator.hpp"
+#include "lumo/sense/localize/location_estimator.hpp"
 #include "program/sensing_log.hpp"
 #include "program/svg.hpp"
 

@@ -2,8 +2,8 @@
 
 #include "program/mechanics.hpp"
 
-#include "lumo/mechanics/scenario.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/scenario.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/morphology/silicone.hpp"

@@ -1,4 +1,4 @@
-#include "lumo/mechanics/vertex_block_descent.hpp"
+#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "program/simulation_kind.hpp"
 
 namespace lumo::program {

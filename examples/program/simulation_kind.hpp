@@ -2,10 +2,10 @@
 
 #include "program/simulation.hpp"
 
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/mechanics/stable_neo_hookean.hpp"
-#include "lumo/mechanics/vertex_contact.hpp"
+#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 
 #include <utility>
 

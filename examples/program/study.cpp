@@ -1,6 +1,6 @@
 #include "program/study.hpp"
 
-#include "lumo/campaign/paired_differences.hpp"
+#include "lumo/study/paired_differences.hpp"
 #include "program/chart.hpp"
 #include "program/campaign_problem.hpp"
 #include "program/commands.hpp"

@@ -3,7 +3,7 @@
 #include "program/commands.hpp"
 #include "program/json.hpp"
 
-#include "lumo/campaign/paired_differences.hpp"
+#include "lumo/study/paired_differences.hpp"
 
 #include <functional>
 #include <optional>

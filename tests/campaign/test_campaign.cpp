@@ -1,4 +1,4 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 #include "campaign/store_test.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"

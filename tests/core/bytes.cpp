@@ -1,4 +1,4 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include "lumo/core/byte_order.hpp"
 #include "lumo/core/colour.hpp"

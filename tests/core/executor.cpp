@@ -1,4 +1,4 @@
-#include "executor_laws.hpp"
+#include "core/executor_laws.hpp"
 
 #include <string_view>
 

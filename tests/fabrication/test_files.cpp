@@ -5,7 +5,7 @@
 #include "lumo/fabrication/dxf.hpp"
 #include "lumo/fabrication/scaled_svg.hpp"
 #include "lumo/fabrication/stl.hpp"
-#include "lumo/mesh/surface_file.hpp"
+#include "lumo/geometry/surface_file.hpp"
 #include "lumo/support/zip.hpp"
 #include "temporary_folder.hpp"
 

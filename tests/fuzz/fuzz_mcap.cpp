@@ -1,8 +1,8 @@
 // MCAP files with their ROS messages, and headers of image files. The first byte says which.
 #include "findings.hpp"
 
-#include "lumo/sense/mcap_log.hpp"
-#include "lumo/sense/picture_header.hpp"
+#include "lumo/sense/recording/mcap/mcap_log.hpp"
+#include "lumo/sense/devices/picture_header.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"
 

@@ -2,9 +2,9 @@
 #include "findings.hpp"
 
 #include "lumo/lab/pad_file.hpp"
-#include "lumo/mesh/surface_file.hpp"
-#include "lumo/sense/hand_log.hpp"
-#include "lumo/sense/photodiode_log.hpp"
+#include "lumo/geometry/surface_file.hpp"
+#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/support/json.hpp"
 
 #include <cmath>

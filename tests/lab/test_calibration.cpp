@@ -1,9 +1,9 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/calibration.hpp"
-#include "lumo/sense/finger_view.hpp"
-#include "plain_pad.hpp"
+#include "lumo/sense/force/calibration.hpp"
+#include "lumo/sense/profile/finger_view.hpp"
+#include "lab/plain_pad.hpp"
 
 using namespace lumo;
 

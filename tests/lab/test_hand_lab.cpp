@@ -1,8 +1,8 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include "lab/plain_pad.hpp"
 #include "lumo/lab/hand_lab.hpp"
-#include "lumo/sense/hand_log.hpp"
+#include "lumo/sense/recording/hand_log.hpp"
 
 #include <algorithm>
 

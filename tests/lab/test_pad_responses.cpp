@@ -1,7 +1,7 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include "lumo/lab/pad_file.hpp"
-#include "plain_pad.hpp"
+#include "lab/plain_pad.hpp"
 #include "temporary_folder.hpp"
 
 using namespace lumo;

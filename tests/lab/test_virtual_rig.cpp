@@ -1,10 +1,10 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/finger_view.hpp"
-#include "lumo/sense/log_estimates.hpp"
-#include "plain_pad.hpp"
+#include "lumo/sense/profile/finger_view.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
+#include "lab/plain_pad.hpp"
 
 #include <cmath>
 #include <optional>

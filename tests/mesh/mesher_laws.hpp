@@ -4,7 +4,7 @@
 
 #include "catch.hpp"
 #include "lumo/mesh/mesher.hpp"
-#include "lumo/mesh/surface_check.hpp"
+#include "lumo/geometry/surface_check.hpp"
 
 #include <Eigen/Geometry>
 

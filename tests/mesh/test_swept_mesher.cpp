@@ -7,7 +7,7 @@
 #include "mesh/finger_laws.hpp"
 #include "mesh/mesher_laws.hpp"
 #include "mesh/random_design.hpp"
-#include "mesh/surfaces.hpp"
+#include "geometry/surfaces.hpp"
 
 #include <random>
 #include <set>

@@ -2,7 +2,7 @@
 
 #include "catch.hpp"
 #include "mesh/mesher_laws.hpp"
-#include "mesh/surfaces.hpp"
+#include "geometry/surfaces.hpp"
 
 #include <sys/mman.h>
 #include <sys/wait.h>

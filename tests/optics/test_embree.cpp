@@ -1,6 +1,6 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 #include "lumo/support/embree.hpp"
-#include "scenes.hpp"
+#include "optics/scenes.hpp"
 
 using namespace optics_test;
 

@@ -1,5 +1,5 @@
-#include "../catch.hpp"
-#include "scenes.hpp"
+#include "catch.hpp"
+#include "optics/scenes.hpp"
 
 #include <functional>
 

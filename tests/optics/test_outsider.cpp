@@ -1,4 +1,4 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 #include "optics/scenes.hpp"
 
 // What somebody else would write, who does not touch lumo: an emitter, a medium and a readout.

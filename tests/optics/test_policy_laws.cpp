@@ -1,5 +1,5 @@
-#include "../catch.hpp"
-#include "policies.hpp"
+#include "catch.hpp"
+#include "optics/policies.hpp"
 
 using namespace optics_test;
 

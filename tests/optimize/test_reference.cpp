@@ -1,5 +1,5 @@
-#include "../catch.hpp"
-#include "reference.hpp"
+#include "catch.hpp"
+#include "optimize/reference.hpp"
 
 #include "lumo/optimize/qlog_nehvi.hpp"
 

@@ -1,7 +1,7 @@
-#include "../catch.hpp"
+#include "catch.hpp"
 
-#include "mechanics/contact_laws.hpp"
-#include "mechanics/material_laws.hpp"
+#include "mechanics/contact/contact_laws.hpp"
+#include "mechanics/materials/material_laws.hpp"
 #include "own/actuator.hpp"
 #include "own/camera.hpp"
 #include "own/contact.hpp"
@@ -10,7 +10,7 @@
 #include "own/objective.hpp"
 #include "temporary_folder.hpp"
 
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 
 // What the pages show as a user's own must keep the laws of the concepts.
 using namespace lumo;

@@ -4,7 +4,7 @@
 #include "program/json.hpp"
 #include "program/study.hpp"
 
-#include "lumo/campaign/readings.hpp"
+#include "lumo/study/assumptions.hpp"
 #include "temporary_folder.hpp"
 
 #include <filesystem>

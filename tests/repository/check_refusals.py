@@ -12,10 +12,10 @@ import tempfile
 
 FLAGS = ["-std=c++20", "-fsyntax-only"]
 # Groups of cases, each with what it includes and declares. A case: what is wrong, the same in sound types, and the concept.
-MECHANICS = """#include "lumo/mechanics/neo_hookean.hpp"
-#include "lumo/mechanics/oriented.hpp"
+MECHANICS = """#include "lumo/mechanics/materials/neo_hookean.hpp"
+#include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/mechanics/vertex_block_descent.hpp"
+#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 using namespace lumo;
 struct Soft {};                                  // nothing of a material
 struct Inward {                                  // a contact law without validate
@@ -35,7 +35,7 @@ struct Still {                                   // a solver that finds nothing
   static constexpr bool uses_symmetry = false;
 };
 """
-LIGHT = """#include "lumo/campaign/observe.hpp"
+LIGHT = """#include "lumo/pipeline/observe.hpp"
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/tracer.hpp"
 using namespace lumo;
@@ -68,11 +68,11 @@ struct Stubborn {                                // a source that takes no reque
   int propose() const { return 0; }
 };
 """
-SENSE = """#include "lumo/sense/force_estimator.hpp"
-#include "lumo/sense/peak_localizer.hpp"
-#include "lumo/sense/recorded_actuator.hpp"
-#include "lumo/sense/cross_validation.hpp"
-#include "lumo/sense/mcap_writer.hpp"
+SENSE = """#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/recording/mcap/mcap_writer.hpp"
 using namespace lumo;
 struct Watch {                                   // a camera
   std::optional<Frame> next() { return {}; }

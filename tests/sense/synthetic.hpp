@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/sense/axis_map.hpp"
-#include "lumo/sense/frame.hpp"
+#include "lumo/sense/profile/axis_map.hpp"
+#include "lumo/sense/devices/frame.hpp"
 
 #include <algorithm>
 #include <cmath>

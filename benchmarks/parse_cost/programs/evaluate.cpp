@@ -1,5 +1,5 @@
-#include "lumo/campaign/evaluate.hpp"
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/pipeline/evaluate.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 
 template <lumo::Mesher M>

@@ -1,4 +1,4 @@
-#include "lumo/mechanics/neo_hookean.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 
 std::vector<lumo::MechanicalState> press(const lumo::Body& body, const lumo::TetMesh& mesh) {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/campaign/log.hpp"
+#include "lumo/campaign/journal.hpp"
 #include "lumo/campaign/trial_entry.hpp"
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/optimize/optimizer.hpp"

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/campaign/campaign.hpp"
-#include "lumo/campaign/evaluate.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 
 #include <algorithm>
 #include <cstdint>

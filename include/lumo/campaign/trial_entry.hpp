@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/campaign/log.hpp"
+#include "lumo/campaign/journal.hpp"
 
 #include <algorithm>
 #include <charconv>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/mesh/polygon_triangles.hpp"
-#include "lumo/mesh/triangle_surface.hpp"
+#include "lumo/geometry/polygon_triangles.hpp"
+#include "lumo/geometry/triangle_surface.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/mesh/triangle_surface.hpp"
+#include "lumo/geometry/triangle_surface.hpp"
 
 #include <array>
 #include <bit>

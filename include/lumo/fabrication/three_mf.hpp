@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/fabrication/millimetres.hpp"
-#include "lumo/mesh/triangle_surface.hpp"
+#include "lumo/geometry/triangle_surface.hpp"
 
 #include <algorithm>
 #include <concepts>

@@ -2,15 +2,15 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/lab/draws.hpp"
+#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/hand_plan.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_geometry.hpp"
-#include "lumo/sense/hand_link.hpp"
-#include "lumo/sense/joint_sample.hpp"
-#include "lumo/sense/log.hpp"
-#include "lumo/sense/session.hpp"
+#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/recording/session.hpp"
 
 #include <Eigen/Core>
 

@@ -2,8 +2,8 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/lab/draws.hpp"
-#include "lumo/sense/csv.hpp"
+#include "lumo/lab/random_stream.hpp"
+#include "lumo/sense/recording/csv.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "lumo/lab/draws.hpp"
+#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/rig.hpp"
 #include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_camera.hpp"
-#include "lumo/sense/frame.hpp"
+#include "lumo/sense/devices/frame.hpp"
 
 #include <Eigen/Core>
 

@@ -1,16 +1,16 @@
 #pragma once
 
-#include "lumo/lab/draws.hpp"
+#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/protocol.hpp"
 #include "lumo/lab/relaxation.hpp"
 #include "lumo/lab/rig.hpp"
 #include "lumo/lab/side_geometry.hpp"
 #include "lumo/lab/side_painter.hpp"
-#include "lumo/sense/camera.hpp"
-#include "lumo/sense/csv.hpp"
-#include "lumo/sense/log.hpp"
-#include "lumo/sense/session.hpp"
+#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/recording/session.hpp"
 
 #include <algorithm>
 #include <cmath>

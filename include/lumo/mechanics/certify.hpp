@@ -1,9 +1,9 @@
 #pragma once
 
-#include "lumo/mechanics/contact_set.hpp"
-#include "lumo/mechanics/friction.hpp"
-#include "lumo/mechanics/press_system.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/friction.hpp"
+#include "lumo/mechanics/solvers/press_system.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 
 #include <array>
 #include <cmath>

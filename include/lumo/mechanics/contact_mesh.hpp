@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mechanics/first_touch.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/sizing.hpp"
 

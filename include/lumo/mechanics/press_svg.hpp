@@ -1,9 +1,9 @@
 #pragma once
 
 #include "lumo/core/colour.hpp"
-#include "lumo/mechanics/contact_surface.hpp"
-#include "lumo/mechanics/first_touch.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/contact_surface.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,9 +1,9 @@
 #pragma once
 
 #include "lumo/mechanics/certify.hpp"
-#include "lumo/mechanics/contact_set.hpp"
-#include "lumo/mechanics/first_touch.hpp"
-#include "lumo/mechanics/press_solver.hpp"
+#include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/solvers/press_solver.hpp"
 
 #include <array>
 #include <cmath>

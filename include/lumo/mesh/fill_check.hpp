@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/mesh/mesher.hpp"
-#include "lumo/mesh/surface_check.hpp"
+#include "lumo/geometry/surface_check.hpp"
 
 #include <algorithm>
 #include <array>

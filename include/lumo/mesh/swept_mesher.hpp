@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/mesh/fill_check.hpp"
-#include "lumo/mesh/polygon_refinement.hpp"
+#include "lumo/geometry/polygon_refinement.hpp"
 
 #include <cmath>
 #include <cstdint>

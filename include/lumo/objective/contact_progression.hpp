@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/mechanics/contact_set.hpp"
-#include "lumo/mechanics/state.hpp"
+#include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/morphology/body.hpp"
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/mechanics/scenario.hpp"
+#include "lumo/mechanics/contact/scenario.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/optics/response.hpp"
 

@@ -5,10 +5,10 @@
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
-#include "lumo/optics/normal_recovery.hpp"
-#include "lumo/optics/polygon_cells.hpp"
-#include "lumo/optics/quadratic_face.hpp"
-#include "lumo/optics/set_back.hpp"
+#include "lumo/optics/surface/normal_recovery.hpp"
+#include "lumo/optics/surface/polygon_cells.hpp"
+#include "lumo/optics/surface/quadratic_face.hpp"
+#include "lumo/optics/surface/set_back.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
 #include <algorithm>

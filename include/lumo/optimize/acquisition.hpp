@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/optimize/normal.hpp"
-#include "lumo/optimize/surrogate.hpp"
+#include "lumo/model/normal.hpp"
+#include "lumo/model/surrogate.hpp"
 
 #include <Eigen/Core>
 

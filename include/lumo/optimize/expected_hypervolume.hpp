@@ -2,7 +2,7 @@
 
 #include "lumo/core/types.hpp"
 #include "lumo/optimize/hypervolume.hpp"
-#include "lumo/optimize/normal.hpp"
+#include "lumo/model/normal.hpp"
 
 #include <Eigen/Core>
 

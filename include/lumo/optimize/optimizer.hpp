@@ -3,8 +3,8 @@
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
-#include "lumo/optimize/success_model.hpp"
-#include "lumo/optimize/trial_log.hpp"
+#include "lumo/model/success_model.hpp"
+#include "lumo/optimize/trials.hpp"
 
 #include <optional>
 #include <string>

@@ -2,7 +2,7 @@
 
 // Adapter to SuiteSparse's CHOLMOD (its supernodal part is GPL-2+). Link with -lcholmod and a BLAS; OpenBLAS is much the fastest.
 
-#include "lumo/mechanics/linear_solver.hpp"
+#include "lumo/mechanics/elements/linear_solver.hpp"
 
 #include <suitesparse/cholmod.h>
 #include <sys/mman.h>

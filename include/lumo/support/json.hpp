@@ -4,10 +4,10 @@
 
 #include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
-#include "lumo/sense/log.hpp"
-#include "lumo/sense/mcap_log.hpp"
-#include "lumo/sense/recorded_log.hpp"
-#include "lumo/sense/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/recording/mcap/mcap_log.hpp"
+#include "lumo/sense/recording/recording.hpp"
+#include "lumo/sense/recording/session.hpp"
 
 #include <nlohmann/json.hpp>
 

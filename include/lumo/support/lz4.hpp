@@ -2,7 +2,7 @@
 
 // Adapter to LZ4 (BSD-2-Clause): chunks of MCAP files as LZ4 frames.
 
-#include "lumo/sense/mcap.hpp"
+#include "lumo/sense/recording/mcap/mcap.hpp"
 
 #include <lz4frame.h>
 

@@ -5,11 +5,11 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/read_whole.hpp"
-#include "lumo/sense/camera.hpp"
-#include "lumo/sense/log.hpp"
-#include "lumo/sense/picture_decoder.hpp"
-#include "lumo/sense/picture_header.hpp"
-#include "lumo/support/video_process.hpp"
+#include "lumo/sense/devices/camera.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/devices/picture_decoder.hpp"
+#include "lumo/sense/devices/picture_header.hpp"
+#include "lumo/support/process/video_process.hpp"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>

@@ -4,9 +4,9 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/sense/photodiodes.hpp"
-#include "lumo/sense/stream.hpp"
-#include "lumo/support/descriptor.hpp"
+#include "lumo/sense/devices/photodiodes.hpp"
+#include "lumo/sense/devices/stream.hpp"
+#include "lumo/support/process/descriptor.hpp"
 
 #include <termios.h>
 

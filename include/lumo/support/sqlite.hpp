@@ -2,8 +2,8 @@
 
 // Adapter to SQLite (public domain) and, for digests, xxHash (BSD-2, header only). Link with -lsqlite3.
 
-#include "lumo/campaign/log.hpp"
-#include "lumo/support/process.hpp"
+#include "lumo/campaign/journal.hpp"
+#include "lumo/support/process/process.hpp"
 
 #include <sqlite3.h>
 

@@ -4,9 +4,9 @@
 #include "lumo/mesh/fill_check.hpp"
 #include "lumo/mesh/mesher.hpp"
 #include "lumo/mesh/size_field.hpp"
-#include "lumo/mesh/surface_check.hpp"
-#include "lumo/support/fork_server.hpp"
-#include "lumo/support/tetgen_job.hpp"
+#include "lumo/geometry/surface_check.hpp"
+#include "lumo/support/process/fork_server.hpp"
+#include "lumo/support/process/tetgen_job.hpp"
 
 #include <cmath>
 #include <cstddef>

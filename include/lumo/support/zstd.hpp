@@ -2,7 +2,7 @@
 
 // Adapter to Zstandard (BSD-3-Clause or GPL-2): chunks of MCAP files.
 
-#include "lumo/sense/mcap.hpp"
+#include "lumo/sense/recording/mcap/mcap.hpp"
 
 #include <zstd.h>
 

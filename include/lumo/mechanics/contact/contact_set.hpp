@@ -1,0 +1,227 @@
+#pragma once
+
+#include "lumo/mechanics/contact/contact_surface.hpp"
+
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <vector>
+
+namespace lumo {
+
+/// Contact field and pressure per mesh node; see MechanicalState.
+struct ContactField {
+  std::vector<double> field;        ///< > 0 in contact
+  std::vector<double> pressure_Pa;
+};
+
+/// Reference area of the intersection and of the union of two contact sets [m²].
+struct SetOverlap {
+  double both = 0.0;
+  double either = 0.0;
+  /// Intersection over union; 1 for two empty sets.
+  double ratio() const { return either > 0.0 ? both / either : 1.0; }
+};
+
+/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
+/// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
+/// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
+template <ContactHandler Contact, class Tool, class Positions = Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x);
+
+/// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
+template <class Positions = Positions>
+double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x);
+
+/// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
+template <class Positions = Positions>
+SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x);
+
+namespace detail {
+
+// A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
+struct ClipPolygon {
+  struct Corner {
+    double u, v;
+    std::array<double, 2> field;
+  };
+  std::vector<Corner> corners;
+
+  /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
+  template <class Corner = Corner>
+  void clip(std::size_t k) {
+    std::vector<Corner> kept;
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      const Corner &a = corners[i], &b = corners[(i + 1) % corners.size()];
+      if (a.field[k] > 0.0) kept.push_back(a);
+      if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
+        const double t = a.field[k] / (a.field[k] - b.field[k]);
+        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+      }
+    }
+    corners = std::move(kept);
+  }
+  /// Part of the triangle's area that it covers.
+  template <class = void>
+  double fraction() const {
+    double twice = 0.0;
+    for (std::size_t i = 1; i + 1 < corners.size(); ++i)
+      twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) - (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
+    return std::abs(twice);
+  }
+};
+
+// Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
+template <class Visit, class Vec3 = Vec3, class Positions = Positions>
+void for_sub_triangles(const ContactSurface& surface, In<Positions> x, Visit&& visit) {
+  const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (std::size_t part = 0; part < parts; ++part) {
+      std::array<int, 3> node;
+      for (std::size_t k = 0; k < 3; ++k) node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+      const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
+      visit(0.5 * (b - a).cross(c - a).norm(), node);
+    }
+}
+
+// A point of the edge of contact with the direction in which the gap opens there.
+struct EdgeSample {
+  Vec3 point;
+  Vec3 outward;
+  double spacing;   // of the nodes about it
+};
+
+// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
+// G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
+template <class Vec3 = Vec3, class Positions = Positions, class EdgeSample = EdgeSample>
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
+  struct Free {
+    Vec3 middle, outward;
+    double power, slope, spacing;
+  };
+  std::vector<Free> free;
+  for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    std::array<double, 3> power;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const double g = gap[std::size_t(node[k])];
+      if (!(g > tolerance)) return;
+      power[k] = std::cbrt(g * g);
+    }
+    const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
+    const Vec3 normal = e1.cross(e2);
+    const Vec3 gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
+    const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
+                 std::sqrt(2.3 * area)};
+    if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
+  });
+  std::vector<EdgeSample> samples;
+  for (const Free& f : free) {
+    // Too near, the kink inside a facet disturbs the gap; too far, the fit has to reach too far.
+    if (f.power < 0.25 * f.spacing * f.slope || f.power > 2.0 * f.spacing * f.slope) continue;
+    double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
+    for (const Free& other : free) {
+      const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
+      if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
+      const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
+      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power, gs += k * other.power * square;
+    }
+    const double spread = gg - g * g / w;
+    const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
+    const double start = std::max((s - bend * g) / w, 0.25 * s / w), here = std::max(start + bend * f.power, 0.25 * s / w);
+    samples.push_back({f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
+  }
+  return samples;
+}
+
+// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
+// (algebraic spheres through oriented points).
+template <class Vec3 = Vec3, class EdgeSample = EdgeSample>
+inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> samples, In<Vec3> p) {
+  double w = 0.0, pn = 0.0, pp = 0.0;
+  Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
+  for (const EdgeSample& s : samples) {
+    const Vec3 d = s.point - p;
+    const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
+    if (t >= 1.0) continue;
+    const double k = std::pow(1.0 - t, 4);
+    w += k;
+    sum_p += k * d;
+    sum_n += k * s.outward;
+    pn += k * d.dot(s.outward);
+    pp += k * d.squaredNorm();
+  }
+  if (!(w > 0.0)) return std::nullopt;
+  const double spread = pp - sum_p.squaredNorm() / w;
+  const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
+  const Vec3 l = (sum_n - 2.0 * q * sum_p) / w;
+  const double c = -(l.dot(sum_p) + q * pp) / w;
+  // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
+  const double root = l.squaredNorm() - 4.0 * q * c;
+  if (!(root > 0.0)) return -c / std::max(l.norm(), 1e-300);
+  return -2.0 * c / (l.norm() + std::sqrt(root));
+}
+
+}  // namespace detail
+
+template <ContactHandler Contact, class Tool, class Positions>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x) {
+  const std::size_t n = mesh.nodes.size();
+  std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
+  ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
+  double overlap = 0.0;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f)) {
+      const double g = rigid.distance(surface.position(f, p, x));
+      overlap = std::max(overlap, -g);
+      const std::array<int, 3> corner = mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
+        area[node] += p.area_m2 * p.hat[k];
+        c.pressure_Pa[node] += p.weight_m2 * p.hat[k] * contact.respond(g).pressure;
+      }
+    }
+  for (std::size_t k = 0; k < n; ++k) {
+    if (area[k] <= 0.0) continue;
+    c.pressure_Pa[k] /= area[k];
+    spacing[k] = std::sqrt(1.15 * area[k]);
+    gap[k] = rigid.distance(x.col(Eigen::Index(k)));
+  }
+  // Nodes that hang free by less than the overlap at other points of their facets are in contact.
+  const double tolerance = 2.0 * overlap;
+  const std::vector<detail::EdgeSample> edge = detail::edge_of_contact(surface, x, gap, tolerance);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (area[k] <= 0.0) continue;
+    const bool open = gap[k] > tolerance;
+    const double far = open ? -gap[k] : spacing[k];
+    double& field = c.field[k];
+    field = detail::distance_to_edge(edge, x.col(Eigen::Index(k))).value_or(far);
+    // The fit speaks for the edge's surroundings only; a node well on one side of it stays there.
+    if ((field > 0.0) == open && std::abs(field) > 0.5 * spacing[k]) field = far;
+  }
+  return c;
+}
+
+template <class Positions>
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x) {
+  SetOverlap sum;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
+    const detail::ClipPolygon whole{{{0, 0, at(0)}, {1, 0, at(1)}, {0, 1, at(2)}}};
+    detail::ClipPolygon in_a = whole, in_b = whole;
+    in_a.clip(0);
+    in_b.clip(1);
+    detail::ClipPolygon in_both = in_a;
+    in_both.clip(1);
+    const double both = in_both.fraction();
+    sum.both += area * both;
+    sum.either += area * (in_a.fraction() + in_b.fraction() - both);
+  });
+  return sum;
+}
+
+template <class Positions>
+inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x) {
+  return contact_overlap(surface, field, field, x).both;
+}
+
+}  // namespace lumo

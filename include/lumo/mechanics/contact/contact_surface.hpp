@@ -1,0 +1,272 @@
+#pragma once
+
+#include "lumo/mechanics/contact/contact_handler.hpp"
+#include "lumo/mechanics/elements/equations.hpp"
+#include "lumo/mechanics/indenters/indenter.hpp"
+#include "lumo/mechanics/elements/solid.hpp"
+#include "lumo/morphology/body.hpp"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference area.
+struct SurfacePoint {
+  std::array<double, 6> shape;
+  double area_m2;
+  double weight_m2;             ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
+  int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
+  std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
+};
+
+/// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
+template <class = void>
+inline const std::array<std::array<int, 3>, 4>& face_parts() {
+  static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
+  return parts;
+}
+
+/// Part of a mesh's surface that may come into contact, with its quadrature.
+class ContactSurface {
+ public:
+  /// Faces of the patches for which `chosen` holds, with points inside them.
+  template <class Choose>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
+    for (const BoundaryFace& f : mesh.faces)
+      if (chosen(body.patches[std::size_t(f.patch)])) add(f);
+  }
+
+  /// The same with the points that a contact law wants.
+  template <class Choose, ContactHandler Contact>
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law) : ContactSurface(mesh, body, chosen) {
+    if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
+  }
+
+  std::size_t size() const { return faces_.size(); }
+  const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
+  const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
+
+  template <class Vec3 = Vec3, class Positions = Positions>
+  Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
+    Vec3 at = Vec3::Zero();
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3(x.col(faces_[f].nodes[k]));
+    return at;
+  }
+
+  /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
+  template <class Vec3 = Vec3, class Positions = Positions>
+  std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
+    const auto& n = faces_[f].nodes;
+    const auto at = [&](std::size_t k) -> Vec3 { return x.col(n[k]); };
+    const Vec3 a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
+    double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
+    if (mesh_->order == 2)
+      for (std::size_t k = 0; k < 3; ++k)
+        r = std::max(r, (2.0 * at(3 + k) - 0.5 * at(k) - 0.5 * at((k + 1) % 3) - middle).norm());
+    return {middle, r};
+  }
+
+  int nodes_per_face() const { return mesh_->nodes_per_face(); }
+
+ private:
+  template <class Vec3 = Vec3, class SurfacePoint = SurfacePoint>
+  void add(const BoundaryFace& face);
+  template <class SurfacePoint = SurfacePoint>
+  void gather_at_vertices(double area_per_vertex);
+
+  const TetMesh* mesh_;
+  std::vector<BoundaryFace> faces_;
+  std::vector<std::vector<SurfacePoint>> points_;
+};
+
+/// Contact energy, forces and stiffness between a surface and one rigid thing, for a given signed distance.
+struct ContactSums {
+  double energy = 0.0;        ///< [J]
+  double push_N = 0.0;        ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
+  double push_stiffness = 0.0;///< ∂²energy/∂advance² [N/m]
+  double penetration_m = 0.0; ///< largest overlap
+};
+
+template <class Vec3, class SurfacePoint>
+inline void ContactSurface::add(const BoundaryFace& face) {
+  const int order = mesh_->order;
+  std::vector<SurfacePoint> points;
+  // Corners of the sub-triangles in (u, v); each is quartered once more and takes the three-point rule there.
+  const std::array<std::array<double, 2>, 6> uv = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
+  const std::array<std::array<double, 3>, 6> quarter = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
+  const int parts = order == 2 ? 4 : 1;
+  for (int part = 0; part < parts; ++part) {
+    const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+    for (const auto& small : face_parts())
+      for (int q = 0; q < 3; ++q) {
+        SurfacePoint p{};
+        p.part = part;
+        for (std::size_t k = 0; k < 3; ++k)
+          for (std::size_t m = 0; m < 3; ++m) p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
+        double u = 0.0, v = 0.0;
+        for (std::size_t m = 0; m < 3; ++m) u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        p.shape = face_shape(u, v, order);
+        const auto d = face_shape_derivatives(u, v, order);
+        Vec3 by_u = Vec3::Zero(), by_v = Vec3::Zero();
+        for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
+          by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
+          by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
+        }
+        p.area_m2 = by_u.cross(by_v).norm() * 0.5 / (12.0 * parts);
+        p.weight_m2 = p.area_m2;
+        points.push_back(p);
+      }
+  }
+  faces_.push_back(face);
+  points_.push_back(std::move(points));
+}
+
+// Every node once, on the first face that has it, with all of its area.
+template <class SurfacePoint>
+inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
+  std::vector<double> area(mesh_->nodes.size(), 0.0);
+  std::vector<char> done(mesh_->nodes.size(), 0);
+  const auto corners = [&](int part) { return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2}; };
+  for (std::size_t f = 0; f < faces_.size(); ++f)
+    for (const SurfacePoint& p : points_[f])
+      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    points_[f].clear();
+    for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::size_t local = std::size_t(corners(part)[k]), node = std::size_t(faces_[f].nodes[local]);
+        if (std::exchange(done[node], char(1))) continue;
+        SurfacePoint p{{}, area[node], area_per_vertex > 0.0 ? area_per_vertex : area[node], part, {}};
+        p.shape[local] = 1.0;
+        p.hat[k] = 1.0;
+        points_[f].push_back(p);
+      }
+  }
+}
+
+/// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
+template <class Tool>
+struct Moving {
+  using Vec3 = Dependent<lumo::Vec3, Tool>;
+  const Tool* tool;
+  Vec3 origin;      ///< of the tool's frame, now [m]
+  Vec3 direction;   ///< of its advance, unit
+
+  double distance(const Vec3& p) const { return tool->distance(p - origin); }
+  DistanceSample sample(const Vec3& p) const { return tool->sample(p - origin); }
+};
+
+namespace detail {
+
+// What a contact without friction would answer.
+struct NoFriction {
+  struct Answer {
+    Vec3 traction;
+    Mat3 stiffness;
+  };
+  template <class Vec3 = Vec3, class Mat3 = Mat3>
+  Answer answer(std::size_t, std::size_t, In<Vec3>, In<Vec3>, In<Vec3>, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+};
+
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
+// reaches, or all when the law sees other gaps than the present ones.
+template <class Tool, class Visit, class Positions = Positions>
+void for_contact_points(const ContactSurface& surface, In<Positions> x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+  for (std::size_t f = 0; f < surface.size(); ++f) {
+    const auto [middle, radius] = surface.ball(f, x);
+    const bool near = rigid.distance(middle) <= radius;
+    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; }))) continue;
+    const std::vector<SurfacePoint>& points = surface.points(f);
+    for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
+  }
+}
+
+}  // namespace detail
+
+/// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
+using SeenGaps = std::vector<std::vector<double>>;
+
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
+/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
+/// Friction, where a history of it is given, enters forces but not the energy.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Positions = Positions>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<Positions>* force,
+                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+  ContactSums sums;
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+    const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
+    if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
+    if (gamma >= 0.0) return;
+    const ContactResponse r = contact.respond(gamma);
+    sums.energy += p.weight_m2 * r.energy;
+    const double pressure = r.pressure + r.stiffness * (gamma - gap);
+    const Vec3 normal = rigid.sample(at).gradient;
+    Vec3 traction = p.weight_m2 * pressure * normal;
+    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
+    sums.push_N += traction.dot(rigid.direction);
+    if (!force) return;
+    for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
+  });
+  return sums;
+}
+
+/// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Mat3 = Mat3, class Matrix18d = Eigen::Matrix<double, 18, 18>,
+          class VectorXd = Eigen::VectorXd, class Positions = Positions, class DistanceSample = DistanceSample>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, const Equations& eq,
+                                double* values, std::type_identity_t<VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+  ContactSums sums;
+  const std::size_t nodes = std::size_t(surface.nodes_per_face());
+  Matrix18d K;
+  std::size_t open = std::size_t(-1);
+  const auto flush = [&] {
+    if (open == std::size_t(-1)) return;
+    const auto& n = surface.face(open).nodes;
+    for (std::size_t j = 0; j < 3 * nodes; ++j)
+      for (std::size_t i = 0; i < 3 * nodes; ++i) {
+        const int row = eq.of[3 * std::size_t(n[i / 3]) + i % 3], column = eq.of[3 * std::size_t(n[j / 3]) + j % 3];
+        if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
+      }
+  };
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+    const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
+    if (gamma >= 0.0) return;
+    if (f != open) {
+      flush();
+      open = f;
+      K.setZero();
+    }
+    const DistanceSample d = rigid.sample(at);
+    const ContactResponse r = contact.respond(gamma);
+    Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
+    sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
+    for (std::size_t a = 0; a < nodes; ++a) {
+      for (std::size_t b = 0; b < nodes; ++b)
+        K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
+      if (!coupling) continue;
+      const Vec3 c = -p.shape[a] * (block * rigid.direction);
+      for (std::size_t i = 0; i < 3; ++i)
+        if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0) (*coupling)[row] += c[Eigen::Index(i)];
+    }
+  });
+  flush();
+  return sums;
+}
+
+/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
+/// `linear` with the rigid thing at `then`.
+template <class Tool, class Positions = Positions>
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, In<Positions> x, const Moving<Tool>& then, In<Positions> linear,
+                        In<Positions> dx, double ds) {
+  SeenGaps gaps(surface.size());
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const SurfacePoint& p : surface.points(f))
+      gaps[f].push_back(now.distance(surface.position(f, p, x)) +
+                        then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
+  return gaps;
+}
+
+}  // namespace lumo

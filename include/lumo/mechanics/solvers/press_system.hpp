@@ -1,0 +1,145 @@
+#pragma once
+
+#include "lumo/mechanics/contact/carrier.hpp"
+#include "lumo/mechanics/contact/contact_surface.hpp"
+#include "lumo/mechanics/elements/equations.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/contact/friction.hpp"
+#include "lumo/mechanics/elements/solid.hpp"
+
+#include <map>
+#include <memory>
+#include <mutex>
+
+namespace lumo {
+
+/// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic factors.
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear>
+struct SectorModel {
+  Sector sector;
+  Body body;
+  Contact contact;
+  Solid<Material, Element> solid;
+  ContactSurface touchable;        ///< against the indenter
+  ContactSurface resting;          ///< against the carrier
+  Carrier carrier;
+
+  /// Equations of one parity with the symbolic factorisation of their tangent.
+  struct Block {
+    Equations equations;
+    Linear analysed;
+  };
+  std::vector<Block> blocks;       ///< first the even fields, then every other parity of the bounding planes
+
+  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
+      : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
+        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
+    blocks.reserve(4);
+    for (int odd = 0; odd < 4; ++odd) {
+      const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
+      if ((parity.odd_x && !planes.x) || (parity.odd_y && !planes.y)) continue;
+      Block block{Equations(sector, body, parity), Linear{}};
+      block.analysed.analyze(block.equations.pattern);
+      blocks.push_back(std::move(block));
+    }
+  }
+  SectorModel(const SectorModel&) = delete;  // the solid and the surfaces point into the sector's mesh
+  SectorModel& operator=(const SectorModel&) = delete;
+};
+
+/// One scenario on one sector: energy, forces and tangent of pad and indenter as functions of positions x and advance s.
+/// Loads are the sector's share of the whole load.
+template <class Model, Indenter Tool>
+struct PressSystem {
+  using Vec3 = Dependent<lumo::Vec3, Model>;
+  using Positions = Dependent<lumo::Positions, Model>;
+  using VectorXd = Dependent<Eigen::VectorXd, Model>;
+
+  const Model& model;
+  const Tool& tool;
+  Vec3 origin;      ///< of the indenter at first touch
+  Vec3 direction;
+  double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
+  const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
+  const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
+
+  Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
+  Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
+  Moving<Carrier> support() const { return {&model.carrier, Vec3::Zero(), Vec3::UnitZ()}; }
+
+  /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
+  double energy(const Positions& x, double advance, double load) const {
+    const double elastic = model.solid.energy(x);
+    if (!std::isfinite(elastic)) return elastic;
+    return elastic + add_contact_forces(model.touchable, contact(), indenter(advance), x, nullptr).energy +
+           add_contact_forces(model.resting, contact(), support(), x, nullptr).energy - load * advance;
+  }
+
+  /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
+  struct Seen {
+    std::vector<double> ratios;
+    SeenGaps touch, rest;
+  };
+  /// A configuration of pad and indenter.
+  struct Place {
+    Positions x;
+    double advance = 0.0;
+  };
+  /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
+  Seen predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+    return {model.solid.predicted_ratios(now.x, linear.x, dx),
+            predicted_gaps(model.touchable, indenter(now.advance), now.x, indenter(linear.advance), linear.x, dx, ds),
+            predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
+  }
+
+  /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
+  VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+    Positions f = Positions::Zero(3, x.cols());
+    model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
+    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
+    add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
+    VectorXd r(eq.count + 1);
+    for (std::size_t i = 0; i < eq.of.size(); ++i)
+      if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
+    r[eq.count] = touch.push_N - load;
+    return r;
+  }
+
+  /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own stiffness.
+  struct Tangent {
+    std::vector<SparseLower> matrix;   ///< one per block asked for
+    VectorXd coupling;
+    double stiffness = 0.0;
+  };
+  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
+    t.matrix.resize(last - first);
+    std::vector<const Equations*> systems;
+    std::vector<double*> values;
+    for (std::size_t b = first; b < last; ++b) {
+      const Equations& eq = model.blocks[b].equations;
+      SparseLower& m = t.matrix[b - first];
+      if (m.nonZeros() != eq.pattern.nonZeros()) m = eq.pattern;
+      std::fill_n(m.valuePtr(), m.nonZeros(), 0.0);
+      systems.push_back(&eq);
+      values.push_back(m.valuePtr());
+    }
+    model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
+    for (std::size_t k = 0; k < systems.size(); ++k) {
+      const bool even = first + k == 0;
+      if (even) t.coupling = VectorXd::Zero(systems[k]->count);
+      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
+                                                seen ? &seen->touch : nullptr, touch_friction);
+      if (even) t.stiffness = s.push_stiffness;
+      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr, rest_friction);
+    }
+  }
+
+  /// x moved by a field of the given equations.
+  static void move(Positions& x, const Equations& eq, const VectorXd& by, double factor) {
+    for (std::size_t i = 0; i < eq.of.size(); ++i)
+      if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
+  }
+};
+
+}  // namespace lumo

@@ -1,0 +1,171 @@
+#pragma once
+
+#include "lumo/pipeline/ensemble.hpp"
+#include "lumo/pipeline/observations.hpp"
+#include "lumo/pipeline/ray_refinement.hpp"
+#include "lumo/core/error.hpp"
+#include "lumo/core/executor.hpp"
+#include "lumo/core/stopwatch.hpp"
+#include "lumo/mechanics/contact/state.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+#include "lumo/morphology/body.hpp"
+#include "lumo/optics/ray_focus.hpp"
+#include "lumo/optics/response.hpp"
+#include "lumo/optics/tracer.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
+template <Indenter Tool>
+Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+  const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
+  return {unloaded.x && contact.x, unloaded.y && contact.y};
+}
+
+/// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
+template <Indenter Tool>
+Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, Status status) {
+  return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
+}
+
+namespace detail {
+
+/// A solved scenario with its fields.
+struct SolvedScenario {
+  ScenarioRecord record;
+  std::vector<MechanicalState> states;
+  double seconds = 0.0;
+};
+
+/// Light in the states of all solved scenarios.
+template <class Light, class Pad, Indenter Tool>
+class Lighting {
+ public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, Light>;
+  using Response = Dependent<lumo::Response, Light>;
+  using ScenarioRecord = Dependent<lumo::ScenarioRecord, Light>;
+  using SolvedScenario = Dependent<detail::SolvedScenario, Light>;
+
+  /// `places`: the body on its mesh for each place of the plan.
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+      : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
+    for (std::size_t k = 0; k < solved.size(); ++k) {
+      records_.push_back(solved[k].record);
+      for (std::size_t s = 0; s < solved[k].states.size(); ++s)
+        if (is_scored(solved[k].states[s].status, true)) all_.push_back({k, s});
+    }
+  }
+
+  struct State {
+    std::size_t solve, state;
+    auto operator<=>(const State&) const = default;
+  };
+  const std::vector<State>& all() const { return all_; }
+
+  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
+  /// Round 0 takes all meshes, and sends its rays evenly; later ones send them to the contact's place. Rounds have independent patterns.
+  template <Executor E, class Report>
+  void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
+    struct Job {
+      std::size_t place;
+      int round;
+      const State* state;  ///< none: unloaded
+    };
+    unloaded_.resize(std::max(unloaded_.size(), std::size_t(round) + 1), std::vector<Response>(places_.size()));
+    std::vector<Job> jobs;
+    std::set<std::pair<int, std::size_t>> bare;  // (round, place)
+    for (const State& s : wanted)
+      for (int r = rounds_[s]; r <= round; ++r) jobs.push_back({plan_.solves[s.solve].place, r, &s}), bare.insert({r, jobs.back().place});
+    for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
+    for (const auto& [r, place] : bare)
+      if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
+    std::stable_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return a.round < b.round; });
+
+    std::vector<Response> lit(jobs.size());
+    std::vector<double> spent(jobs.size(), 0.0);
+    executor.for_each(jobs.size(), [&](std::size_t task) {
+      const Stopwatch watch;
+      const std::size_t i = jobs.size() - 1 - task;  // long ones first, so that threads end together
+      const auto& [place, r, state] = jobs[i];
+      const Light light = light_.refined(rays_of(r), std::uint64_t(r));
+      const TetMesh& mesh = places_[place]->mesh();
+      RayFocus focus;  // round 0 is for all there is to see
+      const auto& p = plan_.places[place];
+      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) focus.y_m = p.y_m, focus.length_m = focus_m_;   // others touch elsewhere
+      if (state == nullptr) {
+        const Symmetry unloaded = symmetry_of(body_, mesh);
+        lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
+      } else {
+        const MechanicalState& loaded = solved_[state->solve].states[state->state];
+        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
+      }
+      spent[i] = watch.seconds();
+      report(jobs.size());
+    });
+
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      seconds += spent[i];
+      if (ledger.emitted == 0.0 || lit[i].ledger.imbalance() >= ledger.imbalance()) ledger = lit[i].ledger;
+      if (jobs[i].state == nullptr) unloaded_[std::size_t(jobs[i].round)][jobs[i].place] = lit[i];
+    }
+    for (std::size_t i = 0; i < jobs.size(); ++i) {
+      const auto& [place, r, state] = jobs[i];
+      if (state == nullptr) continue;
+      const MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      MatrixXd& sum = records_[state->solve].states[state->state].change;
+      const double share = double(rays_of(r)) / rays_up_to(r);
+      sum = r == 0 ? change : MatrixXd((1.0 - share) * sum + share * change);
+      rounds_[*state] = r + 1;
+    }
+  }
+
+  /// Of the solved scenarios, with their changes.
+  const std::vector<ScenarioRecord>& records() const { return records_; }
+
+  /// Responses of the undeformed body on each mesh.
+  const std::vector<Response>& unloaded() const { return unloaded_.front(); }
+
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure function of the responses.
+  std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
+    const std::vector<ObservedState> observed = observed_states(all);
+    std::vector<State> states;
+    for (std::size_t i : undecided_states(observed, tolerance)) {
+      const std::size_t solve = plan_.images[observed[i].scenario].solve;
+      const auto& candidates = records_[solve].states;
+      const auto it = std::find_if(candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      states.push_back({solve, std::size_t(it - candidates.begin())});
+    }
+    std::sort(states.begin(), states.end());
+    states.erase(std::unique(states.begin(), states.end()), states.end());
+    return states;
+  }
+
+  EnergyLedger ledger;   ///< of the traced state that closes worst
+  double seconds = 0.0;  ///< spent in tracing, summed over threads
+
+ private:
+  const Body& body_;
+  const ContactPlan<Tool>& plan_;
+  const Light& light_;
+  double focus_m_;
+  const std::vector<Pad>& places_;
+  const std::vector<SolvedScenario>& solved_;
+  std::vector<ScenarioRecord> records_;
+  std::vector<State> all_;
+  std::map<State, int> rounds_;                  ///< that a state has had
+  std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed
+};
+
+}  // namespace detail
+
+}  // namespace lumo

@@ -1,0 +1,91 @@
+#pragma once
+
+#include "lumo/pipeline/ensemble.hpp"
+#include "lumo/mechanics/contact/status.hpp"
+#include "lumo/objective/contact_progression.hpp"
+#include "lumo/objective/optical_separation.hpp"
+#include "lumo/optics/ledger.hpp"
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+namespace lumo {
+
+/// One state as it is kept: numbers only, no fields.
+struct StateRecord {
+  Status status = Status::non_finite;
+  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
+  std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
+};
+
+/// One scenario of an ensemble.
+struct ScenarioRecord {
+  double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
+  Status status = Status::non_finite;    ///< of the last state that was tried
+  ContactTerms terms;
+  std::vector<StateRecord> states;
+  TiltPlane tilt = TiltPlane::xz;
+};
+
+/// Seconds spent, summed over threads, and by the clock in all.
+struct Timing {
+  double mesh = 0.0, mechanics = 0.0, optics = 0.0, total = 0.0;
+};
+
+/// All states and responses of one body under an ensemble.
+struct Observations {
+  std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
+  std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
+  std::vector<double> unloaded_error;           ///< its standard error; meshes share their rays, so that it does not shrink with their number
+  EnergyLedger ledger;                          ///< of the traced state that closes worst
+  std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
+  Timing seconds;
+};
+
+/// Did all scenarios converge, or were held where that is accepted?
+template <class = void>
+inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
+  return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+}
+
+/// All states that can be compared for J_obs.
+template <class = void>
+inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
+  std::vector<ObservedState> states;
+  for (std::size_t k = 0; k < scenarios.size(); ++k)
+    for (const StateRecord& s : scenarios[k].states)
+      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
+  return states;
+}
+
+namespace detail {
+
+/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
+using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
+
+/// The record of a scenario from that of its mirror image.
+template <Indenter Tool>
+ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
+  record.angle_rad = scenario.angle_rad;
+  record.y_m = scenario.y_m;
+  const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
+    if (!channel || channel->empty()) return;
+    for (Dependent<StateRecord, Tool>& s : record.states) {
+      const Dependent<Eigen::MatrixXd, Tool> change = s.change;
+      for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
+    }
+  };
+  if (image.mirror.x) renumber(channels[0]);
+  if (image.mirror.y) renumber(channels[1]);
+  return record;
+}
+
+}  // namespace detail
+
+}  // namespace lumo

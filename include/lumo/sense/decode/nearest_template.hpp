@@ -1,0 +1,47 @@
+#pragma once
+
+#include "lumo/sense/decode/decoder.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace lumo {
+
+/// The paper's decoder: the place whose mean response is nearest (Euclidean). Probabilities are those of equal, round Gaussians about the templates, as
+/// wide as the training data scatter.
+struct NearestTemplate {
+  class Model {
+   public:
+    template <class MatrixXd = Eigen::MatrixXd, class LabelledResponses = LabelledResponses>
+    explicit Model(In<LabelledResponses> training) : template_(detail::place_means(training)) {
+      const MatrixXd& means = template_;
+      double squares = 0.0;
+      for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - means.col(training.place[i])).squaredNorm();
+      const double freedom = double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
+      variance_ = std::max(squares / freedom, 1e-12 * means.cwiseAbs2().maxCoeff() + 1e-300);
+    }
+    /// Throws InvalidArgument for another number of features.
+    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
+    Decoding decode(In<VectorXd> response) const {
+      const MatrixXd& means = template_;
+      if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
+      return detail::decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
+    }
+    const Eigen::MatrixXd& templates() const { return template_; }
+
+   private:
+    Eigen::MatrixXd template_;
+    double variance_ = 1.0;
+  };
+
+  /// Throws InvalidArgument for data that do not fit together.
+  template <class = void>
+  Model fit(const LabelledResponses& training) const {
+    validate(training);
+    return Model(training);
+  }
+};
+
+static_assert(Decoder<NearestTemplate>);
+
+}  // namespace lumo

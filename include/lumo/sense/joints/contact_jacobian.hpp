@@ -1,0 +1,35 @@
+#pragma once
+
+#include "lumo/core/types.hpp"
+#include "lumo/sense/devices/joint_sample.hpp"
+
+#include <concepts>
+#include <span>
+
+namespace lumo {
+
+/// A place on the pad of one of the links.
+struct ContactPoint {
+  int link = 0;      ///< counted from the base; the link after joint `link`
+  double y_m = 0.0;  ///< finger coordinate on it
+};
+
+/// How a normal force on a pad shows in the motors. The force is that of the object on the finger, against the pad's outward normal, at the
+/// contact point; `column` is the torque that the motors add to hold it, n × 1 [N·m per N = m], positive along each joint's axis.
+/// Laws: joints beyond the contact's link carry nothing; `slope` is the derivative of `column` by y_m.
+template <class J>
+concept ContactJacobian = requires(const J& j, const JointVector& q, const ContactPoint& c) {
+  { j.joints() } -> std::convertible_to<int>;
+  { j.column(q, c) } -> std::same_as<JointVector>;
+  { j.slope(q, c) } -> std::same_as<JointVector>;
+};
+
+/// Torques of unit normal forces at several contacts, joints × contacts [m].
+template <ContactJacobian J, class JointVector = JointVector, class MatrixXd = Eigen::MatrixXd>
+MatrixXd contact_columns(const J& jacobian, In<JointVector> q, std::span<const ContactPoint> contacts) {
+  MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
+  for (std::size_t i = 0; i < contacts.size(); ++i) a.col(Eigen::Index(i)) = jacobian.column(q, contacts[i]);
+  return a;
+}
+
+}  // namespace lumo

@@ -1,0 +1,342 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/sense/localize/grid_moments.hpp"
+#include "lumo/sense/localize/location_estimator.hpp"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace lumo {
+
+/// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
+/// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
+/// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
+template <class VectorXd = Eigen::VectorXd>
+class BayesLocalizerOf {
+ public:
+  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
+  using Vector3d = Dependent<Eigen::Vector3d, VectorXd>;
+
+  struct Config {
+    VectorXd position_m;          ///< of the profile's values
+    VectorXd noise;               ///< standard deviation of each, unloaded
+    VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
+    double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
+    double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
+    double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
+    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
+    double end_m = 0.0;                 ///< the pad ends at ± this place in clear faces, which throw a bump's light back as a mirror image would; 0: no ends near
+    double end_share = 1.0;             ///< of that light; assumed: what meets a clear end at less than 45° to the finger's axis leaves, the rest is reflected totally
+    double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
+    double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
+    double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
+    double end_bias_sigma_m = 0.0;  ///< the same, on top, of contacts within 5 mm of an end; less up to 10 mm from it; assumed
+    double min_separation_m = 12.0_mm;  ///< of two contacts
+    double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
+    double change_rate_per_s = 2.0;     ///< how often contacts come and go
+    double creep_m_per_sqrt_s = 1.0_mm;  ///< random walk of a contact that stays
+    double gap_s = 0.5;                  ///< longer without a profile: forget
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit BayesLocalizerOf(Config config);
+
+  void reset() { fresh_ = true; }
+  LocationEstimate update(const Dependent<Profile, VectorXd>& response);
+
+  const VectorXd& grid_m() const { return grid_; }
+  /// Posterior of the place given one contact; sums to 1.
+  const VectorXd& place() const { return place_; }
+  /// Posterior of none, one, two contacts.
+  const Vector3d& number() const { return number_; }
+
+ private:
+  static constexpr Eigen::Index widths = 4;
+  static constexpr double most_cells = 1024.0;  ///< pairs of places are looked up in tables of cells²
+
+  /// Two bumps of one width, the higher one first.
+  struct Pair {
+    Eigen::Index first = 0, second = 0, width = 0;
+    double explained = -1.0;  ///< by how much they lower χ²; −1: there is no such pair
+  };
+
+  double log_evidence(double s, double g, double tempering) const;
+  double log_evidence(const Pair& pair, double tempering) const;
+  Pair best_pair(double tempering) const;
+  bool dips_between(const VectorXd& response, const Pair& pair) const;
+  std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
+  void predict(double step_s);
+  double bias_variance_m2(double y) const {
+    const double near = config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0, end = near * config_.end_bias_sigma_m;
+    return config_.bias_sigma_m * config_.bias_sigma_m + end * end;
+  }
+  ContactLocation one() const;
+  LocationEstimate answer(std::int64_t stamp_ns) const;
+
+  Config config_;
+  VectorXd grid_;
+  MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  MatrixXd matched_;    ///< Σ⁻¹ bumps
+  MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  VectorXd energy_;     ///< diagonal of it, all widths
+  VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
+  Vector3d number_{1.0, 0.0, 0.0};
+  Pair pair_;
+  std::int64_t stamp_ns_ = 0;
+  bool fresh_ = true;
+};
+
+using BayesLocalizer = BayesLocalizerOf<>;
+
+template <class VectorXd>
+inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std::move(config)) {
+  const Eigen::Index n = config_.position_m.size();
+  if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
+    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
+        " unloaded values, must have as many, at least 3"));
+  for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
+  require_ascending_positions(config_.position_m);
+  if (config_.unloaded.size() && !config_.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
+  require_in_range("relative change of the lamps", config_.lamp_sigma, 0.0, 1e3, "");
+  require_in_range("change of ambient light", config_.ambient_sigma, 0.0, 1e6, "");
+  require_positive("grid spacing", config_.spacing_m, "m");
+  require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
+  for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
+  require_in_range("end of the pad", config_.end_m, 0.0, 10.0, "m");
+  require_in_range("share of the light that the pad's ends throw back", config_.end_share, 0.0, 1.0, "");
+  require_positive("height of a bump", config_.amplitude_sigma, "");
+  require_in_range("shape error", config_.shape_error, 0.0, 1.0, "");
+  require_in_range("share of the weaker contact", config_.min_share, 0.0, 1.0, "");
+  require_positive("rate of change of contacts", config_.change_rate_per_s, "1/s");
+  require_in_range("bias of a bump", config_.bias_sigma_m, 0.0, 1.0, "m");
+  require_in_range("bias of a bump near an end", config_.end_bias_sigma_m, 0.0, 1.0, "m");
+  require_in_range("separation of two contacts", config_.min_separation_m, 0.0, 10.0, "m");
+  require_in_range("creep of a contact", config_.creep_m_per_sqrt_s, 0.0, 10.0, "m/sqrt(s)");
+  require_positive("gap of the localiser", config_.gap_s, "s");
+
+  const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
+  grid_ = VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
+  if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
+  precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
+  bumps_.resize(n, cells * widths);
+  for (Eigen::Index w = 0; w < widths; ++w)
+    for (Eigen::Index j = 0; j < cells; ++j) {
+      const auto bump_at = [&](double y) { return VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
+      auto bump = bumps_.col(w * cells + j);
+      bump = bump_at(grid_[j]);
+      if (config_.end_m > 0.0)
+        for (const double end : {-config_.end_m, config_.end_m}) bump += config_.end_share * bump_at(2.0 * end - grid_[j]);
+    }
+  matched_ = precision_ * bumps_;
+  energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
+  for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
+  place_ = VectorXd::Constant(cells, 1.0 / double(cells));
+  likelihood_ = spread_ = expected_ = place_;
+  score_.resize(bumps_.cols());
+}
+
+/// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(double s, double g, double tempering) const {
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
+  const double z = t / std::sqrt(h);
+  // log of 2 Φ(z) e^{z²/2}, without overflow on either side
+  const double tail = z > -6.0 ? 0.5 * z * z + std::log(std::erfc(-0.70710678118654752440 * z)) : std::log(0.79788456080286535588 / -z) - 1.0 / (z * z);
+  return tail + 0.5 * std::log(prior / h);
+}
+
+/// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
+template <class VectorXd>
+inline std::array<double, 2> BayesLocalizerOf<VectorXd>::heights(const Pair& p, double tempering, double& det) const {
+  const MatrixXd& gram = gram_[std::size_t(p.width)];
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
+  const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
+  det = a * b - c * c;
+  return {(b * s - c * t) / det, (a * t - c * s) / det};
+}
+
+/// Searched on every other cell, then about the best.
+template <class VectorXd>
+inline auto BayesLocalizerOf<VectorXd>::best_pair(double tempering) const -> Pair {
+  const Eigen::Index cells = grid_.size();
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
+  const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
+  Pair best;
+  const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
+    const MatrixXd& gram = gram_[std::size_t(width)];
+    const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
+    const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
+    const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
+    if (!(std::min(hi, hj) > config_.min_share * std::max(hi, hj))) return;
+    const double explained = (s * hi + t * hj) / (a * b - c * c);
+    if (explained > best.explained) best = {hi >= hj ? i : j, hi >= hj ? j : i, width, explained};
+  };
+  for (Eigen::Index width = 0; width < widths; ++width)
+    for (Eigen::Index i = 0; i < cells; i += 2)
+      for (Eigen::Index j = i + apart; j < cells; j += 2) look(width, i, j);
+  if (best.explained < 0.0) return best;
+  const Eigen::Index i = std::min(best.first, best.second), j = std::max(best.first, best.second);
+  for (Eigen::Index k = std::max<Eigen::Index>(0, i - 1); k <= i + 1; ++k)
+    for (Eigen::Index l = std::max(j - 1, k + apart); l <= std::min(cells - 1, j + 1); ++l) look(best.width, k, l);
+  return best;
+}
+
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
+/// of the lamps, are else taken for a second one.
+template <class VectorXd>
+inline bool BayesLocalizerOf<VectorXd>::dips_between(const VectorXd& response, const Pair& pair) const {
+  const auto index = [&](Eigen::Index cell) {
+    Eigen::Index i = 0;
+    (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
+    return i;
+  };
+  double det = 1.0;
+  const Eigen::Index a = index(pair.first), b = index(pair.second);
+  const double least = response.segment(std::min(a, b), std::abs(a - b) + 1).minCoeff();
+  return response[b] - least > 0.25 * heights(pair, 1.0, det)[1];
+}
+
+/// Log of the Bayes factor of two bumps against none.
+template <class VectorXd>
+inline double BayesLocalizerOf<VectorXd>::log_evidence(const Pair& p, double tempering) const {
+  if (p.explained < 0.0) return -1e300;
+  double det = 1.0;
+  const auto h = heights(p, tempering, det);
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
+  const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace): √(2π) times a bump's error of place, width/√L of the log
+  // likelihood L = fit/2 that it explains, for L falls off as L (1 − d²/(2 width²)) does when the bump is moved by d.
+  const double width = config_.width_m[std::size_t(p.width)];
+  const double sharp = std::max(1.0, 2.5066282746310002 * width / std::sqrt(std::max(0.5 * fit, 1.0)) / config_.spacing_m);
+  const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
+  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
+}
+
+template <class VectorXd>
+inline void BayesLocalizerOf<VectorXd>::predict(double step_s) {
+  const double change = -std::expm1(-config_.change_rate_per_s * step_s);
+  number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
+  // A contact that stays creeps; one that is new may be anywhere.
+  const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
+  // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
+  const bool narrow = walk <= 1.0;
+  const auto reach = std::min<Eigen::Index>(place_.size() - 1, narrow ? 1 : Eigen::Index(std::ceil(4.0 * walk)));
+  spread_.setZero();
+  double whole = 0.0;
+  for (Eigen::Index k = -reach; k <= reach; ++k) {
+    const double w = !narrow ? std::exp(-0.5 * double(k * k) / (walk * walk)) : k == 0 ? 1.0 - walk * walk : 0.5 * walk * walk;
+    whole += w;
+    const Eigen::Index n = place_.size() - std::abs(k);
+    spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
+  }
+  place_ = (1.0 - change) / whole * spread_;
+  place_.array() += (1.0 - place_.sum()) / cells;
+}
+
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::update(const Dependent<Profile, VectorXd>& response) {
+  if (response.value.size() != config_.position_m.size())
+    throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+  const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
+  if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
+  const Eigen::Index cells = grid_.size();
+  if (fresh_ || step_s > config_.gap_s) {
+    number_ = Vector3d(1.0, 1.0, 1.0) / 3.0;
+    place_.setConstant(1.0 / double(cells));
+    fresh_ = false;
+  } else {
+    predict(step_s);
+  }
+  stamp_ns_ = response.stamp_ns;
+  expected_ = place_;
+
+  score_.noalias() = matched_.transpose() * response.value;
+  // The error of the assumed shape grows with the response; it makes all that is seen less certain by one factor.
+  const double typical = config_.noise.mean(), shape = config_.shape_error * response.value.cwiseAbs().maxCoeff();
+  double tempering = typical * typical / (typical * typical + shape * shape);
+
+  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and noise stands for it (Birge).
+  const double explained = (score_.cwiseMax(0.0).cwiseAbs2().cwiseQuotient(energy_)).maxCoeff();
+  pair_ = best_pair(tempering);
+  if (pair_.explained > 0.0 && !dips_between(response.value, pair_)) pair_.explained = -1.0;
+  const double chi2 = response.value.dot(precision_ * response.value), freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
+  const double left = chi2 - std::max(explained, pair_.explained / tempering);
+  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom)) tempering = std::min(tempering, freedom / left);  // more than noise alone does
+
+  double top = -1e300;
+  for (Eigen::Index j = 0; j < cells; ++j) {
+    std::array<double, std::size_t(widths)> e{};
+    for (std::size_t w = 0; w < e.size(); ++w) {
+      const Eigen::Index k = Eigen::Index(w) * cells + j;
+      e[w] = log_evidence(score_[k], energy_[k], tempering);
+    }
+    const double most = *std::max_element(e.begin(), e.end());
+    double sum = 0.0;
+    for (const double v : e) sum += std::exp(v - most);
+    likelihood_[j] = most + std::log(sum / double(widths));
+    top = std::max(top, likelihood_[j]);
+  }
+  likelihood_ = (likelihood_.array() - top).exp();
+  const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
+  place_ = place_.cwiseProduct(likelihood_);
+  const double sum = place_.sum();
+  place_ = sum > 0.0 ? VectorXd(place_ / sum) : VectorXd(likelihood_ / likelihood_.sum());
+
+  const double log_two = log_evidence(pair_, tempering);
+  const double highest = std::max({0.0, log_one, log_two});
+  number_ = number_.cwiseProduct(Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseMax(1e-12);
+  number_ /= number_.sum();
+  return answer(stamp_ns_);
+}
+
+template <class VectorXd>
+inline ContactLocation BayesLocalizerOf<VectorXd>::one() const {
+  const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
+  const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
+  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
+  // nothing to what was known.
+  const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
+  const double noise = moved * moved > 9.0 * (prior + posterior) ? posterior : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
+  const Eigen::Index k = grid_.size() + now.mode;  // of the second width, a middling one
+  return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
+}
+
+template <class VectorXd>
+inline LocationEstimate BayesLocalizerOf<VectorXd>::answer(std::int64_t stamp_ns) const {
+  LocationEstimate e{stamp_ns, 0, {}, 1.0};
+  if (fresh_) return e;
+  Eigen::Index n = 0;
+  e.probability = number_.maxCoeff(&n);
+  e.contacts = int(n);
+  if (n == 1) e.contact[0] = one();
+  if (n == 2) {
+    double det = 1.0;
+    const auto h = heights(pair_, 1.0, det);
+    // Each bends the other. Places of pairs are not followed in time.
+    const double cell2 = config_.spacing_m * config_.spacing_m / 12.0;
+    const auto at = [&](Eigen::Index cell, double height) {
+      const double bias2 = 4.0 * bias_variance_m2(grid_[cell]);
+      return ContactLocation{grid_[cell], cell2 + bias2, std::max(0.0, height), bias2, cell2};
+    };
+    e.contact[0] = at(pair_.first, h[0]);
+    e.contact[1] = at(pair_.second, h[1]);
+  }
+  return e;
+}
+
+static_assert(LocationEstimator<BayesLocalizer>);
+
+}  // namespace lumo

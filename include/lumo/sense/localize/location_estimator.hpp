@@ -1,0 +1,49 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/sense/devices/readout.hpp"
+
+#include <array>
+#include <concepts>
+#include <cstdint>
+
+namespace lumo {
+
+/// Where the finger is touched, and how sure that is.
+struct ContactLocation {
+  double y_m = 0.0;
+  double variance_m2 = 0.0;  ///< of all errors
+  double amplitude = 0.0;    ///< of the response there, in the readout's unit
+  double bias_variance_m2 = 0.0;   ///< what of it stays the same from profile to profile
+  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that takes estimates as independent
+};
+
+/// Throws InvalidArgument unless positions of a profile are finite and ascend.
+template <class VectorXd = Eigen::VectorXd>
+inline void require_ascending_positions(In<VectorXd> position_m) {
+  for (Eigen::Index i = 0; i < position_m.size(); ++i) {
+    require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
+    if (i > 0 && !(position_m[i] > position_m[i - 1]))
+      throw InvalidArgument(detail::text("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+  }
+}
+
+/// What one profile (and those before it) says about contacts. Always finite.
+struct LocationEstimate {
+  std::int64_t stamp_ns = 0;
+  int contacts = 0;                        ///< 0, 1 or 2
+  std::array<ContactLocation, 2> contact;  ///< the first `contacts` count, the stronger one first
+  double probability = 1.0;                ///< of this number of contacts, as far as the model tells
+};
+
+/// Locates contacts from responses: profiles minus the unloaded reference.
+/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not newer than its predecessor
+/// changes nothing but the answer's stamp; after `reset` it is as new.
+template <class L>
+concept LocationEstimator = requires(L& localizer, const Profile& response) {
+  { localizer.update(response) } -> std::same_as<LocationEstimate>;
+  localizer.reset();
+};
+
+}  // namespace lumo

@@ -1,0 +1,119 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/sense/recording/alignment.hpp"
+#include "lumo/sense/devices/faults.hpp"
+#include "lumo/sense/devices/readout.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
+template <class VectorXd = Eigen::VectorXd>
+class FrameMonitorOf {
+ public:
+  using Profile = Dependent<lumo::Profile, VectorXd>;
+
+  struct Config {
+    VectorXd position_m;               ///< of the profile's values
+    VectorXd unloaded;                 ///< mean profile without contact
+    std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
+    double period_s = 1.0 / 30.0;      ///< of the frames
+    double max_age_s = 0.15;           ///< from stamp to arrival
+    double max_ahead_s = 0.01;         ///< how far a stamp may lie in the future
+    double black = 0.25;               ///< mean light, relative to unloaded, below which a frame is black
+    double saturated = 0.05;           ///< share of full pixels that is too many
+    double led_dark = 0.6;             ///< light about one LED, relative to the others', below which it is dead
+    double exposure = 0.15;            ///< change of all lights (median over the finger) that no contact makes
+    double corrupt_low = 0.4, corrupt_high = 4.0;  ///< light anywhere, relative to unloaded, outside of which the picture is damaged
+    double exposure_s = 0.0, gain = 0.0;  ///< under which the reference was taken; 0: not known
+  };
+
+  /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
+  explicit FrameMonitorOf(Config config) : config_(std::move(config)) {
+    const Eigen::Index n = config_.position_m.size();
+    if (n < 1 || config_.unloaded.size() != n)
+      throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
+    for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
+    require_positive("period of the frames", config_.period_s, "s");
+    require_positive("greatest age of a frame", config_.max_age_s, "s");
+  }
+
+  struct Verdict {
+    Faults faults;
+    bool usable = true;
+  };
+
+  /// Before anything is read of it: the time. A frame that fails is not to be read.
+  Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
+    Verdict v;
+    if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns) return reject(Fault::frame_time);
+    if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s) return reject(Fault::frame_time);
+    if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
+    if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);
+    if (1e-9 * double(now_ns - stamp_ns) > config_.max_age_s) v.faults.add(Fault::frame_late);
+    if (seen_ && 1e-9 * double(stamp_ns - stamp_ns_) > 1.6 * config_.period_s) v.faults.add(Fault::frame_dropped);
+    seen_ = true;
+    stamp_ns_ = stamp_ns;
+    return v;
+  }
+
+  /// The light itself, before the reference is subtracted.
+  Verdict check_light(const Profile& p, double exposure_s, double gain) {
+    Verdict v;
+    const bool same = last_.size() == p.value.size() && last_ == p.value;
+    last_ = p.value;
+    if (same) return reject(Fault::frame_repeated);
+    if (!p.value.allFinite()) return reject(Fault::frame_corrupt);
+    const auto differs = [](double a, double b) { return a > 0.0 && b > 0.0 && std::abs(a / b - 1.0) > 0.01; };
+    if (differs(exposure_s, config_.exposure_s) || differs(gain, config_.gain)) v.faults.add(Fault::exposure_changed);
+    if (p.value.mean() < config_.black * config_.unloaded.mean()) v.faults.add(Fault::frame_black);
+    if (p.saturated > config_.saturated) v.faults.add(Fault::frame_saturated);
+    ratio_ = p.value.cwiseQuotient(config_.unloaded);
+    sorted_ = ratio_;
+    const Eigen::Index n = ratio_.size();
+    std::nth_element(sorted_.data(), sorted_.data() + n / 2, sorted_.data() + n);
+    const double median = sorted_[n / 2];
+    if (!v.faults.any()) {
+      const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(), [&](double y) { return led_ratio(y) < config_.led_dark * median; });
+      if (dead)
+        v.faults.add(Fault::led_dead);
+      else if (ratio_.minCoeff() < config_.corrupt_low || ratio_.maxCoeff() > config_.corrupt_high)
+        v.faults.add(Fault::frame_corrupt);
+      if (std::abs(median - 1.0) > config_.exposure) v.faults.add(Fault::exposure_changed);
+    }
+    v.usable = !v.faults.any();
+    return v;
+  }
+
+  static Verdict reject(Fault f) {
+    Verdict v;
+    v.faults.add(f);
+    v.usable = false;
+    return v;
+  }
+
+ private:
+  /// Of the position that is nearest to the LED.
+  double led_ratio(double y) const {
+    const VectorXd& position_m = config_.position_m;
+    Eigen::Index i = 0;
+    (position_m.array() - y).abs().minCoeff(&i);
+    return ratio_[i];
+  }
+
+  Config config_;
+  VectorXd last_, ratio_, sorted_;
+  std::int64_t stamp_ns_ = 0;
+  bool seen_ = false;
+};
+
+using FrameMonitor = FrameMonitorOf<>;
+
+}  // namespace lumo

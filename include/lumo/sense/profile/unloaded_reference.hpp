@@ -1,0 +1,48 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/core/types.hpp"
+#include "lumo/sense/devices/readout.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <type_traits>
+
+namespace lumo {
+
+/// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured against.
+class UnloadedReference {
+ public:
+  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
+  template <class VectorXd = Eigen::VectorXd, class Profile = Profile>
+  void add(In<Profile> p) {
+    if (count_ == 0) mean_ = squares_ = VectorXd::Zero(p.value.size());
+    if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
+    if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
+    ++count_;
+    const VectorXd before = p.value - mean_;
+    mean_ += before / double(count_);
+    squares_ += before.cwiseProduct(p.value - mean_);
+  }
+
+  int count() const { return count_; }
+  const Eigen::VectorXd& mean() const { return mean_; }
+  /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
+  /// mean's own error is part of it.
+  template <class VectorXd = Eigen::VectorXd>
+  Eigen::VectorXd noise(double floor = 0.02) const {
+    if (count_ < 2) return VectorXd::Constant(mean_.size(), floor);
+    const double n = count_;
+    const VectorXd& squares = squares_;
+    return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
+  }
+  /// Profile minus the mean. Lengths must agree (unchecked).
+  template <class Profile = Profile>
+  void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
+
+ private:
+  int count_ = 0;
+  Eigen::VectorXd mean_, squares_;
+};
+
+}  // namespace lumo

@@ -1,0 +1,80 @@
+#pragma once
+
+#include "lumo/core/units.hpp"
+#include "lumo/sense/recording/csv.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/recording/normal_force.hpp"
+#include "lumo/sense/recording/session.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <istream>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace lumo {
+
+/// What a log says of the contacts that its estimates are compared with. Only whoever compares reads it.
+class LogTruth {
+ public:
+  struct Touch {
+    std::optional<double> y_m, force_N;
+  };
+
+  /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
+  /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
+  template <class Truth = LogTruth>
+  static Truth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
+    Truth t;
+    t.segments_ = session.segments;
+    double tare = 0.0;
+    long count = 0;
+    for (const WrenchSample& w : wrenches) {
+      const std::int64_t at = session.wrench_clock(w.stamp_ns);
+      for (const Segment& s : t.segments_)
+        if (s.kind == "unloaded" && at >= s.from_ns && at <= s.to_ns) tare += w.normal_force_N(), ++count;
+    }
+    t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
+    return t;
+  }
+  /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
+  template <class Truth = LogTruth>
+  static Truth from_table(std::istream& in, const std::string& name) {
+    CsvReader csv(in, name);
+    detail::StampColumn stamp(csv);
+    const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
+    Truth t;
+    while (csv.next()) {
+      const std::int64_t at = stamp.read(csv);
+      t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
+    }
+    return t;
+  }
+
+  /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
+  template <class Touch = Touch>
+  Touch at(std::int64_t stamp_ns) const {
+    if (!force_) {
+      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
+      return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
+    }
+    Touch touch;
+    if (const auto f = force_->at(stamp_ns, 0.1)) touch.force_N = (*f)[0];
+    for (const Segment& s : segments_)
+      if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
+        touch.y_m = 1e-3 * s.y_mm;
+        if (!touch.force_N) touch.force_N = s.load_N;
+      }
+    return touch;
+  }
+
+ private:
+  std::optional<TimeSeries> force_;                     ///< of a log's sensor; none of a table
+  std::vector<Segment> segments_;
+  std::vector<std::pair<std::int64_t, Touch>> table_;
+};
+
+}  // namespace lumo

@@ -1,0 +1,33 @@
+#pragma once
+
+#include "lumo/core/error.hpp"
+#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/recording/session.hpp"
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+namespace lumo {
+
+/// A log's session and tables; the pictures stay where they are. A table that is absent is empty.
+struct RecordedLog {
+  std::string path;  ///< of the folder, or of the MCAP file
+  Session session;
+  std::vector<FrameRecord> frames;
+  std::vector<JointSample> joints;
+  std::vector<WrenchSample> wrenches;
+  std::vector<MarkerSample> markers;
+  std::vector<PhotodiodeSample> photodiodes;
+};
+
+/// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques none.
+inline void validate(const RecordedLog& log) {
+  if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
+  const auto joints = std::size_t(log.joints.front().effort.size());
+  if (log.session.torque_constant_Nm_per_A.size() != joints)
+    throw InputError(detail::text(log.path, ": has currents of ", joints, " joints, its session ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+}
+
+}  // namespace lumo

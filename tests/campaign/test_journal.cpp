@@ -1,0 +1,333 @@
+#include "catch.hpp"
+#include "campaign/store_test.hpp"
+#include "lumo/support/sqlite.hpp"
+#include "temporary_folder.hpp"
+
+#include <sqlite3.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+using namespace lumo;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// What entry k of the test campaign must be.
+LogEntry entry(std::size_t k) { return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"}; }
+
+/// Adds entries until there are `count` after the problem.
+template <class Log>
+void fill(Log& log, std::size_t count) {
+  while (log.append([&](const std::vector<LogEntry>& list) -> std::optional<LogEntry> {
+    if (list.size() > count) return std::nullopt;
+    return entry(list.size());
+  })) {}
+}
+
+StoreError::Reason reason_of(const std::function<void()>& act) {
+  try {
+    act();
+  } catch (const StoreError& e) {
+    INFO(e.what());
+    CHECK(std::string(e.what()).find('\n') == std::string::npos);
+    return e.reason();
+  }
+  FAIL("nothing was thrown");
+  return {};
+}
+
+/// Runs `work` in a child process; its exit code, or −signal.
+int in_child(const std::function<void()>& work) {
+  int status = 0;
+  waitpid(start_child(work), &status, 0);
+  return WIFSIGNALED(status) ? -WTERMSIG(status) : WEXITSTATUS(status);
+}
+
+}  // namespace
+
+TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, SqliteLog) {
+  const TemporaryFolder folder;
+  TestType log = [&] {
+    if constexpr (std::is_same_v<TestType, MemoryLog>) return MemoryLog("problem 1");
+    else return SqliteLog(folder / "store", "problem 1");
+  }();
+  fill(log, 5);
+  const auto list = log.entries();
+  REQUIRE(list.size() == 6);
+  CHECK(list[0].kind == "problem");
+  CHECK(list[0].content == "problem 1");
+  for (std::size_t k = 1; k < list.size(); ++k) {
+    CHECK(list[k].number == std::int64_t(k));
+    CHECK(list[k].content == entry(k).content);
+    CHECK(log.record(std::int64_t(k)) == entry(k).record);
+  }
+  CHECK(log.claim(3));
+}
+
+TEST_CASE("A store is the same whether it was opened once or often, and notes do not enter its digest") {
+  const TemporaryFolder folder;
+  SqliteLog once(folder / "once", "p");
+  fill(once, 8);
+  for (std::size_t k = 1; k <= 8; ++k) {
+    SqliteLog again(folder / "often", "p");
+    again.append([&](const auto&) {
+      LogEntry e = entry(k);
+      e.notes = "took " + std::to_string(std::rand()) + " s";
+      return std::optional(e);
+    });
+  }
+  const SqliteLog often(folder / "often");
+  CHECK(once.digest() == often.digest());
+  CHECK(once.digest() == once.digest(8));
+  CHECK(once.digest(0) == SqliteLog(folder / "empty", "p").digest());   // of the problem alone
+  CHECK(once.digest(0) != SqliteLog(folder / "other", "q").digest());
+  often.verify();
+}
+
+TEST_CASE("A store refuses another problem and says what differs, and what is no store is refused, too") {
+  const TemporaryFolder folder;
+  { SqliteLog log(folder / "store", "material DS\nensemble flat\nseed 1"); }
+  try {
+    SqliteLog log(folder / "store", "material DS\nensemble curved\nseed 1");
+    FAIL("opened");
+  } catch (const StoreError& e) {
+    CHECK(e.reason() == StoreError::Reason::different);
+    CHECK(std::string(e.what()).find("ensemble flat") != std::string::npos);
+    CHECK(std::string(e.what()).find("ensemble curved") != std::string::npos);
+  }
+  CHECK(reason_of([&] { SqliteLog log(folder / "missing"); }) == StoreError::Reason::unusable);
+  CHECK(reason_of([&] { SqliteLog log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
+  folder.write("text", "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
+  CHECK(reason_of([&] { SqliteLog log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
+  CHECK(folder.read("text").starts_with("this is a diary"));
+}
+
+TEST_CASE("Flipped bits and cut files are found, or do no harm") {
+  const TemporaryFolder folder;
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 40);
+  }
+  const std::string good = folder.read("store"), digest = SqliteLog(folder / "store").digest();
+  std::mt19937 random(7);
+  int found = 0;
+  for (int trial = 0; trial < 1000; ++trial) {
+    std::string bad = good;
+    if (trial % 10 == 0) bad.resize(random() % good.size());
+    else bad[random() % bad.size()] ^= char(1 << random() % 8);
+    folder.write("bad", bad);
+    try {
+      const SqliteLog log(folder / "bad");
+      const auto list = log.entries();
+      REQUIRE(list.size() == 41);
+      for (std::size_t k = 1; k < list.size(); ++k) {
+        REQUIRE(list[k].content == entry(k).content);
+        REQUIRE(log.record(std::int64_t(k)) == entry(k).record);
+      }
+      REQUIRE(log.digest() == digest);
+    } catch (const StoreError&) {
+      ++found;
+    }
+  }
+  CHECK(found > 500);
+}
+
+TEST_CASE("A flipped bit in notes, which no digest covers, leaves the log as it is") {
+  const TemporaryFolder folder;
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 3);
+  }
+  std::string bad = folder.read("store");
+  const std::size_t at = bad.find(entry(2).notes);
+  REQUIRE(at != std::string::npos);
+  bad[at + 10] ^= char(0x80);
+  folder.write("bad", bad);
+  const SqliteLog log(folder / "bad");
+  log.verify();
+  CHECK(log.entries()[2].notes != entry(2).notes);
+  CHECK(log.entries()[2].content == entry(2).content);
+  CHECK(log.digest() == SqliteLog(folder / "store").digest());
+}
+
+TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read is named") {
+  const TemporaryFolder folder;
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 40);
+  }
+  const std::string good = folder.read("store");
+  const std::size_t page = 4096;
+  int named = 0;
+  for (std::size_t from = page; from < good.size(); from += page) {
+    if (good[from] != 0x0d) continue;   // no leaf of a table
+    const auto holds = [&](std::size_t k) {
+      return good.substr(from, page).find(k == 0 ? "problemp" : "done" + entry(k).content + entry(k).record.substr(0, 20)) != std::string::npos;
+    };
+    std::size_t first = 0;
+    while (first <= 40 && !holds(first)) ++first;
+    if (first > 40) continue;   // no entries on this page
+    std::string bad = good;
+    std::fill_n(bad.begin() + std::ptrdiff_t(from), page, '\0');
+    folder.write("bad", bad);
+    try {
+      const SqliteLog log(folder / "bad");
+      FAIL("opened");
+    } catch (const StoreError& e) {
+      INFO(e.what());
+      CHECK(e.reason() == StoreError::Reason::corrupt);
+      const std::string said = e.what();
+      CHECK(said.find("is damaged at entry " + std::to_string(first) + ": ") != std::string::npos);
+      ++named;
+    }
+  }
+  CHECK(named > 5);
+}
+
+TEST_CASE("A store survives kills at any moment: nothing lost, nothing twice") {
+  const TemporaryFolder folder;
+  const std::size_t count = 60;
+  SqliteLog whole(folder / "whole", "p");
+  fill(whole, count);
+  std::mt19937 random(3);
+  int kills = 0;
+  for (;;) {
+    const pid_t pid = fork();
+    if (pid == 0) {
+      SqliteLog log(folder / "store", "p");
+      fill(log, count);
+      _exit(0);
+    }
+    usleep(useconds_t(random() % 20000));
+    if (kills < 100) kill(pid, SIGKILL);
+    int status = 0;
+    waitpid(pid, &status, 0);
+    kills += WIFSIGNALED(status);
+    if (WIFEXITED(status)) break;
+  }
+  CHECK(kills > 0);
+  const SqliteLog log(folder / "store");
+  CHECK(log.entries().size() == count + 1);
+  CHECK(log.digest() == whole.digest());
+  log.verify();
+}
+
+TEST_CASE("A store is read although its writer was killed in the middle of a write") {
+  const TemporaryFolder folder;
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 3);
+  }
+  sqlite3* writer = nullptr;
+  REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &writer) == SQLITE_OK);
+  REQUIRE(sqlite3_exec(writer, "PRAGMA cache_size=1; BEGIN; UPDATE entry SET record = hex(zeroblob(100000))", nullptr, nullptr, nullptr) == SQLITE_OK);
+  for (const char* suffix : {"", "-journal"}) fs::copy_file(std::string(folder / "store") + suffix, std::string(folder / "killed") + suffix);  // as a kill leaves them
+  CHECK(fs::file_size(folder / "killed") > 200'000);
+  sqlite3_close(writer);
+  const auto list = SqliteLog(folder / "killed").entries();
+  REQUIRE(list.size() == 4);
+  CHECK(SqliteLog(folder / "killed").record(3) == entry(3).record);
+}
+
+TEST_CASE("Three processes on one store add each entry once, and living ones keep what they claimed") {
+  const TemporaryFolder folder;
+  { SqliteLog log(folder / "store", "p"); }
+  std::vector<pid_t> children;
+  for (int k = 0; k < 3; ++k) {
+    const pid_t pid = fork();
+    if (pid == 0) {
+      try {
+        SqliteLog log(folder / "store", "p");
+        fill(log, 50);
+        _exit(0);
+      } catch (...) {
+        _exit(1);
+      }
+    }
+    children.push_back(pid);
+  }
+  for (const pid_t pid : children) {
+    int status = 1;
+    waitpid(pid, &status, 0);
+    CHECK(status == 0);
+  }
+  SqliteLog log(folder / "store", "p");
+  CHECK(log.entries().size() == 51);
+  CHECK(log.claim(1));
+  CHECK(in_child([&] {
+          SqliteLog other(folder / "store", "p");
+          if (other.claim(1)) throw 1;       // this process lives
+          if (!other.claim(2)) throw 2;
+        }) == 0);
+  CHECK(log.claim(2));   // the child is dead
+}
+
+namespace {
+
+/// Every connection that is opened from now on has room for so many pages: SQLite says of what is more that the disk is full.
+int little_room(sqlite3* db, const char**, const struct sqlite3_api_routines*) { return sqlite3_exec(db, "PRAGMA max_page_count=12", nullptr, nullptr, nullptr); }
+
+}  // namespace
+
+TEST_CASE("A full disk is an error, and the store stays valid") {
+  const TemporaryFolder folder;
+  { SqliteLog log(folder / "store", "p"); }
+  const auto fails_for = [&](StoreError::Reason reason) {   // in a child of its own, which alone has the limit
+    SqliteLog full(folder / "store", "p");
+    try {
+      fill(full, 1000);
+    } catch (const StoreError& e) {
+      if (e.reason() != reason) throw;
+      if (full.entries().size() < 4) throw 3;   // what was there before is still read
+      return;
+    }
+    throw 2;
+  };
+  {
+    SqliteLog log(folder / "store", "p");
+    fill(log, 3);
+  }
+  CHECK(in_child([&] {
+          sqlite3_auto_extension(reinterpret_cast<void (*)()>(little_room));
+          fails_for(StoreError::Reason::full);
+        }) == 0);
+  CHECK(in_child([&] {   // a limit on the file's size: the operating system refuses to write
+          signal(SIGXFSZ, SIG_IGN);
+          const rlimit limit{fs::file_size(folder / "store") + 1, RLIM_INFINITY};
+          if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
+          fails_for(StoreError::Reason::unusable);
+        }) == 0);
+  SqliteLog again(folder / "store");
+  again.verify();
+  const std::size_t kept = again.entries().size();
+  CHECK(kept > 4);
+  CHECK(kept < 1001);
+  fill(again, kept);   // and goes on once there is room
+  SqliteLog whole(folder / "whole", "p");
+  fill(whole, kept);
+  CHECK(again.digest() == whole.digest());
+}
+
+TEST_CASE("A store is not used after a fork") {
+  const TemporaryFolder folder;
+  SqliteLog log(folder / "store", "p");
+  fill(log, 2);
+  const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); }, [&] { log.claim(1); }, [&] { log.digest(); }, [&] { log.verify(); }, [&] { fill(log, 3); }};
+  for (const auto& use : members)
+    CHECK(in_child([&] {
+            try {
+              use();
+            } catch (const StoreError& e) {
+              if (e.reason() == StoreError::Reason::unusable) return;
+            }
+            throw 1;
+          }) == 0);
+  fill(log, 3);
+  log.verify();
+}

@@ -1,0 +1,171 @@
+#include "mechanics/bodies.hpp"
+#include "catch.hpp"
+#include "mechanics/contact/contact_laws.hpp"
+#include "mechanics/indenters/indenter_laws.hpp"
+#include "lumo/mechanics/contact/carrier.hpp"
+#include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/morphology/finger.hpp"
+
+#include <Eigen/Dense>
+
+using namespace lumo;
+
+static_assert(!Indenter<int>);
+static_assert(!ContactHandler<double>);
+
+TEST_CASE("distance fields obey the laws of an indenter") {
+  test::check_distance_laws(Sphere{10e-3}, 20e-3);
+  test::check_distance_laws(Carrier{{{{0, 0, -5e-3}, {15e-3, 30e-3, 5e-3}}, {{0, 0, 0}, {4e-3, 30e-3, 5e-3}}}}, 30e-3);
+}
+
+TEST_CASE("contact laws push, harder the deeper, as the derivatives of their energy, and nothing acts across a gap") {
+  test::check_contact_laws(SDFContact{1e10});
+  test::check_contact_laws(SDFContact{1e11, 0.5});
+  test::check_contact_laws(VertexContact{1e9});
+  const SDFContact soft{1e10};
+  CHECK(Firmness<SDFContact>{&soft, 0.5}.respond(-1e-6).pressure == 0.5 * soft.respond(-1e-6).pressure);
+  CHECK_THROWS_AS(validate(Firmness<SDFContact>{&soft, 0.0}), InvalidArgument);
+}
+
+namespace {
+
+/// Central differences of the energy and of the forces of what is pushed by s0 into the wavy top of a block, by nodes and by the advance.
+template <class Tool>
+void check_contact_derivatives(const Tool& tool, const Vec3& start, const Vec3& direction, double s0) {
+  const Vec3 size(8e-3, 8e-3, 4e-3);
+  const Body body = test::block_body(size);
+  const TetMesh mesh = test::block_mesh(size, test::even(3), test::even(3), test::even(1), 2, false);
+  const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
+  double area = 0.0;
+  for (std::size_t f = 0; f < surface.size(); ++f)
+    for (const auto& p : surface.points(f)) area += p.area_m2;
+  CHECK(area == Approx(64e-6));
+
+  const SDFContact contact{1e9};
+  const auto at = [&](double s) { return Moving<Tool>{&tool, start + s * direction, direction}; };
+  Positions x = positions_of(mesh);
+  for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) += 0.1 * test::wavy(x.col(k), 8e-3);
+  const Sector sector = sector_of(mesh, {});
+  const Equations eq(sector, body, {});
+  const auto evaluate = [&](const Positions& y, double s, Positions* f) { return add_contact_forces(surface, contact, at(s), y, f); };
+  Positions f = Positions::Zero(3, x.cols());
+  const ContactSums sums = evaluate(x, s0, &f);
+  REQUIRE(sums.energy > 0.0);
+  CHECK(-f.rowwise().sum().dot(direction) == Approx(sums.push_N));  // the pad is pushed along the advance, the indenter back
+  SparseLower tangent = eq.pattern;
+  std::fill_n(tangent.valuePtr(), tangent.nonZeros(), 0.0);
+  Eigen::VectorXd coupling = Eigen::VectorXd::Zero(eq.count);
+  const ContactSums stiff = add_contact_tangent(surface, contact, at(s0), x, eq, tangent.valuePtr(), &coupling);
+  Eigen::MatrixXd K = tangent;
+  K.triangularView<Eigen::StrictlyUpper>() = K.transpose();
+
+  const double h = 2e-8;
+  CHECK((evaluate(x, s0 + h, nullptr).energy - evaluate(x, s0 - h, nullptr).energy) / (2 * h) == Approx(sums.push_N).epsilon(1e-4));
+  CHECK((evaluate(x, s0 + h, nullptr).push_N - evaluate(x, s0 - h, nullptr).push_N) / (2 * h) == Approx(stiff.push_stiffness).epsilon(2e-3));
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    Positions up = x, down = x;
+    up.data()[i] += h, down.data()[i] -= h;
+    CHECK((evaluate(up, s0, nullptr).energy - evaluate(down, s0, nullptr).energy) / (2 * h) == Approx(f.data()[i]).margin(1e-4 * f.norm()));
+    const int column = eq.of[std::size_t(i)];
+    if (column < 0) continue;
+    CHECK((evaluate(up, s0, nullptr).push_N - evaluate(down, s0, nullptr).push_N) / (2 * h) == Approx(coupling[column]).margin(2e-3 * coupling.norm()));
+    Positions fu = Positions::Zero(3, x.cols()), fd = fu;
+    evaluate(up, s0, &fu), evaluate(down, s0, &fd);
+    double worst = 0.0;
+    for (std::size_t j = 0; j < eq.of.size(); ++j)
+      if (const int row = eq.of[j]; row >= 0) worst = std::max(worst, std::abs((fu.data()[j] - fd.data()[j]) / (2 * h) - K(row, column)));
+    CHECK(worst < 2e-3 * K.norm());
+  }
+}
+
+}  // namespace
+
+TEST_CASE("contact forces and stiffness are the derivatives of the contact energy, by nodes and by the advance") {
+  const Vec3 direction = Vec3(-0.3, 0, -1).normalized();
+  check_contact_derivatives(Sphere{10e-3}, Vec3(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
+  // The carrier from above: a plate, and a rib below it that goes deeper.
+  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}}, Vec3(4e-3, 4e-3, 4.2e-3), Vec3(0, 0, -1), 0.3e-3);
+}
+
+TEST_CASE("contact area and overlap of known fields are exact up to the facets") {
+  const Vec3 size(10e-3, 10e-3, 2e-3);
+  const Body body = test::block_body(size);
+  const TetMesh mesh = test::block_mesh(size, test::even(10), test::even(10), test::even(1), 2, false);
+  const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
+  const Positions x = positions_of(mesh);
+  const auto disc = [&](double cx, double cy, double r) {
+    std::vector<double> f;
+    for (const Vec3& p : mesh.nodes) f.push_back(r - std::hypot(p.x() - cx, p.y() - cy));
+    return f;
+  };
+  const auto a = disc(5e-3, 5e-3, 3e-3);
+  CHECK(contact_area(surface, a, x) == Approx(pi * 9e-6).epsilon(0.01));
+  const auto half_plane = [&](double at) {
+    std::vector<double> f;
+    for (const Vec3& p : mesh.nodes) f.push_back(at - p.x());
+    return f;
+  };
+  CHECK(contact_area(surface, half_plane(3.3e-3), x) == Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
+  const SetOverlap o = contact_overlap(surface, half_plane(3.3e-3), half_plane(6.6e-3), x);
+  CHECK(o.both == Approx(33e-6).epsilon(1e-9));
+  CHECK(o.either == Approx(66e-6).epsilon(1e-9));
+  const SetOverlap far = contact_overlap(surface, disc(2e-3, 2e-3, 1e-3), disc(8e-3, 8e-3, 1e-3), x);
+  CHECK(far.both == 0.0);
+  CHECK(far.ratio() == 0.0);
+  CHECK(contact_overlap(surface, half_plane(-1.0), half_plane(-1.0), x).ratio() == 1.0);
+  // Smooth growth: a boundary that moves a little changes the area a little, never by whole facets.
+  double last = contact_area(surface, disc(5e-3, 5e-3, 2.0e-3), x);
+  for (double r = 2.01e-3; r < 3e-3; r += 1e-5) {
+    const double now = contact_area(surface, disc(5e-3, 5e-3, r), x);
+    CHECK(now > last);
+    CHECK(now - last < 3.0 * 2 * pi * r * 1e-5);
+    last = now;
+  }
+}
+
+TEST_CASE("first touch is on the exact profile, not on the mesh") {
+  const FingerDesign design = baseline_design();
+  const Body body = finger(design, dragon_skin());
+  const double w = 14.75e-3, fp = 6e-3, ep = 6e-3;
+  // A coarse stand-in mesh: only the extent of the patches matters.
+  TetMesh mesh;
+  mesh.order = 1;
+  for (const Vec3& v : body.vertices) mesh.nodes.push_back(v);
+  for (const Facet& f : body.facets)
+    if (f.patch >= 0)
+      for (std::size_t k = 1; k + 1 < f.loop.size(); ++k) mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
+  mesh = mirrored(mirrored(mesh, 0), 1);
+  for (double d : {10e-3, 30e-3})
+    for (double angle : {-30.0, -15.0, 0.0, 15.0, 30.0})
+      for (double y : {0.0, 5.5e-3, -22e-3}) {
+        Scenario<Sphere> s{Sphere{d}, angle * pi / 180, y};
+        const Touch t = first_touch(body, mesh, s);
+        // Independent: the smallest advance over a dense sample of the ellipse and the sides in the plane of the sphere's centre.
+        const Vec3 dir = s.direction(), far = body.pivot + Vec3(0, y, 0) - 0.1 * dir;
+        double least = 1e9;
+        const auto reach = [&](double px, double pz) {
+          const Vec3 e = Vec3(px, y, pz) - far;
+          const double along = e.dot(dir), off2 = e.squaredNorm() - along * along, r = 0.5 * d;
+          if (off2 <= r * r) least = std::min(least, along - std::sqrt(r * r - off2));
+        };
+        for (int k = 0; k <= 400000; ++k) reach(w * std::cos(pi * k / 400000), fp + ep * std::sin(pi * k / 400000));
+        for (int k = 0; k <= 1000; ++k) reach(w, fp * k / 1000.0), reach(-w, fp * k / 1000.0);
+        CHECK((t.origin - far).dot(dir) == Approx(least).margin(1e-9));
+        CHECK((t.point - t.origin).norm() == Approx(0.5 * d).margin(1e-9));
+      }
+  Scenario<Sphere> beside{Sphere{10e-3}, 0.0, 60e-3};
+  CHECK_THROWS_AS(first_touch(body, mesh, beside), InvalidArgument);
+}
+
+TEST_CASE("a tilt along the finger is the tilt across it, seen from the side") {
+  const auto [body, mesh] = test::symmetric_block(Vec3(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
+  const Scenario<Sphere> across{Sphere{10e-3}, 0.4, 0.0}, along{Sphere{10e-3}, 0.4, 0.0, across.loads_N, TiltPlane::yz};
+  const Touch a = first_touch(body, mesh, across), b = first_touch(body, mesh, along);
+  CHECK((Vec3(a.point.y(), a.point.x(), a.point.z()) - b.point).norm() < 1e-9);
+  CHECK((Vec3(a.origin.y(), a.origin.x(), a.origin.z()) - b.origin).norm() < 1e-9);
+  CHECK(b.origin.z() == Approx(15e-3).margin(1e-9));
+  CHECK(symmetry_of(across) == Symmetry{false, true});
+  CHECK(symmetry_of(along) == Symmetry{true, false});
+}

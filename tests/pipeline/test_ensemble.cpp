@@ -1,0 +1,47 @@
+#include "catch.hpp"
+#include "lumo/pipeline/ensemble.hpp"
+
+#include <set>
+
+using namespace lumo;
+
+TEST_CASE("the paper's ensembles have 28 and 140 scenarios: without mirror images 16 and 48 solves on 4 and 12 meshes") {
+  const auto count = [](const Ensemble& e, Symmetry s) {
+    const auto scenarios = e.scenarios();
+    const ContactPlan p = plan_contacts(scenarios, s);
+    CHECK(p.images.size() == scenarios.size());
+    for (std::size_t k = 0; k < p.images.size(); ++k) {
+      const auto &given = scenarios[k], &solved = p.solves[p.images[k].solve].scenario;
+      CHECK(solved.indenter == given.indenter);
+      CHECK((p.images[k].mirror.x ? -1.0 : 1.0) * solved.angle_rad == given.angle_rad);
+      CHECK((p.images[k].mirror.y ? -1.0 : 1.0) * solved.y_m == given.y_m);
+    }
+    return std::pair(p.solves.size(), p.places.size());
+  };
+  CHECK(flat_ensemble().scenarios().size() == 28);
+  CHECK(curved_ensemble().scenarios().size() == 140);
+  CHECK(count(flat_ensemble(), {true, true}) == std::pair<std::size_t, std::size_t>(16, 4));
+  CHECK(count(curved_ensemble(), {true, true}) == std::pair<std::size_t, std::size_t>(48, 12));
+  CHECK(count(flat_ensemble(), {false, false}) == std::pair<std::size_t, std::size_t>(28, 7));
+  CHECK(plan_contacts(flat_ensemble().scenarios(), {true, true}, {}).solves.size() == 28);
+}
+
+TEST_CASE("contacts tilted along the finger are mirrored together with their place") {
+  Ensemble e;
+  e.tilt = TiltPlane::yz;
+  e.diameters_m = {10e-3};
+  e.angles_rad = {-0.5, 0.0, 0.5};
+  e.places_m = {-22e-3, 0.0, 22e-3};
+  const auto scenarios = e.scenarios();
+  const ContactPlan p = plan_contacts(scenarios, {true, true});
+  CHECK(p.solves.size() == 5);   // −0.5 at 22 mm is no image of 0.5 there
+  CHECK(p.places.size() == 5);
+  for (std::size_t k = 0; k < scenarios.size(); ++k) {
+    CHECK_FALSE(p.images[k].mirror.x);
+    CHECK(mirrored(p.solves[p.images[k].solve].scenario, p.images[k].mirror) == scenarios[k]);
+    CHECK(symmetry_of(scenarios[k]) == Symmetry{true, scenarios[k].y_m == 0.0 && scenarios[k].angle_rad == 0.0});
+    const Vec3 image = mirrored(scenarios[k], {false, true}).direction(), given = scenarios[k].direction();
+    CHECK(image == given.cwiseProduct(Vec3(1, -1, 1)));
+  }
+  CHECK(plan_contacts(scenarios, {true, false}).solves.size() == 9);
+}
