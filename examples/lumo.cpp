@@ -47,7 +47,7 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
   for (const auto& s : scenarios)
     if (s.status != "converged" && s.status != "held") {   // who asked for a solver that holds gets what it holds
       print(text);
-      return complain(lumo::detail::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", s.status, ": ", meaning(s.status), "), sphere of ", s.diameter_mm,
+      return complain(lumo::message("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", s.status, ": ", meaning(s.status), "), sphere of ", s.diameter_mm,
                                          " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"),
                       numerical);
     }

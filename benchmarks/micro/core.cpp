@@ -11,8 +11,8 @@ using namespace lumo::micro;
 
 TEST_CASE("core: checksum", "[core]") {
   std::vector<std::uint8_t> bytes(1 << 16);
-  for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = std::uint8_t(detail::combine(1, i));
-  BENCHMARK(named("crc32", detail::text(bytes.size(), " bytes"))) { return Crc32::of(bytes); };
+  for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = std::uint8_t(combine(1, i));
+  BENCHMARK(named("crc32", message(bytes.size(), " bytes"))) { return Crc32::of(bytes); };
 }
 
 TEST_CASE("core: Sobol's sequence", "[core]") {

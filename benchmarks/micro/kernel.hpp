@@ -21,10 +21,10 @@ namespace lumo::micro {
 inline std::string named(const std::string& kernel, const std::string& input, const std::string& way = "") { return kernel + " | " + input + " | " + way; }
 
 /// Points of a scrambled Sobol sequence in [low, high]³, the same in every run.
-inline std::vector<Vec3> points_in(const Vec3& low, const Vec3& high, std::uint32_t count, std::uint64_t seed) {
+inline std::vector<Vec3d> points_in(const Vec3d& low, const Vec3d& high, std::uint32_t count, std::uint64_t seed) {
   const OwenSobol u{seed};
-  std::vector<Vec3> points;
-  for (std::uint32_t i = 0; i < count; ++i) points.push_back(low + (high - low).cwiseProduct(Vec3(u(i, 0), u(i, 1), u(i, 2))));
+  std::vector<Vec3d> points;
+  for (std::uint32_t i = 0; i < count; ++i) points.push_back(low + (high - low).cwiseProduct(Vec3d(u(i, 0), u(i, 1), u(i, 2))));
   return points;
 }
 

@@ -21,7 +21,7 @@ constexpr std::size_t messages = 64, size = 64 * 1024;
 /// Bytes as a picture has them: a smooth course with noise in the two lowest bits.
 std::vector<std::uint8_t> payload(std::size_t number) {
   std::vector<std::uint8_t> bytes(size);
-  for (std::size_t i = 0; i < size; ++i) bytes[i] = std::uint8_t(((i / 16 + number) & 0xfcu) | (detail::mix64(size * number + i) & 3u));
+  for (std::size_t i = 0; i < size; ++i) bytes[i] = std::uint8_t(((i / 16 + number) & 0xfcu) | (mix64(size * number + i) & 3u));
   return bytes;
 }
 

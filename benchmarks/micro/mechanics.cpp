@@ -41,7 +41,7 @@ struct Quarter {
   Quarter() {
     for (std::size_t k = 0; k < model.sector.to_whole.size(); ++k) x.col(Eigen::Index(k)) += pad.state.displacement[std::size_t(model.sector.to_whole[k])];
   }
-  std::string size() const { return detail::text(model.sector.mesh.tets.size(), " tetrahedra, ", model.sector.mesh.nodes.size(), " nodes"); }
+  std::string size() const { return message(model.sector.mesh.tets.size(), " tetrahedra, ", model.sector.mesh.nodes.size(), " nodes"); }
 };
 
 const Quarter& quarter() {
@@ -50,19 +50,19 @@ const Quarter& quarter() {
 }
 
 template <class Material>
-void time_material(const std::string& name, const Material& m, const std::vector<Mat3>& F) {
-  std::vector<Mat3> stress(F.size());
+void time_material(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
+  std::vector<Mat3d> stress(F.size());
   REQUIRE(first_piola(m, F[1]).norm() > 0.0);
-  BENCHMARK(named("first Piola stress", detail::text(F.size(), " gradients"), name)) {
+  BENCHMARK(named("first Piola stress", message(F.size(), " gradients"), name)) {
     for (std::size_t i = 0; i < F.size(); ++i) stress[i] = first_piola(m, F[i]);
     return stress.data();
   };
 }
 
 template <class Material>
-void time_tangent(const std::string& name, const Material& m, const std::vector<Mat3>& F) {
-  std::vector<Mat9> tangent(F.size());
-  BENCHMARK(named("material tangent", detail::text(F.size(), " gradients"), name)) {
+void time_tangent(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
+  std::vector<Mat9d> tangent(F.size());
+  BENCHMARK(named("material tangent", message(F.size(), " gradients"), name)) {
     for (std::size_t i = 0; i < F.size(); ++i) tangent[i] = elasticity_tangent(m, F[i]);
     return tangent.data();
   };
@@ -75,7 +75,7 @@ void time_solid(const std::string& name, const Sector& sector, const Body& body,
   REQUIRE(std::isfinite(solid.energy(x)));
   std::vector<double> values(std::size_t(equations.pattern.nonZeros()));
   Positions force = Positions::Zero(3, x.cols());
-  const std::string input = detail::text(sector.mesh.tets.size(), " tetrahedra");
+  const std::string input = message(sector.mesh.tets.size(), " tetrahedra");
   BENCHMARK(named(name + ": energy", input)) { return solid.energy(x); };
   BENCHMARK(named(name + ": forces", input)) {
     solid.add_forces(x, force);
@@ -91,7 +91,7 @@ void time_solid(const std::string& name, const Sector& sector, const Body& body,
 
 TEST_CASE("mechanics: materials", "[mechanics]") {
   const OwenSobol u{1};
-  std::vector<Mat3> F(256, Mat3::Identity());
+  std::vector<Mat3d> F(256, Mat3d::Identity());
   for (std::uint32_t i = 0; i < F.size(); ++i)
     for (int k = 0; k < 9; ++k) F[i].data()[k] += 0.4 * (u(i, k) - 0.5);
   const Ogden ogden{{{{80e3, 1.3}, {5e3, 5.0}, {-2e3, -2.0}}}, 10e6};
@@ -118,14 +118,14 @@ TEST_CASE("mechanics: elements", "[mechanics]") {
   x.row(0) *= 1.02;
   time_solid<LinearTet>("LinearTet", linear, q.pad.body, x);
   const Positions dx = 1e-3 * q.x;
-  BENCHMARK(named("QuadraticTet: volume ratios carried on", detail::text(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return q.model.solid.predicted_ratios(q.x, q.x, dx); };
+  BENCHMARK(named("QuadraticTet: volume ratios carried on", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return q.model.solid.predicted_ratios(q.x, q.x, dx); };
 }
 
 TEST_CASE("mechanics: contact", "[mechanics]") {
   const Quarter& q = quarter();
   const auto sphere = q.system.indenter(q.advance);
   const ContactSurface& surface = q.model.touchable;
-  const std::string input = detail::text(surface.size(), " faces");
+  const std::string input = message(surface.size(), " faces");
   Positions force = Positions::Zero(3, q.x.cols());
   Eigen::VectorXd coupling = Eigen::VectorXd::Zero(q.equations.count);
   std::vector<double> values(std::size_t(q.equations.pattern.nonZeros()));
@@ -136,21 +136,21 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
   };
   const Positions dx = 1e-3 * q.x;
   BENCHMARK(named("gaps carried on", input)) { return predicted_gaps(surface, sphere, q.x, sphere, q.x, dx, 1e-6); };
-  BENCHMARK(named("first touch", detail::text("1 line on ", q.pad.mesh.faces.size(), " faces"))) { return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point; };
+  BENCHMARK(named("first touch", message("1 line on ", q.pad.mesh.faces.size(), " faces"))) { return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point; };
 
   // On the whole mesh, as results are told.
   const PressedPad& pad = q.pad;
   const ContactSurface whole(pad.mesh, pad.body, [](const Patch& p) { return p.contactable; });
   Positions x = positions_of(pad.mesh);
   for (std::size_t k = 0; k < pad.state.displacement.size(); ++k) x.col(Eigen::Index(k)) += pad.state.displacement[k];
-  const std::string faces = detail::text(whole.size(), " faces");
+  const std::string faces = message(whole.size(), " faces");
   BENCHMARK(named("contact field", faces)) { return contact_field(pad.mesh, whole, SDFContact{}, sphere, x).field; };
   const std::vector<double>& field = pad.state.contact_field;
   std::vector<double> smaller = field;
   for (double& f : smaller) f -= 0.2e-3;
   REQUIRE(contact_overlap(whole, field, smaller, x).ratio() < 0.95);
   BENCHMARK(named("contact sets clipped and overlaid", faces)) { return contact_overlap(whole, field, smaller, x).ratio(); };
-  BENCHMARK(named("certificate of equilibrium", detail::text(pad.mesh.tets.size(), " tetrahedra"))) {
+  BENCHMARK(named("certificate of equilibrium", message(pad.mesh.tets.size(), " tetrahedra"))) {
     return out_of_balance(pad.body, pad.mesh, NeoHookean{}, SDFContact{}, QuadraticTet{}, pad.ball.indenter, sphere.origin, sphere.direction, 5.0, pad.state.displacement);
   };
 }
@@ -160,8 +160,8 @@ TEST_CASE("mechanics: linear systems", "[mechanics]") {
   PressSystem<QuarterModel, Sphere>::Tangent tangent;
   q.system.tangent(q.x, q.advance, 0, 1, tangent);
   const SparseLower& K = tangent.matrix.front();
-  const std::string input = detail::text("1 tangent of ", K.cols(), " equations, ", K.nonZeros(), " non-zeros");
-  BENCHMARK(named("equations and pattern", detail::text(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return Equations(q.model.sector, q.pad.body, {}).count; };
+  const std::string input = message("1 tangent of ", K.cols(), " equations, ", K.nonZeros(), " non-zeros");
+  BENCHMARK(named("equations and pattern", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return Equations(q.model.sector, q.pad.body, {}).count; };
 
   EigenCholesky eigen;
   Cholmod cholmod;
@@ -192,7 +192,7 @@ TEST_CASE("mechanics: linear systems", "[mechanics]") {
     const Eigen::VectorXd step = Eigen::VectorXd::LinSpaced(b.size(), -1.0, double(k));
     pairs.add(step, K.selfadjointView<Eigen::Lower>() * step);
   }
-  BENCHMARK(named("correction by 8 secant pairs", detail::text(b.size(), " equations"))) {
+  BENCHMARK(named("correction by 8 secant pairs", message(b.size(), " equations"))) {
     return pairs.solve(b, [](const Eigen::VectorXd& r) { return r; });
   };
 }
@@ -208,12 +208,12 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
     config.lanes = lanes;
     const Model model(pad.body, mesh, {}, StableNeoHookean{}, contact, {}, config);
     const Touch touch = first_touch(pad.body, mesh, pad.ball);
-    detail::Descent<Model, Sphere, Serial> descent(model, pad.ball.indenter, touch, pad.ball.direction(), config, serial);
+    Descent<Model, Sphere, Serial> descent(model, pad.ball.indenter, touch, pad.ball.direction(), config, serial);
     bool finite = true;
     for (int k = 0; k < 30; ++k) finite = descent.step(50e-6) && finite;
     REQUIRE(finite);
     const double push = descent.push();
-    BENCHMARK(named("time step of 10 sweeps", detail::text("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"), name)) {
+    BENCHMARK(named("time step of 10 sweeps", message("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"), name)) {
       return descent.step(0.0);
     };
     REQUIRE(descent.step(0.0));
@@ -222,7 +222,7 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
   const double one = time_step("vertex by vertex", false), eight = time_step("eight vertices at once", true);
   REQUIRE(one > 0.5);
   REQUIRE(std::abs(eight / one - 1.0) < 1e-6);
-  BENCHMARK(named("colors of the vertices", detail::text(mesh.nodes.size(), " nodes"))) { return color_vertices(mesh); };
+  BENCHMARK(named("colors of the vertices", message(mesh.nodes.size(), " nodes"))) { return color_vertices(mesh); };
 }
 
 TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
@@ -231,13 +231,13 @@ TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
   for (const Facet& f : sphere.facets) surface.triangles.push_back({f.loop[0], f.loop[1], f.loop[2]});
   const DistanceGrid grid(surface, 16);
   const SignedDistance exact(surface);
-  std::vector<Vec3> near = points_in(Vec3::Constant(-1.0), Vec3::Constant(1.0), 1024, 5);   // a shell about the surface, where contact asks
+  std::vector<Vec3d> near = points_in(Vec3d::Constant(-1.0), Vec3d::Constant(1.0), 1024, 5);   // a shell about the surface, where contact asks
   for (std::size_t i = 0; i < near.size(); ++i) near[i] *= (5e-3 + 0.5e-3 * near[i].x()) / near[i].norm();
   REQUIRE(std::abs(grid.distance(near[5]) - exact.distance(near[5])) < 50e-6);
   const auto samples = [&](const auto& tool) {
     double sum = 0.0;
-    Mat3 bend = Mat3::Zero();
-    for (const Vec3& p : near) {
+    Mat3d bend = Mat3d::Zero();
+    for (const Vec3d& p : near) {
       const auto d = tool.sample(p);
       sum += d.distance + d.gradient.z();
       bend += d.hessian;
@@ -245,11 +245,11 @@ TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
     return sum + bend.sum();
   };
   const std::string input = "1024 points near a tool";
-  BENCHMARK(named("distance with two derivatives", input, detail::text("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) { return samples(grid); };
-  BENCHMARK(named("distance with two derivatives", input, detail::text("SignedDistance, ", surface.triangles.size(), " triangles"))) { return samples(exact); };
+  BENCHMARK(named("distance with two derivatives", input, message("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) { return samples(grid); };
+  BENCHMARK(named("distance with two derivatives", input, message("SignedDistance, ", surface.triangles.size(), " triangles"))) { return samples(exact); };
   BENCHMARK(named("distance with two derivatives", input, "Sphere")) { return samples(Sphere{10e-3}); };
   BENCHMARK(named("distance with two derivatives", input, "Capsule")) { return samples(Capsule{10e-3, 2e-3}); };
   BENCHMARK(named("distance with two derivatives", input, "Cylinder")) { return samples(Cylinder{9e-3, 9e-3}); };
-  BENCHMARK(named("distance with two derivatives", input, "Box")) { return samples(Box{Vec3::Constant(8e-3)}); };
-  BENCHMARK(named("grid of distances made", detail::text("1 grid of 16 cells, ", surface.triangles.size(), " triangles"))) { return DistanceGrid(surface, 16).error_m(); };
+  BENCHMARK(named("distance with two derivatives", input, "Box")) { return samples(Box{Vec3d::Constant(8e-3)}); };
+  BENCHMARK(named("grid of distances made", message("1 grid of 16 cells, ", surface.triangles.size(), " triangles"))) { return DistanceGrid(surface, 16).error_m(); };
 }

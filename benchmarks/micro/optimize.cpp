@@ -63,13 +63,13 @@ TEST_CASE("optimize: Gaussian process", "[optimize]") {
     const MarginalLikelihood<Matern52Kernel> matern(d.x, standard, {}, prior);
     const Hyperparameters h{Eigen::VectorXd::Constant(dimensions, 0.7), 1e-3, 0.0};
     REQUIRE(std::isfinite(rbf(h).log_likelihood));
-    const std::string input = detail::text("1 process of ", n, " observations, 5 inputs");
+    const std::string input = message("1 process of ", n, " observations, 5 inputs");
     BENCHMARK(named("marginal likelihood and gradient", input, "RbfKernel")) { return rbf(h).posterior_gradient; };
     BENCHMARK(named("marginal likelihood and gradient", input, "Matern52Kernel")) { return matern(h).posterior_gradient; };
     BENCHMARK(named("fit", input)) { return GaussianProcess<>::fit(d).hyperparameters().noise; };
     const auto gp = GaussianProcess<>::fit(d);
     const Eigen::MatrixXd x = places(256, 31);
-    BENCHMARK(named("prediction", detail::text("256 places, ", n, " observations"))) { return gp.predict(x).variance; };
+    BENCHMARK(named("prediction", message("256 places, ", n, " observations"))) { return gp.predict(x).variance; };
   }
 }
 
@@ -79,7 +79,7 @@ TEST_CASE("optimize: hypervolume", "[optimize]") {
     const Eigen::VectorXd zero = Eigen::VectorXd::Zero(m);
     REQUIRE(pareto_front(y).size() == 40);
     REQUIRE(hypervolume(y, zero) > 0.3);
-    const std::string input = detail::text("1 front of 40 points, ", m, " objectives");
+    const std::string input = message("1 front of 40 points, ", m, " objectives");
     BENCHMARK(named("hypervolume", input)) { return hypervolume(y, zero); };
     BENCHMARK(named("boxes of what is not dominated", input)) { return nondominated_boxes(y, zero).lower; };
   }

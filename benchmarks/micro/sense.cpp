@@ -20,7 +20,7 @@ namespace {
 constexpr std::int64_t ms = 1'000'000;
 
 /// A number with mean 0 and variance 1, the same for the same key.
-double noise(std::uint64_t key) { return std::sqrt(12.0) * (double(detail::combine(key, 1) >> 11) * 0x1p-53 - 0.5); }
+double noise(std::uint64_t key) { return std::sqrt(12.0) * (double(combine(key, 1) >> 11) * 0x1p-53 - 0.5); }
 
 /// The finger in a picture of 640 × 480, four fifths of its width and a third of its height, three degrees askew; with a contact at 8 mm or without.
 struct Finger {

@@ -24,7 +24,7 @@ struct Quality {
 double norm(const std::vector<double>& v) { return Eigen::Map<const Eigen::VectorXd>(v.data(), Eigen::Index(v.size())).norm(); }
 
 Quality quality(const Light& light, const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry, const Eigen::VectorXd& change, Response& rest) {
-  const detail::Stopwatch watch;
+  const Stopwatch watch;
   rest = light.trace(body, mesh);
   const Response loaded = light.trace(body, mesh, state, symmetry);
   const double seconds = watch.seconds();

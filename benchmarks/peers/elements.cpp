@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 
 // Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the tangent stays positive
 // definite.
-Vec3 bent(const Vec3& X) { return Vec3(6.0, 3.0, -0.1) * (X.z() * X.z()); }
+Vec3d bent(const Vec3d& X) { return Vec3d(6.0, 3.0, -0.1) * (X.z() * X.z()); }
 
 struct State {
   Body body;

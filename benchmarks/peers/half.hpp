@@ -17,5 +17,5 @@ template <class T>
 void write(const std::filesystem::path& path, const T* values, std::size_t count) {
   std::ofstream out(path, std::ios::binary);
   out.write(reinterpret_cast<const char*>(values), std::streamsize(count * sizeof(T)));
-  if (!out) throw lumo::InputError(lumo::detail::text("cannot write ", path.string()));
+  if (!out) throw lumo::InputError(lumo::message("cannot write ", path.string()));
 }

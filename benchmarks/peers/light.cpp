@@ -37,8 +37,8 @@ void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
     const Lambertian* carrier = std::get_if<Lambertian>(&optics);
     if (carrier) albedo = carrier->albedo;
     diffuse.push_back(carrier ? 1 : 0);
-    for (const Vec3& p : scene.triangles()[std::size_t(t)].corners) {
-      const Vec3 n = carrier ? scene.flat_normal(t) : scene.smooth_normal(scene.locate(t, p));
+    for (const Vec3d& p : scene.triangles()[std::size_t(t)].corners) {
+      const Vec3d n = carrier ? scene.flat_normal(t) : scene.smooth_normal(scene.locate(t, p));
       corners.insert(corners.end(), p.data(), p.data() + 3);
       normals.insert(normals.end(), n.data(), n.data() + 3);
     }

@@ -30,7 +30,7 @@ template <class T>
 void write(const fs::path& path, const std::vector<T>& values) {
   std::ofstream out(path, std::ios::binary);
   out.write(reinterpret_cast<const char*>(values.data()), std::streamsize(values.size() * sizeof(T)));
-  if (!out) throw InputError(detail::text("cannot write ", path.string()));
+  if (!out) throw InputError(message("cannot write ", path.string()));
 }
 
 std::vector<double> flat(const Positions& x) { return {x.data(), x.data() + x.size()}; }
@@ -77,7 +77,7 @@ void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const
   if (schedule.empty()) throw InputError("schedule.txt has no steps");
   double least = 0.0;
   for (int round = 0; round < repeat; ++round) {
-    detail::Descent<std::decay_t<decltype(model)>, Sphere, E> descent(model, s.scenario.indenter, s.touch, s.scenario.direction(), config, executor);
+    Descent<std::decay_t<decltype(model)>, Sphere, E> descent(model, s.scenario.indenter, s.touch, s.scenario.direction(), config, executor);
     std::vector<double> forces, states;
     double seconds = 0.0;
     for (const auto& [by, keep] : schedule) {

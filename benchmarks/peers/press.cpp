@@ -59,12 +59,12 @@ int linear(double edge_m, double stiffness_N_per_m) {
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
   const double begun = processor_seconds();
   const Model model(body, mesh, {}, material, contact, {});
-  detail::QuasiStaticRun<Model, Sphere> path(model, scenario, touch, {});
+  QuasiStaticRun<Model, Sphere> path(model, scenario, touch, {});
   const Status status = path.solve(load_N);
   const double pressed = processor_seconds();
   const double depth = path.advance();
   const int factors = path.iterations;
-  std::vector<Vec3> displacement;
+  std::vector<Vec3d> displacement;
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) displacement.push_back(path.positions().col(Eigen::Index(k)) - mesh.nodes[k]);
   const double unbalanced = out_of_balance(body, mesh, material, contact, LinearTet{}, scenario.indenter,
                                            touch.origin + depth * scenario.direction(), scenario.direction(), load_N, displacement);

@@ -27,12 +27,12 @@ int main(int argc, char** argv) {
     for (const auto& [diameter, y] : {std::pair(30e-3, 0.0), {10e-3, 22e-3}}) {
       const Scenario<Sphere> scenario{.indenter = {.diameter_m = diameter}, .y_m = y};
       const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher, focus);
-      const Vec3 start = first_touch(body, mesh, scenario).origin;
+      const Vec3d start = first_touch(body, mesh, scenario).origin;
       const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; }, simulator.contact);
       const auto [a, b, c, d, e] = design.values();
       std::printf("| %g,%g,%g,%g,%g | %g | %g |", a, b, c, d, e, 1e3 * diameter, 1e3 * y);
       for (const MechanicalState& s : simulator.prepare(body, mesh).press(scenario)) {
-        const Vec3 centre = start + s.depth_m * scenario.direction();
+        const Vec3d centre = start + s.depth_m * scenario.direction();
         Positions x = positions_of(mesh);
         std::vector<double> field(mesh.nodes.size(), -1.0);
         for (std::size_t k = 0; k < field.size(); ++k) {

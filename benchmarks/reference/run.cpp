@@ -129,7 +129,7 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
   std::vector<Scenario<Sphere>> place;   // what shares a mesh in a campaign
   for (double d : {10e-3, 15e-3, 20e-3, 30e-3}) place.push_back({Sphere{d}, c.scenario().angle_rad, c.scenario().y_m, loads});
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), place, mesher, focus);
-  const detail::Stopwatch clock;
+  const Stopwatch clock;
   const Silicone card = dragon_skin();
   const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{card.mu_Pa, card.lambda_Pa}};
   const auto states = simulator.press(body, mesh, c.scenario());
@@ -148,13 +148,13 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
 }
 
 /// Contact area without an edge fit: the area where the gap is below ε, for some ε, continued to ε = 0 in powers of ε^(2/3).
-std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere, const Vec3& origin) {
+std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere, const Vec3d& origin) {
   constexpr int n = 16, levels = 6;
   const std::array<double, levels> level = {8e-6, 12e-6, 18e-6, 26e-6, 36e-6, 48e-6};
   std::array<std::array<double, levels>, 2> sum{};
   for (const BoundaryFace& f : mesh.faces) {
     if (!body.patches[std::size_t(f.patch)].contactable) continue;
-    const Vec3 middle = (x.col(f.nodes[0]) + x.col(f.nodes[1]) + x.col(f.nodes[2])) / 3.0;
+    const Vec3d middle = (x.col(f.nodes[0]) + x.col(f.nodes[1]) + x.col(f.nodes[2])) / 3.0;
     if (sphere.distance(middle - origin) > 2.0 * (x.col(f.nodes[0]) - x.col(f.nodes[1])).norm() + 1e-3) continue;
     for (int i = 0; i < n; ++i)
       for (int j = 0; j < n; ++j) {
@@ -162,7 +162,7 @@ std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const 
         if (i + j >= n) u = 1.0 - u, v = 1.0 - v;
         const auto shape = face_shape(u, v, 2);
         const auto slope = face_shape_derivatives(u, v, 2);
-        Vec3 at = Vec3::Zero(), by_u = at, by_v = at, by_u0 = at, by_v0 = at;
+        Vec3d at = Vec3d::Zero(), by_u = at, by_v = at, by_u0 = at, by_v0 = at;
         for (std::size_t a = 0; a < 6; ++a) {
           at += shape[a] * x.col(f.nodes[a]);
           by_u += slope[a][0] * x.col(f.nodes[a]), by_v += slope[a][1] * x.col(f.nodes[a]);
@@ -186,7 +186,7 @@ std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const 
 
 /// The body with the half beyond its symmetry plane `axis` spelled out, so that a mesh can be fine on one side only.
 Body spelled_out(Body b, int axis) {
-  const auto reflect = [&](Vec3 p) {
+  const auto reflect = [&](Vec3d p) {
     p[axis] = -p[axis];
     return p;
   };
@@ -239,7 +239,7 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   if (!c.planes().y) whole = spelled_out(whole, 1);
   const Body body = focused(whole, {touch.point}, focus);
   const TetMesh mesh = mesh_body(body, mesher);
-  const detail::Stopwatch clock;
+  const Stopwatch clock;
   const Sector sector = sector_of(mesh, c.planes());
   const Silicone card = dragon_skin();
   reference::TaylorHood solver(body, sector.mesh, c.planes(), {card.mu_Pa, card.lambda_Pa});
@@ -255,10 +255,10 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
     row.factors += s.factors;
     if (!s.converged) row.status = "failed";
     else if (!s.stable && row.status == "converged") row.status = "unstable";
-    const std::vector<Vec3> u = unfold(mesh, sector, s.displacement);
+    const std::vector<Vec3d> u = unfold(mesh, sector, s.displacement);
     Positions x = positions_of(mesh);
     for (std::size_t n = 0; n < u.size(); ++n) x.col(Eigen::Index(n)) += u[n];
-    const Vec3 origin = touch.origin + s.depth_m * scenario.direction();
+    const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
     fields.push_back(contact_field(mesh, surface, SDFContact{}, Moving<Sphere>{&scenario.indenter, origin, scenario.direction()}, x));
     row.depth[k] = 1e3 * s.depth_m;
     row.area[k] = 1e6 * contact_area(surface, fields[k].field, x);

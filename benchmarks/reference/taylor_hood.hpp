@@ -31,7 +31,7 @@ struct Equilibrium {
   bool stable = false;               ///< as many negative pivots as pressures: the stiffness with the pressures eliminated is positive definite
   double load_N = 0.0, depth_m = 0.0, residual_N = 0.0, overlap_m = 0.0;
   int factors = 0;
-  std::vector<Vec3> displacement;
+  std::vector<Vec3d> displacement;
   std::vector<double> pressure_Pa;   ///< p per node, NaN at middle nodes
 };
 
@@ -72,10 +72,10 @@ class TaylorHood {
   TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants);
 
   /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does not converge.
-  std::vector<Equilibrium> press(const Sphere& sphere, const Vec3& origin, const Vec3& direction, const std::vector<double>& loads, double share);
+  std::vector<Equilibrium> press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction, const std::vector<double>& loads, double share);
 
   // Parts, open to verification.
-  void start(const Sphere& sphere, const Vec3& origin, const Vec3& direction);
+  void start(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction);
   /// Out-of-balance forces and volumes with their derivative; with `seen` contact is linearised, else as it is.
   Eigen::VectorXd residual(const Place& at, const Contacts* seen, bool with_matrix);
   const SparseLower& matrix() const { return matrix_; }
@@ -111,14 +111,14 @@ class TaylorHood {
   /// Calls visit(face, point, position) where the gap may be small; the others get `far`.
   template <class Visit>
   void near(std::size_t side, const Place& at, Visit&& visit) const;
-  DistanceSample sample(std::size_t side, const Vec3& x, double advance) const {
+  DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
     return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x);
   }
-  double distance(std::size_t side, const Vec3& x, double advance) const {
+  double distance(std::size_t side, const Vec3d& x, double advance) const {
     return side == 0 ? sphere_.distance(x - origin_ - advance * direction_) : carrier_.distance(x);
   }
-  Vec3 position(const BoundaryFace& f, std::size_t k, const Points& x) const {
-    Vec3 at = Vec3::Zero();
+  Vec3d position(const BoundaryFace& f, std::size_t k, const Points& x) const {
+    Vec3d at = Vec3d::Zero();
     for (std::size_t a = 0; a < 6; ++a) at += shape_[k][a] * x.col(f.nodes[a]);
     return at;
   }
@@ -144,7 +144,7 @@ class TaylorHood {
   Eigen::VectorXd coupling_;
   double push_ = 0.0, push_stiffness_ = 0.0, overlap_ = 0.0;
   Sphere sphere_;
-  Vec3 origin_ = Vec3::Zero(), direction_ = -Vec3::UnitZ();
+  Vec3d origin_ = Vec3d::Zero(), direction_ = -Vec3d::UnitZ();
   Contacts contacts_;
   std::array<std::array<double, 6>, face_points> shape_;
   std::array<std::array<std::array<double, 2>, 6>, face_points> slope_;
@@ -167,7 +167,7 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
   }
   for (const auto& t : mesh_.tets)
     for (std::size_t q = 0; q < std::size_t(points); ++q) {
-      Mat3 jacobian = Mat3::Zero();
+      Mat3d jacobian = Mat3d::Zero();
       for (int a = 0; a < 10; ++a) jacobian += mesh_.nodes[std::size_t(t[std::size_t(a)])] * by_xi[q].col(a).transpose();
       gradient_.push_back(jacobian.inverse().transpose() * by_xi[q]);
       weight_.push_back(point_weight_[q] / 6.0 * jacobian.determinant());
@@ -207,7 +207,7 @@ inline TaylorHood::Surface TaylorHood::surface(const std::vector<BoundaryFace>& 
   Surface s{faces, {}};
   for (const BoundaryFace& f : faces)
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
-      Vec3 by_u = Vec3::Zero(), by_v = Vec3::Zero();
+      Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
       for (std::size_t a = 0; a < 6; ++a) {
         by_u += slope_[k][a][0] * mesh_.nodes[std::size_t(f.nodes[a])];
         by_v += slope_[k][a][1] * mesh_.nodes[std::size_t(f.nodes[a])];
@@ -266,7 +266,7 @@ inline void TaylorHood::number() {
   factor_.analyze(matrix_);
 }
 
-inline void TaylorHood::start(const Sphere& sphere, const Vec3& origin, const Vec3& direction) {
+inline void TaylorHood::start(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction) {
   sphere_ = sphere;
   origin_ = origin;
   direction_ = direction;
@@ -283,7 +283,7 @@ inline double TaylorHood::smallest_J(const Points& x) const {
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t e = 0; e < mesh_.tets.size(); ++e) {
     const auto l = local(e, x);
-    for (int q = 0; q < points; ++q) least = std::min(least, Mat3(l * gradient(e, q).transpose()).determinant());
+    for (int q = 0; q < points; ++q) least = std::min(least, Mat3d(l * gradient(e, q).transpose()).determinant());
   }
   return least;
 }
@@ -304,9 +304,9 @@ inline void TaylorHood::add_elements(const Place& at, Eigen::VectorXd& r, bool w
     for (int q = 0; q < points; ++q) {
       const double w = weight(e, q);
       const Gradients& g = gradient(e, q);
-      const Mat3 F = l * g.transpose();
+      const Mat3d F = l * g.transpose();
       const double J = F.determinant();
-      const Mat3 inverse = F.inverse();
+      const Mat3d inverse = F.inverse();
       const Eigen::Map<const Eigen::Vector4d> shape(linear_[std::size_t(q)].data());
       double p = 0.0;
       for (int k = 0; k < 4; ++k) p += shape[k] * at.p[t[std::size_t(k)]];
@@ -347,7 +347,7 @@ template <class Visit>
 void TaylorHood::near(std::size_t side, const Place& at, Visit&& visit) const {
   for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f) {
     const auto& n = surfaces_[side].faces[f].nodes;
-    const Vec3 a = at.x.col(n[0]), b = at.x.col(n[1]), c = at.x.col(n[2]), middle = (a + b + c) / 3.0;
+    const Vec3d a = at.x.col(n[0]), b = at.x.col(n[1]), c = at.x.col(n[2]), middle = (a + b + c) / 3.0;
     double reach = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
     for (std::size_t k = 0; k < 3; ++k)
       reach = std::max(reach, (2.0 * at.x.col(n[3 + k]) - 0.5 * at.x.col(n[k]) - 0.5 * at.x.col(n[(k + 1) % 3]) - middle).norm());
@@ -375,7 +375,7 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
         if (const int column = equation_[std::size_t(3 * n[std::size_t(j / 3)] + j % 3)]; column >= 0 && column <= row) add(row, column, K(i, j));
     }
   };
-  const auto visit = [&](std::size_t f, std::size_t k, const Vec3& x) {
+  const auto visit = [&](std::size_t f, std::size_t k, const Vec3d& x) {
     const std::size_t id = f * face_points + k;
     const double gap = distance(side, x, at.advance);
     if (side == 0) overlap_ = std::max(overlap_, -gap);
@@ -387,14 +387,14 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
     }
     const DistanceSample d = sample(side, x, at.advance);
     const double area = s.area[id];
-    const Vec3 pull = area * stiffness * gap * d.gradient;   // ∂energy/∂x
+    const Vec3d pull = area * stiffness * gap * d.gradient;   // ∂energy/∂x
     if (side == 0) push_ -= pull.dot(direction_);
     for (int a = 0; a < 6; ++a) force.segment<3>(3 * a) += shape_[k][std::size_t(a)] * pull;
     if (!with_matrix) return;
     const double pressure = seen ? (*seen)[side][id].pressure : -stiffness * gap;
-    const Mat3 block = area * (stiffness * d.gradient * d.gradient.transpose() - pressure * d.hessian);
+    const Mat3d block = area * (stiffness * d.gradient * d.gradient.transpose() - pressure * d.hessian);
     if (side == 0) push_stiffness_ += direction_.dot(block * direction_);
-    const Vec3 along = block * direction_;
+    const Vec3d along = block * direction_;
     for (int a = 0; a < 6; ++a) {
       toward.segment<3>(3 * a) -= shape_[k][std::size_t(a)] * along;
       for (int b = 0; b < 6; ++b) K.block<3, 3>(3 * a, 3 * b) += shape_[k][std::size_t(a)] * shape_[k][std::size_t(b)] * block;
@@ -428,7 +428,7 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   // A rigid overlap that pushes back with the load is where the first load starts.
   const auto touch = [&](Contacts& c) {
     for (std::size_t side = 0; side < 2; ++side)
-      near(side, at, [&](std::size_t f, std::size_t k, const Vec3& x) {
+      near(side, at, [&](std::size_t f, std::size_t k, const Vec3d& x) {
         Touching& t = c[side][f * face_points + k];
         if (!t.active && distance(side, x, at.advance) < 0.0) t = {0.0, true};
       });
@@ -493,7 +493,7 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   return out;
 }
 
-inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Vec3& origin, const Vec3& direction, const std::vector<double>& loads,
+inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction, const std::vector<double>& loads,
                                                   double share) {
   start(sphere, origin, direction);
   Place at = rest();

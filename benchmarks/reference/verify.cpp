@@ -44,11 +44,11 @@ Body all_round(Body b) {
 
 void patch_test() {
   // Boundary moved by x → F x, pressure of the homogeneous state: the residual vanishes everywhere inside.
-  const Vec3 size(1e-2, 1e-2, 1e-2);
+  const Vec3d size(1e-2, 1e-2, 1e-2);
   TetMesh mesh = test::block_mesh(size, {0, .3, 1}, {0, .6, 1}, {0, .45, 1}, 2, false);
   TaylorHood solver(all_round(test::block_body(size)), mesh, {}, {});
-  solver.start({}, Vec3(0, 0, 1), -Vec3::UnitZ());
-  Mat3 F;
+  solver.start({}, Vec3d(0, 0, 1), -Vec3d::UnitZ());
+  Mat3d F;
   F << 1.05, 0.1, 0.02, -0.03, 0.96, 0.04, 0.0, 0.05, 1.01;
   auto at = solver.rest();
   for (int k = 0; k < at.x.cols(); ++k) at.x.col(k) = F * at.x.col(k);
@@ -58,15 +58,15 @@ void patch_test() {
 }
 
 void derivatives() {
-  const Vec3 size(1e-2, 1e-2, 1e-2);
+  const Vec3d size(1e-2, 1e-2, 1e-2);
   Body body = test::block_body(size);
   body.patches[2].contactable = body.patches[2].meets_carrier = false;
   TaylorHood solver(body, test::block_mesh(size, test::even(2), test::even(2), test::even(2), 2, false), {}, {106e3, 10.494e6, 1e9});
-  const Vec3 origin(5e-3, 4e-3, 1.48e-2);
-  solver.start(Sphere{10e-3}, origin, Vec3(-0.5, 0, -std::sqrt(0.75)));
+  const Vec3d origin(5e-3, 4e-3, 1.48e-2);
+  solver.start(Sphere{10e-3}, origin, Vec3d(-0.5, 0, -std::sqrt(0.75)));
   auto at = solver.rest();
   for (int k = 0; k < at.x.cols(); ++k) {
-    const Vec3 X = at.x.col(k);
+    const Vec3d X = at.x.col(k);
     at.x.col(k) += 0.3 * X.z() / size.z() * test::wavy(X, size.z());
     at.p[k] = 2e4 * std::sin(1e3 * X.sum());
   }
@@ -101,7 +101,7 @@ struct Block {
 };
 
 Block fine_block(double half, int n) {
-  auto [body, mesh] = test::symmetric_block(Vec3(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false), graded(n, 2.0, true));
+  auto [body, mesh] = test::symmetric_block(Vec3d(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false), graded(n, 2.0, true));
   return {body, mesh};
 }
 
@@ -120,7 +120,7 @@ std::vector<double> depths(const Block& b, double radius, const std::vector<doub
 
 void hertz() {
   const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), R = 20e-3;
-  auto [body, mesh] = test::symmetric_block(Vec3(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false), graded(13, 2.4, true));
+  auto [body, mesh] = test::symmetric_block(Vec3d(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false), graded(13, 2.4, true));
   bool stable = true;
   const std::vector<double> loads = {0.002, 0.004};
   const auto d = depths({body, mesh}, R, loads, {mu, lambda, 3e11}, stable);

@@ -111,7 +111,7 @@ int main(int argc, char** argv) {
   }
   const auto listed = [](const std::vector<double>& metres) {
     std::string text;
-    for (const double v : metres) text += (text.empty() ? "" : ",") + detail::text(1e3 * v);
+    for (const double v : metres) text += (text.empty() ? "" : ",") + message(1e3 * v);
     return text;
   };
   const std::string contacts = "d=" + listed(ensemble.diameters_m) + ";y=" + listed(ensemble.places_m);
@@ -136,7 +136,7 @@ int main(int argc, char** argv) {
     }
     const Setting s = kSettings.at(name);
     for (const FingerDesign& d : list) {
-      const std::string key = detail::text(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
+      const std::string key = message(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
       FingerOptions options;
       options.mesh = options.mesh.scaled(s.mesh);

@@ -30,7 +30,7 @@ constexpr std::int64_t ms = 1'000'000;
 
 double noise(std::uint64_t i) {  // sum of four uniforms, variance 1
   double sum = -2.0;
-  for (std::uint64_t k = 0; k < 4; ++k) sum += double(detail::combine(i, k) >> 11) * 0x1p-53;
+  for (std::uint64_t k = 0; k < 4; ++k) sum += double(combine(i, k) >> 11) * 0x1p-53;
   return sum * std::sqrt(3.0);
 }
 

@@ -19,19 +19,19 @@ struct Demiray {
 
   double shear_modulus() const { return mu; }
 
-  double distortion_energy(const lumo::Mat3& F) const {
+  double distortion_energy(const lumo::Mat3d& F) const {
     const double J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();  // it resists inversion
     return 0.5 * mu / b * std::expm1(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(J)));
   }
-  lumo::Mat3 distortion_stress(const lumo::Mat3& F) const { return mu * rise(F) * slope(F); }
-  lumo::Mat9 distortion_tangent(const lumo::Mat3& F) const {
+  lumo::Mat3d distortion_stress(const lumo::Mat3d& F) const { return mu * rise(F) * slope(F); }
+  lumo::Mat9d distortion_tangent(const lumo::Mat3d& F) const {
     const double J = F.determinant();
-    const lumo::Mat3 c = lumo::cofactor(F), s = slope(F);
+    const lumo::Mat3d c = lumo::cofactor(F), s = slope(F);
     // Flattened by columns.
     const Eigen::Map<const Eigen::Matrix<double, 9, 1>> cofactors(c.data()), slopes(s.data());
-    const lumo::Mat9 bend = cofactors * cofactors.transpose() / (J * J) - lumo::determinant_hessian(F) / J;
-    return mu * rise(F) * (lumo::Mat9::Identity() + bend + 2.0 * b * slopes * slopes.transpose());
+    const lumo::Mat9d bend = cofactors * cofactors.transpose() / (J * J) - lumo::determinant_hessian(F) / J;
+    return mu * rise(F) * (lumo::Mat9d::Identity() + bend + 2.0 * b * slopes * slopes.transpose());
   }
   lumo::VolumetricSample volumetric(double J) const {
     if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
@@ -40,11 +40,11 @@ struct Demiray {
   }
 
  private:
-  double rise(const lumo::Mat3& F) const {
+  double rise(const lumo::Mat3d& F) const {
     return std::exp(b * (F.squaredNorm() - 3.0 - 2.0 * std::log(F.determinant())));
   }
   /// Half of ∂i/∂F.
-  static lumo::Mat3 slope(const lumo::Mat3& F) { return F - lumo::cofactor(F) / F.determinant(); }
+  static lumo::Mat3d slope(const lumo::Mat3d& F) { return F - lumo::cofactor(F) / F.determinant(); }
 };
 
 /// Throws lumo::InvalidArgument.

@@ -16,7 +16,7 @@ constexpr double period_s = 1.0 / 30.0, px_per_m = 2300.0, place_m = 10e-3, arm_
 constexpr int width = 160, height = 120, pictures = 60, unloaded_pictures = 15;
 
 /// Between −1 and 1, the same on every machine.
-double noise(std::uint64_t counter) { return 2.0 * double(lumo::detail::combine(7, counter) >> 11) * 0x1p-53 - 1.0; }
+double noise(std::uint64_t counter) { return 2.0 * double(lumo::combine(7, counter) >> 11) * 0x1p-53 - 1.0; }
 
 /// A finger that glows evenly, and more where it is touched.
 void draw(const std::string& path, std::uint64_t number, bool touched) {

@@ -34,10 +34,10 @@ std::string campaign_status(const Options& o) {
       if (t.on_front) j["front"].push_back(summary(t));
     return j.dump(2) + "\n";
   }
-  std::string text = lumo::detail::text(o.store, ": ", c.problem.material, ", ", name(c.problem.ensemble), c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ", c.problem.seed, "\n", done,
+  std::string text = lumo::message(o.store, ": ", c.problem.material, ", ", name(c.problem.ensemble), c.problem.paper ? " ensemble, paper mode, source " : " ensemble, source ", c.problem.source, ", seed ", c.problem.seed, "\n", done,
                                         " evaluated, ", failed, " failed, ", open, " under way; ", span(seconds), " in evaluations\nhypervolume ", scientific(c.hypervolume), "\n");
   if (c.problem.results != results_version)
-    text += lumo::detail::text("results are of version ", c.problem.results, ", this lumo computes version ", results_version, ": they cannot be compared, nor the campaign continued\n");
+    text += lumo::message("results are of version ", c.problem.results, ", this lumo computes version ", results_version, ": they cannot be compared, nor the campaign continued\n");
   if (done > 0) text += "\nfront\n" + pad("index", 5) + "  " + pad("theta [mm]", -22) + pad("J_contact", 10) + pad("J_obs", 12) + "\n";
   for (const StoredTrial& t : c.trials)
     if (t.on_front) text += line(t);
@@ -52,7 +52,7 @@ std::string campaign_verify(const Options& o) {
   log.verify();
   const StoredCampaign c = read_campaign(log, o.store);
   if (o.json) return Json{{"store", o.store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
-  return lumo::detail::text(o.store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
+  return lumo::message(o.store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
 }
 
 std::string campaign_export(const Options& o) {

@@ -98,7 +98,7 @@ std::string campaign_report(const Options& o, Progress& progress) {
   files.write();
   progress.finish();
   if (o.json) return Json{{"page", path.string()}, {"bytes", size}}.dump(2) + "\n";
-  return lumo::detail::text(path.string(), ": ", cell(1e-6 * double(size), 1), " MB\n");
+  return lumo::message(path.string(), ": ", cell(1e-6 * double(size), 1), " MB\n");
 }
 
 }  // namespace lumo::program

@@ -106,15 +106,15 @@ std::string campaign_select(const Options& o, Progress& progress) {
     return j.dump(2) + "\n";
   }
 
-  std::string text = lumo::detail::text("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material, ", ", name(c.problem.ensemble), ", of ", evaluated,
+  std::string text = lumo::message("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material, ", ", name(c.problem.ensemble), ", of ", evaluated,
                                         " evaluations\nJ_contact ", cell(contact, 4), " (", cell(100 * contact / best_contact, 1), " % of the best), J_obs ", scientific(observation), " (",
                                         cell(100 * observation / best_observation, 1), " % of the best)\n\n");
-  if (!stability) text += lumo::detail::text("stability: needs ", enough_for_a_model, " evaluations for a model, has ", evaluated, "\n");
+  if (!stability) text += lumo::message("stability: needs ", enough_for_a_model, " evaluations for a model, has ", evaluated, "\n");
   else {
-    text += lumo::detail::text("stability: ", stability->same, " of ", stability->searches, " searches of ", evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
+    text += lumo::message("stability: ", stability->same, " of ", stability->searches, " searches of ", evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
     for (std::size_t k = 0; k < std::min<std::size_t>(8, stability->choices.size()); ++k)
       text += pad(std::to_string(stability->choices[k].second), 5) + " x  " + joined(stability->choices[k].first) + "\n";
-    if (stability->choices.size() > 8) text += lumo::detail::text("  and ", stability->choices.size() - 8, " other designs\n");
+    if (stability->choices.size() > 8) text += lumo::message("  and ", stability->choices.size() - 8, " other designs\n");
   }
   text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) + pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
   const auto row = [&](const std::string& label, const std::array<double, 3>& v) { text += pad(label, -26) + pad(percent(v[0]), 10) + pad(percent(v[1]), 10) + pad(percent(v[2]), 10) + "\n"; };

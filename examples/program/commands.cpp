@@ -46,7 +46,7 @@ auto pipeline_for(const Options& o, Light<Readout> light = Light<Readout>()) {
 
 template <class P>
 TetMesh mesh_of(const Options& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
-  const lumo::detail::Stopwatch watch;
+  const Stopwatch watch;
   progress.stage("mesh");
   TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus, pipeline.mesh_order);
   progress.step();
@@ -82,7 +82,7 @@ PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progr
   PressResult result;
   result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
   result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
-  const lumo::detail::Stopwatch watch;
+  const Stopwatch watch;
   progress.stage("press");
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
@@ -165,7 +165,7 @@ Json run_notes(const Options& o) {
 /// the design is taken for one of the machine.
 template <class Work>
 Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
-  const lumo::detail::Stopwatch watch;
+  const Stopwatch watch;
   std::string stage = "start";
   const ProgressReport shown = progress.watched() ? shown_in(progress) : ProgressReport{};
   const auto report = [&](std::string_view now, int done, int total) {
@@ -209,7 +209,7 @@ MeshResult make_mesh(const Options& o, Progress& progress) {
 }
 
 PressResult make_press(const Options& o, Progress& progress) {
-  const lumo::detail::Stopwatch watch;
+  const Stopwatch watch;
   PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
   result.seconds.total = watch.seconds();
   return result;
@@ -237,7 +237,7 @@ std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int
 }
 
 TraceResult make_trace(const Options& o, Progress& progress) {
-  const lumo::detail::Stopwatch watch;
+  const Stopwatch watch;
   const Body body = body_of(o);
   const auto pipeline = pipeline_for(o);
   TraceResult result;
@@ -246,7 +246,7 @@ TraceResult make_trace(const Options& o, Progress& progress) {
   const PressResult& press = result.press;
   if (!is_scored(press.states.back().status, true)) return result;
 
-  const lumo::detail::Stopwatch light;
+  const Stopwatch light;
   progress.stage("trace", int(press.states.size()) + 1);
   const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
   std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
@@ -314,7 +314,7 @@ struct PadSettings {
 
 std::string pad_responses_key(const Options& o) {
   const PadSettings s(o.coarse);
-  return lumo::detail::text("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
+  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
                             1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge,
                             " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }

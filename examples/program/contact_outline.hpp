@@ -35,7 +35,7 @@ inline std::vector<std::vector<Point>> contact_outline(const TetMesh& mesh, cons
   const auto crossing = [&](const Edge& e) -> Point {
     const double a = field[std::size_t(e.first)], b = field[std::size_t(e.second)];
     const double t = std::isinf(b) ? 0.0 : std::isinf(a) ? 1.0 : a / (a - b);
-    const Vec3 p = mesh.nodes[std::size_t(e.first)] + t * (mesh.nodes[std::size_t(e.second)] - mesh.nodes[std::size_t(e.first)]);
+    const Vec3d p = mesh.nodes[std::size_t(e.first)] + t * (mesh.nodes[std::size_t(e.second)] - mesh.nodes[std::size_t(e.first)]);
     return {1e3 * p.y(), 1e3 * p.x()};
   };
   std::vector<std::vector<Point>> loops;

@@ -32,7 +32,7 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   double x_max = 0, y_max = 0;
   for (const auto& face : mesh.faces)
     for (const int node : {face.nodes[0], face.nodes[1], face.nodes[2]}) {
-      const Vec3& p = mesh.nodes[std::size_t(node)];
+      const Vec3d& p = mesh.nodes[std::size_t(node)];
       x_max = std::max(x_max, 1e3 * std::abs(p.x())), y_max = std::max(y_max, 1e3 * std::abs(p.y()));
     }
   std::vector<detail::LegendEntry> entries;

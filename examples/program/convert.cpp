@@ -74,17 +74,17 @@ class Pictures {
       const auto data = from_cdr<RosCompressedImage>(m.data).data;
       file_.assign(data.begin(), data.end());
     } else if (!log_.file && log_.session.video.empty()) {
-      const auto bytes = lumo::detail::read_whole(fs::path(log_.path) / "frames" / log_.frames[k].file);
+      const auto bytes = read_whole(fs::path(log_.path) / "frames" / log_.frames[k].file);
       if (bytes) file_.assign(bytes->begin(), bytes->end());
     } else if (const auto f = camera_->next()) {
       view_ = f->image;
     } else {
-      throw InputError(lumo::detail::text(log_.path, ": ends after ", k, " of ", log_.frames.size(), " pictures"));
+      throw InputError(lumo::message(log_.path, ": ends after ", k, " of ", log_.frames.size(), " pictures"));
     }
   }
   /// Bytes of a PNG or JPEG, and their ending; else the picture's pixels are all there is.
   const std::vector<std::uint8_t>& file() const { return file_; }
-  std::string ending() const { return std::string(lumo::detail::picture_ending(file_)); }
+  std::string ending() const { return std::string(lumo::picture_ending(file_)); }
   /// May be empty.
   ImageView pixels() { return file_.empty() ? view_ : decode_(file_); }
 
@@ -100,9 +100,9 @@ class Pictures {
 void copy_truth(const std::string& from, const std::string& to, bool& copied) {
   std::error_code error;
   if (!fs::exists(from, error)) return;
-  const auto bytes = lumo::detail::read_whole(from);
+  const auto bytes = read_whole(from);
   if (!bytes) throw InputError(from + ": cannot be read");
-  lumo::detail::write_whole(to, *bytes);
+  write_whole(to, *bytes);
   copied = true;
 }
 
@@ -150,7 +150,7 @@ void write_folder(const OpenLog& log, const Options& o, Progress& progress, bool
     std::error_code error;
     fs::create_directories(to.parent_path(), error);
     const bool as_it_is = !pictures.file().empty() && (!log.file || !pictures.ending().empty());
-    if (as_it_is) lumo::detail::write_whole(to.string(), {reinterpret_cast<const char*>(pictures.file().data()), pictures.file().size()});
+    if (as_it_is) write_whole(to.string(), {reinterpret_cast<const char*>(pictures.file().data()), pictures.file().size()});
     else if (const ImageView v = pictures.pixels(); !v.empty()) write_image(to.string(), v);
     progress.step();
   }
@@ -182,7 +182,7 @@ std::string convert(const Options& o, Progress& progress) {
   if (o.json)
     return Json{{"out", o.target}, {"frames", log.frames.size()}, {"joint_samples", log.joints.size()}, {"wrench_samples", log.wrenches.size()}, {"marker_samples", log.markers.size()},
                 {"photodiode_samples", log.photodiodes.size()}, {"truth", truth}, {"fault", cut ? Json(log.file->fault()) : Json(nullptr)}}.dump(2) + "\n";
-  return lumo::detail::text(o.target, ": ", log.frames.size(), " pictures, ", log.joints.size(), " joint samples, ", log.wrenches.size(), " wrenches, ", log.markers.size(), " displacements, ",
+  return lumo::message(o.target, ": ", log.frames.size(), " pictures, ", log.joints.size(), " joint samples, ", log.wrenches.size(), " wrenches, ", log.markers.size(), " displacements, ",
                             log.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
 }
 

@@ -75,8 +75,8 @@ std::string fabricate(const Options& options, Output& files) {
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
   const std::vector<std::string> remarks = notes(s, o);
-  const Vec3 direction = opening_direction();
-  const double draft_deg = std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3(-direction))) * 180.0 / pi;
+  const Vec3d direction = opening_direction();
+  const double draft_deg = std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3d(-direction))) * 180.0 / pi;
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
   Json j = heading(options);

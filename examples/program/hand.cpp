@@ -125,7 +125,7 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
     spells.close();
   });
   progress.finish();
-  if (without_joints > 0) progress.note(lumo::detail::text(o.log, ": ", without_joints, " of ", seen.stamp_ns.size(), " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
+  if (without_joints > 0) progress.note(lumo::message(o.log, ": ", without_joints, " of ", seen.stamp_ns.size(), " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
   if (seen.references == 0) throw InputError(o.log + ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or \"unloaded\" must tell some");
   for (std::size_t l = 0; l < links; ++l)
     if (observer.references(int(l)) == 0) progress.note(o.log + ": link '" + one_line(observer.links()[l].name) + "' is found in no picture of the unloaded hand: are holes_px its holes?");
@@ -160,14 +160,14 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
     return text_of(Json{{"frames", frames}, {"references", seen.references}, {"links", told},
                         {"score", truth ? Json{{"touches", score.touches}, {"found", score.found}, {"mae_mm", maybe(mae)}, {"unfounded", score.unfounded}} : Json(nullptr)},
                         {"contacts", contacts}}, 2) + "\n";
-  std::string text = lumo::detail::text(frames, " frames, ", seen.references, " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
+  std::string text = lumo::message(frames, " frames, ", seen.references, " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
   for (std::size_t l = 0; l < links; ++l) {
     std::size_t count = 0;
     for (const Row& r : seen.rows) count += r.contact.link == int(l);
-    text += lumo::detail::text("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ", count, " contacts\n");
+    text += lumo::message("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ", count, " contacts\n");
   }
   if (truth)
-    text += lumo::detail::text("of ", score.touches, " touches with 5 N and more ", score.found, " found, mean error ", cell(mae.value_or(undefined), 2), " mm; ", score.unfounded, " of ",
+    text += lumo::message("of ", score.touches, " touches with 5 N and more ", score.found, " found, mean error ", cell(mae.value_or(undefined), 2), " mm; ", score.unfounded, " of ",
                                score.contacts, " contacts where nothing touches\n");
   return text;
 }

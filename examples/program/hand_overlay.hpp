@@ -20,7 +20,7 @@ namespace lumo::program {
 inline std::string hand_overlay_png(const ImageView& image, const HandObserver& hand, const HandEstimate& e) {
   constexpr int zoom = 2;
   constexpr int fraction = 4;   // bits of OpenCV's fixed-point places
-  cv::Mat out, small = lumo::detail::matrix_of(image);
+  cv::Mat out, small = lumo::matrix_of(image);
   if (small.channels() == 1) cv::cvtColor(small, small, cv::COLOR_GRAY2BGR);
   cv::resize(small, out, {}, zoom, zoom, cv::INTER_NEAREST);
   const cv::Scalar grey(170, 170, 170), red(60, 60, 230), orange(0, 150, 255), white(255, 255, 255), black(0, 0, 0);
@@ -62,7 +62,7 @@ inline std::string hand_overlay_png(const ImageView& image, const HandObserver& 
     cv::putText(out, words, corner, cv::FONT_HERSHEY_SIMPLEX, size, black, 3, cv::LINE_AA);
     cv::putText(out, words, corner, cv::FONT_HERSHEY_SIMPLEX, size, white, 1, cv::LINE_AA);
   }
-  const auto bytes = encode_image(".png", lumo::detail::view_of(out));
+  const auto bytes = encode_image(".png", lumo::view_of(out));
   return {bytes.begin(), bytes.end()};
 }
 

@@ -32,7 +32,7 @@ std::string cache_file(const Options& o, const std::string& key) {
   const fs::path folder = o.cache ? fs::path(*o.cache) : (log.has_filename() ? log : log.parent_path()).parent_path();
   fs::create_directories(folder, error);
   char name[48];
-  std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt", static_cast<unsigned long long>(lumo::detail::checksum(key)));
+  std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt", static_cast<unsigned long long>(lumo::checksum(key)));
   return (folder / name).string();
 }
 
@@ -151,7 +151,7 @@ void leave(const Lab& rig, RecordedLog log, NewFolder& folder, Progress& progres
   log.path = folder.path().string();
   log.session = rig.session(), log.frames = rig.frames(), log.joints = rig.joints();
   write_log_folder(log);
-  lumo::detail::write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
+  write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
   folder.keep();
   progress.finish();
 }
@@ -170,7 +170,7 @@ std::string lab(const Options& o, Progress& progress) {
     const auto touched = std::count_if(rig.truth().begin(), rig.truth().end(), [](const auto& t) { return in_contact(t); });
     if (o.json)
       return Json{{"out", o.log}, {"frames", rig.frames().size()}, {"contact_frames", touched}, {what, count}, {"joint_samples", rig.joints().size()}, {"seed", o.seed}, {"noise", o.noise}}.dump(2) + "\n";
-    return lumo::detail::text(o.log, ": ", rig.plan().title, "; ", count, " ", what, ", ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
+    return lumo::message(o.log, ": ", rig.plan().title, "; ", count, " ", what, ", ", rig.frames().size(), " pictures, ", touched, " of them in contact, ", rig.joints().size(),
                               " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
   };
   if (o.command == Command::lab_hand) {

@@ -48,7 +48,7 @@ MiniCheetahMotors motors_of(const Options& o) {
 
 /// As many motors as the log's joints; said before a device is opened. Throws UsageError.
 void require_motors(const Options& o, int joints) {
-  if (int(o.motors.size()) != joints) throw UsageError(lumo::detail::text("--motors tells of ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors", ", the log of ", joints, joints == 1 ? " joint" : " joints"));
+  if (int(o.motors.size()) != joints) throw UsageError(lumo::message("--motors tells of ", o.motors.size(), o.motors.size() == 1 ? " motor" : " motors", ", the log of ", joints, joints == 1 ? " joint" : " joints"));
 }
 
 /// One line for each picture, and how long after its stamp it was told.
@@ -70,7 +70,7 @@ class Told {
   }
   void close(Progress& progress) {
     if (late_ms_.empty()) throw InputError(device_ + ": gives no pictures that tell anything");
-    progress.note(lumo::detail::text(late_ms_.size(), " pictures, ", unused_, " lines without an estimate; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
+    progress.note(lumo::message(late_ms_.size(), " pictures, ", unused_, " lines without an estimate; from stamp to estimate ", cell(quantile(late_ms_, 0.5), 2), " ms (median), ", cell(quantile(late_ms_, 0.99), 2), " ms (99 %)"));
   }
 
  private:
@@ -162,7 +162,7 @@ void observe(const Options& o, Told& told, Progress& progress) {
           text += "  " + one_line(name) + " y " + cell(1e3 * c.y_m, 1) + " mm";
         }
         if (o.json) return told(e.stamp_ns, seen > 0, text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
-        return told(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::detail::text(seen, " links seen") + (text.empty() ? "  no contact" : text));
+        return told(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
       },
       config.device);
 }
@@ -170,13 +170,13 @@ void observe(const Options& o, Told& told, Progress& progress) {
 /// What the plan asks for next.
 std::string wanted(const Segment& s) {
   std::string text = one_line(s.kind);
-  if (s.place >= 0) text += lumo::detail::text(", place ", s.place, " (y ", short_number(s.y_mm), " mm)");
+  if (s.place >= 0) text += lumo::message(", place ", s.place, " (y ", short_number(s.y_mm), " mm)");
   if (s.load_N > 0.0) text += ", " + short_number(s.load_N) + " N";
   if (s.angle_deg != 0.0) text += ", " + short_number(s.angle_deg) + "°";
   if (s.diameter_mm > 0.0) text += ", sphere of " + short_number(s.diameter_mm) + " mm";
-  if (s.repetition >= 0) text += lumo::detail::text(", repetition ", s.repetition);
-  if (s.cycle >= 0) text += lumo::detail::text(", cycle ", s.cycle);
-  return text + lumo::detail::text(", for ", cell(1e-9 * double(s.to_ns - s.from_ns), 1), " s");
+  if (s.repetition >= 0) text += lumo::message(", repetition ", s.repetition);
+  if (s.cycle >= 0) text += lumo::message(", cycle ", s.cycle);
+  return text + lumo::message(", for ", cell(1e-9 * double(s.to_ns - s.from_ns), 1), " s");
 }
 
 /// Unlike NewFolder's it keeps what is in it, whatever happens.
@@ -217,11 +217,11 @@ std::string record(const Options& o, const std::string& to, Progress& progress) 
   const GentleStop gentle;
   bool whole = false;   // it lasted as long as it was to
   const auto going_on = [&](double now_s) {
-    while (const Segment* s = plan.announced(now_s)) progress.tell(lumo::detail::text(cell(now_s, 1), " s: in ", cell(std::max(0.0, 1e-9 * double(s->from_ns) - now_s), 1), " s ", wanted(*s)));
+    while (const Segment* s = plan.announced(now_s)) progress.tell(lumo::message(cell(now_s, 1), " s: in ", cell(std::max(0.0, 1e-9 * double(s->from_ns) - now_s), 1), " s ", wanted(*s)));
     whole = now_s > seconds;
     return !whole && !GentleStop::asked();
   };
-  progress.tell(to + (std::isinf(seconds) ? ": recording until it is interrupted" : lumo::detail::text(": recording for ", cell(seconds, 1), " s")));
+  progress.tell(to + (std::isinf(seconds) ? ": recording until it is interrupted" : lumo::message(": recording for ", cell(seconds, 1), " s")));
   std::string fault;
   std::size_t frames = 0, samples = 0, lost_frames = 0, lost_samples = 0;
   {
@@ -245,9 +245,9 @@ std::string record(const Options& o, const std::string& to, Progress& progress) 
     fs::remove_all(to, error);
     throw InputError(fault.empty() ? config.device + ": gives no pictures" : fault);
   }
-  lumo::detail::write_whole(to + "/session.json", to_json(session));
-  const std::string counts = lumo::detail::text(to, ": ", frames, " pictures, ", samples, " joint samples; left out ", lost_frames, " and ", lost_samples,
-                                                planned ? lumo::detail::text("; ", session.segments.size(), " of ", plan.segments().size(), " segments done") : std::string());
+  write_whole(to + "/session.json", to_json(session));
+  const std::string counts = lumo::message(to, ": ", frames, " pictures, ", samples, " joint samples; left out ", lost_frames, " and ", lost_samples,
+                                                planned ? lumo::message("; ", session.segments.size(), " of ", plan.segments().size(), " segments done") : std::string());
   if (fault.empty() && !whole && !GentleStop::asked()) fault = config.device + ": has gone";
   if (!fault.empty()) throw InputError(fault + "; recorded is " + counts);
   if (GentleStop::asked() && (planned || o.seconds > 0.0)) {
@@ -281,8 +281,8 @@ std::string watch(const Options& o) {
   if (o.json)
     return Json{{"device", config.device}, {"width", image.width}, {"height", image.height}, {"frames_per_s", number(rate)}, {"exposure_s", number(source.exposure_s())}, {"gain", number(source.gain())},
                 {"mean_green_DN", number(light)}, {"leds", leds ? Json(leds->centroid_px.cols()) : Json(0)}, {"led_residual_px", leds ? number(leds->map.residual_px) : Json(nullptr)}}.dump(2) + "\n";
-  return lumo::detail::text(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
-                            " DN\n", leds ? lumo::detail::text("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
+  return lumo::message(config.device, ": ", image.width, " x ", image.height, " px, ", cell(rate, 1), " frames/s, exposure ", 1e3 * source.exposure_s(), " ms, gain ", source.gain(), ", mean green ", cell(light, 1),
+                            " DN\n", leds ? lumo::message("LEDs found: ", leds->centroid_px.cols(), ", ", cell(leds->map.residual_px, 2), " px off an even row\n") : std::string("no row of five LEDs found\n"));
 }
 
 }  // namespace lumo::program

@@ -54,7 +54,7 @@ class Reader {
   std::int64_t whole(const Json& value, const std::string& where, std::int64_t low, std::int64_t high) const {
     const bool fits = value.is_number_unsigned() ? value.get<std::uint64_t>() <= std::uint64_t(high) : value.is_number_integer();
     if (!fits || value.get<std::int64_t>() < low || value.get<std::int64_t>() > high)
-      refuse(where, "is " + short_form(value) + lumo::detail::text(", must be a whole number from ", low, " to ", high));
+      refuse(where, "is " + short_form(value) + lumo::message(", must be a whole number from ", low, " to ", high));
     return value.get<std::int64_t>();
   }
   std::string word(const Json& value, const std::string& where) const {
@@ -80,12 +80,12 @@ Variable read_variable(const Reader& reader, const Json& j, const std::string& w
   v.name = reader.word(reader.at(j, where + ".", "name"), where + ".name");
   v.lower = reader.number(reader.at(j, where + ".", "lower"), where + ".lower");
   v.upper = reader.number(reader.at(j, where + ".", "upper"), where + ".upper");
-  if (!(v.lower <= v.upper)) reader.refuse(where, lumo::detail::text("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
+  if (!(v.lower <= v.upper)) reader.refuse(where, lumo::message("(", v.name, ") has lower ", v.lower, " above upper ", v.upper));
   if (v.lower < v.upper && v.upper - v.lower < 1e-12 * std::max({std::abs(v.lower), std::abs(v.upper), 1e-100}))
-    reader.refuse(where, lumo::detail::text("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
+    reader.refuse(where, lumo::message("(", v.name, ") is ", v.upper - v.lower, " wide, too little to tell numbers apart"));
   if (!j.contains("step")) return v;
   v.step = reader.number(j["step"], where + ".step");
-  if (!(v.step > 0.0)) reader.refuse(where + ".step", lumo::detail::text("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
+  if (!(v.step > 0.0)) reader.refuse(where + ".step", lumo::message("is ", v.step, ", must be > 0 (leave it out for a continuous variable)"));
   // A lattice is counted from zero where the lower bound lies on it, as 2 does on 0.5, and from the lower bound otherwise.
   const double steps = v.lower / v.step;
   if (std::abs(steps - std::round(steps)) > 1e-9 * std::max(1.0, std::abs(steps))) v.origin = v.lower;
@@ -108,7 +108,7 @@ LinearConstraint read_constraint(const Reader& reader, const Json& j, const std:
   if (!j.contains("lower") && !j.contains("upper")) reader.refuse(where, "has neither lower nor upper");
   if (j.contains("lower")) c.lower = reader.number(j["lower"], where + ".lower");
   if (j.contains("upper")) c.upper = reader.number(j["upper"], where + ".upper");
-  if (c.lower > c.upper) reader.refuse(where, lumo::detail::text("has lower ", c.lower, " above upper ", c.upper));
+  if (c.lower > c.upper) reader.refuse(where, lumo::message("has lower ", c.lower, " above upper ", c.upper));
   return c;
 }
 
@@ -121,7 +121,7 @@ Json parse_file(const std::string& path) {
   try {
     return Json::parse(text, flat_enough);
   } catch (const nlohmann::json::parse_error& e) {
-    throw InputError(lumo::detail::text("space file '", path, "' is not JSON: something is wrong near byte ", e.byte));
+    throw InputError(lumo::message("space file '", path, "' is not JSON: something is wrong near byte ", e.byte));
   } catch (const nlohmann::json::exception&) {
     throw InputError("space file '" + path + "' holds a number that is not finite");
   } catch (const InvalidArgument& e) {
@@ -148,7 +148,7 @@ SpaceFile read_space(const std::string& path) {
   const Json& constraints = j.contains("constraints") ? reader.list(j["constraints"], "constraints") : none;
   const Json& objectives = reader.list(reader.at(j, "", "objectives"), "objectives");
   const Json& initial = j.contains("initial") ? reader.list(j["initial"], "initial") : none;
-  const auto numbered = [](const char* key, std::size_t i) { return lumo::detail::text(key, "[", i, "]"); };
+  const auto numbered = [](const char* key, std::size_t i) { return lumo::message(key, "[", i, "]"); };
   if (variables.empty()) reader.refuse("variables", "is empty, must hold at least 1");
   if (objectives.empty()) reader.refuse("objectives", "is empty, must hold at least 1");
   for (std::size_t i = 0; i < variables.size(); ++i) {
@@ -168,7 +168,7 @@ SpaceFile read_space(const std::string& path) {
   for (std::size_t i = 0; i < initial.size(); ++i) {
     const std::string where = numbered("initial", i);
     if (reader.list(initial[i], where).size() != variables.size())
-      reader.refuse(where, lumo::detail::text("has ", initial[i].size(), " values, must have ", variables.size(), ", one for each variable"));
+      reader.refuse(where, lumo::message("has ", initial[i].size(), " values, must have ", variables.size(), ", one for each variable"));
     Design x;
     for (std::size_t k = 0; k < initial[i].size(); ++k) x.push_back(reader.number(initial[i][k], where + "[" + std::to_string(k) + "]"));
     try {
@@ -209,8 +209,8 @@ std::string difference(const Json& now, const Json& before, const std::string& k
   }
   if (now.is_array() && before.is_array()) {
     for (std::size_t i = 0; i < std::min(now.size(), before.size()); ++i)
-      if (const std::string found = difference(now[i], before[i], lumo::detail::text(key, "[", i, "]")); !found.empty()) return found;
-    if (now.size() != before.size()) return lumo::detail::text(key, " has ", now.size(), " entries, had ", before.size());
+      if (const std::string found = difference(now[i], before[i], lumo::message(key, "[", i, "]")); !found.empty()) return found;
+    if (now.size() != before.size()) return lumo::message(key, " has ", now.size(), " entries, had ", before.size());
     return "";
   }
   return key + " is " + short_form(now) + ", was " + short_form(before);

@@ -52,9 +52,9 @@ Transcript::Transcript(const std::string& path, const Json& space) : path_(path)
       try {
         content = Json::parse(text.begin() + std::ptrdiff_t(begin), text.begin() + std::ptrdiff_t(end), flat_enough, false);
       } catch (const InvalidArgument& e) {
-        refuse(path, lumo::detail::text("line ", number, ' ', e.what()));
+        refuse(path, lumo::message("line ", number, ' ', e.what()));
       }
-      if (!content.is_object() || content.size() != 1) refuse(path, lumo::detail::text("line ", number, " is damaged: not a JSON object with one key"));
+      if (!content.is_object() || content.size() != 1) refuse(path, lumo::message("line ", number, " is damaged: not a JSON object with one key"));
       lines.push_back({int(number), std::move(content)});
       begin = good = end + 1;
     }

@@ -44,23 +44,23 @@ std::string in_quotes(std::string_view s) { return "'" + shortened(one_line(s)) 
 
 double number(const char* option, std::string_view typed, std::string_view unit) {
   const auto value = parse_number(typed);
-  const std::string in_unit = unit.empty() ? "" : lumo::detail::text(" [", unit, "]");
-  if (!value) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a number", in_unit));
-  if (!std::isfinite(*value)) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a finite number", in_unit));
+  const std::string in_unit = unit.empty() ? "" : lumo::message(" [", unit, "]");
+  if (!value) throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must be a number", in_unit));
+  if (!std::isfinite(*value)) throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must be a finite number", in_unit));
   return *value;
 }
 
 double in_range(const char* option, std::string_view typed, const Limits& limits, const char* unit) {
   const double value = number(option, typed, unit);
   if (value >= limits.low && value <= limits.high) return value;
-  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must lie in [", limits.low, ", ", limits.high, "]", *unit ? " " : "", unit));
+  throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must lie in [", limits.low, ", ", limits.high, "]", *unit ? " " : "", unit));
 }
 
 int whole_number(const char* option, std::string_view typed, int low, int high) {
   int value = 0;
   const auto [end, error] = std::from_chars(typed.data(), typed.data() + typed.size(), value);
   if (typed.empty() || error != std::errc{} || end != typed.data() + typed.size() || value < low || value > high)
-    throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be a whole number from ", low, " to ", high));
+    throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must be a whole number from ", low, " to ", high));
   return value;
 }
 
@@ -70,18 +70,18 @@ std::string one_of(const char* option, const std::string& typed, std::initialize
     if (typed == c) return typed;
     list += (list.empty() ? "" : " or ") + std::string(c);
   }
-  throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be ", list));
+  throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must be ", list));
 }
 
 /// Not a number and infinity are read: they are values, and whether a value is feasible is the design space's to say.
 std::array<double, 5> read_theta(std::string_view typed) {
   const auto fields = split(typed);
   const char* wanted = ", must be five numbers h_fp,h_ep,w_s,h_s,w_v [mm]";
-  if (fields.size() != 5) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", fields.size(), fields.size() == 1 ? " field)" : " fields)", wanted));
+  if (fields.size() != 5) throw UsageError(lumo::message("--theta is ", in_quotes(typed), " (", fields.size(), fields.size() == 1 ? " field)" : " fields)", wanted));
   std::array<double, 5> theta{};
   for (std::size_t i = 0; i < 5; ++i) {
     const auto value = parse_number(fields[i]);
-    if (!value) throw UsageError(lumo::detail::text("--theta is ", in_quotes(typed), " (", in_quotes(fields[i]), " is not a number)", wanted));
+    if (!value) throw UsageError(lumo::message("--theta is ", in_quotes(typed), " (", in_quotes(fields[i]), " is not a number)", wanted));
     theta[i] = *value + 0.0;   // no −0
   }
   return FingerDesign::from(theta).values();   // on the lattice in every bit, where it is but for rounding
@@ -93,12 +93,12 @@ std::vector<double> read_loads(std::string_view typed) {
   const auto fields = split(typed);
   for (std::size_t i = 0; i < fields.size(); ++i) {
     const auto refuse = [&](const std::string& why) {
-      throw UsageError(lumo::detail::text("--loads is ", in_quotes(typed), " (field ", i + 1, " of ", fields.size(), ", ", in_quotes(fields[i]), ", ", why));
+      throw UsageError(lumo::message("--loads is ", in_quotes(typed), " (field ", i + 1, " of ", fields.size(), ", ", in_quotes(fields[i]), ", ", why));
     };
     const auto load = parse_number(fields[i]);
     if (!load) refuse("is not a number), must be increasing loads [N]");
-    if (!(*load >= loads_admitted_N.low && *load <= loads_admitted_N.high)) refuse(lumo::detail::text("is out of range), each must lie in [", loads_admitted_N.low, ", ", loads_admitted_N.high, "] N"));
-    if (!loads.empty() && *load <= loads.back()) refuse(lumo::detail::text("follows ", lumo::detail::exact(loads.back()), " N), loads must increase"));
+    if (!(*load >= loads_admitted_N.low && *load <= loads_admitted_N.high)) refuse(lumo::message("is out of range), each must lie in [", loads_admitted_N.low, ", ", loads_admitted_N.high, "] N"));
+    if (!loads.empty() && *load <= loads.back()) refuse(lumo::message("follows ", exact(loads.back()), " N), loads must increase"));
     loads.push_back(*load);
   }
   return loads;
@@ -111,7 +111,7 @@ Mechanics read_mechanics(const Typed& t) {
   const auto choose = [&](const char* option, const std::string& typed, const char* first, auto first_value, const char* second, auto second_value, auto& into) {
     if (typed.empty()) return;
     const auto value = one_of(option, typed, {first, second}) == first ? first_value : second_value;
-    if (paper && value != into) throw UsageError(lumo::detail::text(option, " ", typed, " contradicts --mode paper, which is ", name(into)));
+    if (paper && value != into) throw UsageError(lumo::message(option, " ", typed, " contradicts --mode paper, which is ", name(into)));
     into = value;
   };
   using enum Mechanics::Solver;
@@ -154,7 +154,7 @@ template <std::size_t N>
 std::array<double, N> read_numbers(const char* option, std::string_view typed, char separator, const Limits& limits, const char* unit, const char* wanted) {
   std::array<double, N> values{};
   const auto fields = split(typed, separator);
-  if (fields.size() != N) throw UsageError(lumo::detail::text(option, " is ", in_quotes(typed), ", must be ", wanted));
+  if (fields.size() != N) throw UsageError(lumo::message(option, " is ", in_quotes(typed), ", must be ", wanted));
   for (std::size_t i = 0; i < N; ++i) values[i] = in_range(option, fields[i], limits, unit);
   return values;
 }
@@ -164,9 +164,9 @@ void read_devices(Options& o, const Typed& t) {
   const bool streamed = o.command == Command::locate || o.command == Command::force || o.command == Command::hand;
   if (!t.camera.empty()) o.camera = whole_number("--camera", t.camera, 0, 63);
   for (const auto& [option, typed] : {std::pair{"--seconds", &t.seconds}, {"--exposure", &t.exposure}, {"--gain", &t.gain}, {"--rate", &t.rate}, {"--pixels", &t.pixels}, {"--can", &t.can}})
-    if (!typed->empty() && !o.camera) throw UsageError(lumo::detail::text(option, " is of a live camera, which --camera chooses"));
+    if (!typed->empty() && !o.camera) throw UsageError(lumo::message(option, " is of a live camera, which --camera chooses"));
   for (const auto& [option, typed] : {std::pair{"--motors", &t.motors}, {"--motor-ranges", &t.motor_ranges}})
-    if (!typed->empty() && t.can.empty()) throw UsageError(lumo::detail::text(option, " is of motors, whose bus --can chooses"));
+    if (!typed->empty() && t.can.empty()) throw UsageError(lumo::message(option, " is of motors, whose bus --can chooses"));
   if (!t.seconds.empty()) o.seconds = in_range("--seconds", t.seconds, {1.0, 1e6}, "s");
   if (!t.exposure.empty()) o.exposure_ms = in_range("--exposure", t.exposure, {0.1, 200.0}, "ms");
   if (!t.gain.empty()) o.gain = in_range("--gain", t.gain, {0.0, 1e9}, "");
@@ -176,7 +176,7 @@ void read_devices(Options& o, const Typed& t) {
     o.pixels = {int(size[0]), int(size[1])};
     if (size[0] != o.pixels[0] || size[1] != o.pixels[1]) throw UsageError("--pixels is " + in_quotes(t.pixels) + ", must be whole numbers");
   }
-  if (o.exposure_ms * o.rate_per_s > 1000.0) throw UsageError(lumo::detail::text("--exposure is ", o.exposure_ms, " ms, which ", o.rate_per_s, " pictures a second (--rate) do not leave"));
+  if (o.exposure_ms * o.rate_per_s > 1000.0) throw UsageError(lumo::message("--exposure is ", o.exposure_ms, " ms, which ", o.rate_per_s, " pictures a second (--rate) do not leave"));
   o.can = t.can;
   if (!t.motors.empty()) {
     o.motors.clear();
@@ -189,9 +189,9 @@ void read_devices(Options& o, const Typed& t) {
   if (!o.camera) return;
   if (streamed && !t.out.empty()) throw UsageError("--out keeps what is found in a log; a live camera's lines go to standard output (lumo record makes a log)");
   if (!t.from.empty()) throw UsageError("--from chooses frames by their true force, which a live camera does not tell");
-  if ((o.command == Command::force || o.command == Command::hand) && o.can.empty()) throw UsageError(lumo::detail::text("--can is missing: lumo ", name(o.command), " needs the motors' samples beside a live camera's pictures"));
+  if ((o.command == Command::force || o.command == Command::hand) && o.can.empty()) throw UsageError(lumo::message("--can is missing: lumo ", name(o.command), " needs the motors' samples beside a live camera's pictures"));
   if (o.command != Command::locate && o.command != Command::record && o.command != Command::doctor && o.log.empty())
-    throw UsageError(lumo::detail::text("the log is missing (see lumo ", name(o.command), " --help)"));
+    throw UsageError(lumo::message("the log is missing (see lumo ", name(o.command), " --help)"));
   if ((o.command == Command::decode || o.command == Command::metrics) && t.out.empty()) throw UsageError("--out is missing: what the camera sees is recorded there");
 }
 
@@ -199,8 +199,8 @@ void read(Options& o, const Typed& t) {
   if (o.command == Command::optimize && o.space.empty()) throw UsageError("--space is missing (see lumo optimize --help)");
   o.stores = t.stores;
   if (!t.stores.empty()) o.store = t.stores.front();
-  if (t.stores.size() > 1 && o.command != Command::campaign_report) throw UsageError(lumo::detail::text("--store is given ", t.stores.size(), " times, must be given once"));
-  if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::detail::text("--store is missing (see lumo ", name(o.command), " --help)"));
+  if (t.stores.size() > 1 && o.command != Command::campaign_report) throw UsageError(lumo::message("--store is given ", t.stores.size(), " times, must be given once"));
+  if (name(o.command).starts_with("campaign") && o.store.empty()) throw UsageError(lumo::message("--store is missing (see lumo ", name(o.command), " --help)"));
   if (!t.evaluations.empty()) o.evaluations = whole_number("--evaluations", t.evaluations, 1, 100000);
   if (!t.ray_error.empty()) o.ray_error_percent = in_range("--ray-error", t.ray_error, {0.1, 100.0}, "%");
   if (!t.seed.empty()) o.seed = whole_number("--seed", t.seed, 0, std::numeric_limits<int>::max());
@@ -214,7 +214,7 @@ void read(Options& o, const Typed& t) {
   if (!t.from.empty()) o.from_N = number("--from", t.from, "N");
   if (!t.joints.empty()) o.joints = whole_number("--joints", t.joints, 1, 2);
   if (!t.stiffness.empty()) o.stiffness = in_range("--stiffness", t.stiffness, {0.8, 2.0}, "");
-  if (o.stiffness < 1.0 && o.command == Command::lab_force) throw UsageError(lumo::detail::text("--stiffness is ", o.stiffness, ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
+  if (o.stiffness < 1.0 && o.command == Command::lab_force) throw UsageError(lumo::message("--stiffness is ", o.stiffness, ", lab force goes to 20 N, which a softer pad than the computed one cannot be given"));
   if (!t.lamps.empty()) o.lamps = in_range("--lamps", t.lamps, {0.1, 3.0}, "");
   if (!t.noise.empty()) o.noise = in_range("--noise", t.noise, {0.0, 100.0}, "");
   if (!t.cache.empty()) o.cache = t.cache;
@@ -224,10 +224,10 @@ void read(Options& o, const Typed& t) {
   const std::string_view command = name(o.command);
   if (command.starts_with("lab ")) {
     if (t.material.empty()) o.material = "Sol";
-    if (t.out.empty()) throw UsageError(lumo::detail::text("--out is missing (see lumo ", command, " --help)"));
+    if (t.out.empty()) throw UsageError(lumo::message("--out is missing (see lumo ", command, " --help)"));
     o.log = t.out;
   }
-  if (of_log(o.command) && o.log.empty() && !o.camera) throw UsageError(lumo::detail::text("the log is missing (see lumo ", command, " --help)"));
+  if (of_log(o.command) && o.log.empty() && !o.camera) throw UsageError(lumo::message("the log is missing (see lumo ", command, " --help)"));
   if (o.command == Command::convert && o.target.empty()) throw UsageError("the folder or file to write is missing (see lumo convert --help)");
   if (!t.compression.empty()) o.compression = one_of("--compression", t.compression, {"zstd", "lz4", "none"});
   if (!t.material.empty()) o.material = one_of("--material", t.material, {"DS", "Sol"});
@@ -275,7 +275,7 @@ std::string objection(const CLI::App& command, std::span<char* const> arguments,
     return both + " exclude each other";
   }
   for (const CLI::Option* o : command.get_options())
-    if (o->get_expected_max() == 1 && o->count() > 1) return lumo::detail::text(o->get_name(), " is given ", o->count(), " times, must be given once");
+    if (o->get_expected_max() == 1 && o->count() > 1) return lumo::message(o->get_name(), " is given ", o->count(), " times, must be given once");
   for (const std::string_view word : arguments.subspan(1)) {
     const CLI::Option* const flag = word.starts_with('-') ? command.get_option_no_throw(std::string(word.substr(0, word.find('=')))) : nullptr;
     if (flag != nullptr && flag->get_expected_max() == 0 && word.find('=') != std::string_view::npos) return flag->get_name() + " takes no value";
@@ -311,7 +311,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   Options o;
   Typed t;
   CLI::App app("Mechanics, optics and design of soft lit finger pads.", "lumo");
-  app.set_version_flag("--version", lumo::detail::text("lumo ", version, ", results ", results_version));
+  app.set_version_flag("--version", lumo::message("lumo ", version, ", results ", results_version));
   app.require_subcommand(0, 1);
   app.footer("Exit codes: 0 ok, 1 a fault of lumo itself, 2 usage, 3 infeasible design, 4 numerical failure, 5 bad file, 130 interrupted.\n"
              "Results go to standard output, progress to standard error.");
@@ -328,7 +328,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
   const auto material = [&](CLI::App* c) { text_option(c, "--material", t.material, "Silicone: DS (Dragon Skin, default) or Sol (Solaris)", "NAME"); };
   const auto ensemble = [&](CLI::App* c) { text_option(c, "--ensemble", t.ensemble, "Approach angles: flat (0°, default) or curved (−30° … 30°)", "NAME"); };
   const auto ray_error = [&](CLI::App* c) {
-    const std::string help = lumo::detail::text("Standard error of J_obs up to which rays are added [%], default ", o.ray_error_percent, "; at most ", rays_up_to(RayRefinement{}.rounds), " times the first ones");
+    const std::string help = lumo::message("Standard error of J_obs up to which rays are added [%], default ", o.ray_error_percent, "; at most ", rays_up_to(RayRefinement{}.rounds), " times the first ones");
     text_option(c, "--ray-error", t.ray_error, help, "N");
   };
   const auto threads = [&](CLI::App* c) { text_option(c, "--threads", t.threads, "Threads, 1 to 1024, default: all", "N"); };
@@ -369,7 +369,7 @@ std::optional<Options> parse(std::span<char* const> arguments, std::string& text
     text_option(c, "--out", t.out, "Directory for the files; made when it is not there", "DIR");
     const CastingOptions normal;
     const auto length = [&](const char* option, std::string& typed, const char* what, double normal_m) {
-      text_option(c, option, typed, lumo::detail::text(what, " [mm], default ", short_number(1e3 * normal_m)), "N");
+      text_option(c, option, typed, lumo::message(what, " [mm], default ", short_number(1e3 * normal_m)), "N");
     };
     length("--clearance", t.clearance, "On each side between printed parts", normal.clearance);
     length("--plate", t.plate, "Thickness of the carrier's plate", normal.plate);

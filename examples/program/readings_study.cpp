@@ -152,7 +152,7 @@ std::string picture(const Options& o, std::vector<Effect> list, std::optional<Pa
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
-  chart.subtitle = lumo::detail::text("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o), o.coarse ? "; coarser meshes, fewer rays" : "");
+  chart.subtitle = lumo::message("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o), o.coarse ? "; coarser meshes, fewer rays" : "");
   chart.x_label = axis;
   chart.note = "Kendall's τ, designs";
   for (const auto& [d, e] : list) {

@@ -9,7 +9,7 @@ namespace lumo::program {
 namespace {
 
 /// Vectors [m] of the chosen nodes as whole µm, x, y, z of one after the other.
-Json micrometres(const std::vector<Vec3>& vectors, const std::vector<std::size_t>& nodes) {
+Json micrometres(const std::vector<Vec3d>& vectors, const std::vector<std::size_t>& nodes) {
   Json list = Json::array();
   for (const std::size_t n : nodes)
     for (int i = 0; i < 3; ++i) list.push_back(std::llround(1e6 * vectors[n][i]));
@@ -51,7 +51,7 @@ Json press_model(const Options& request, const PressOutcome& outcome) {
   const double apex_mm = request.theta_mm[0] + request.theta_mm[1];
   for (const MechanicalState& s : press.states) {
     if (!is_scored(s.status, request.mechanics.holds())) {
-      j["note"] = lumo::detail::text("no equilibrium at ", s.load_N, " N (", to_string(s.status), ")");
+      j["note"] = lumo::message("no equilibrium at ", s.load_N, " N (", to_string(s.status), ")");
       break;
     }
     Json pressure = Json::array();

@@ -34,7 +34,7 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::detail::text(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
+    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
   JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
@@ -112,7 +112,7 @@ std::string decode(const Options& o, Output& files, Progress& progress) {
   files.add("predictions.csv", table);
   files.add("confusion.svg", draw_confusion(report.confusion, task.data.place_m));
   if (o.json) return Json{{"accuracy", number(report.accuracy.value)}, {"confusion", confusion}, {"predictions", predictions}}.dump(2) + "\n";
-  std::string text = lumo::detail::text("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
+  std::string text = lumo::message("accuracy ", short_number(report.accuracy.value, 3), " of ", report.predictions.size(), " (95 % from ", short_number(report.accuracy.low, 3), " to ",
                                         short_number(report.accuracy.high, 3), "), decoder: ", o.decoder, "\ntrue \\ decoded [mm]");
   for (const double y : task.data.place_m) text += cell(1e3 * y, 1, 7);
   for (Eigen::Index i = 0; i < report.confusion.rows(); ++i) {
@@ -155,7 +155,7 @@ std::string metrics(const Options& o, Output& files, Progress& progress) {
     Curve curve{"place " + std::to_string(i + 1), std::string(palette[i % palette.size()]), {}, 1.8, false};
     for (Eigen::Index b = 0; b < at.size(); ++b) {
       curve.points.push_back({1e3 * at[b], middle[b]});
-      for (Eigen::Index r = 0; r < slopes[i].cols(); ++r) table += lumo::detail::text(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');
+      for (Eigen::Index r = 0; r < slopes[i].cols(); ++r) table += lumo::message(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');
     }
     chart.curves.push_back(std::move(curve));
   }
@@ -235,8 +235,8 @@ std::string located(const Options& o, Output& files, Progress& progress) {
   const bool known = score.samples > 0, found = score.located > 0;
   if (o.json)
     return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)}, {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}.dump(2) + "\n";
-  if (!known) return lumo::detail::text(estimates.size(), " frames; the log does not tell where contacts were, so that nothing can be compared\n");
-  return lumo::detail::text(score.samples, " frames at ", short_number(o.from_N), " N and more, ", score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
+  if (!known) return lumo::message(estimates.size(), " frames; the log does not tell where contacts were, so that nothing can be compared\n");
+  return lumo::message(score.samples, " frames at ", short_number(o.from_N), " N and more, ", score.located, " located\nmean error   ", cell(found ? 1e3 * score.mae_m : undefined, 2),
                             " mm\n90 % interval holds the truth in ", cell(found ? 100.0 * score.coverage_90 : undefined, 1), " % of them\n");
 }
 
@@ -286,10 +286,10 @@ std::string force(const Options& o, Output& files, Progress& progress) {
                 {"coverage_90", score.samples > 0 ? number(score.coverage_90) : Json(nullptr)},
                 {"frame_ms", {{"median", number(middle)}, {"p95", number(slow)}}},
                 {"alignment", {{"clock_s", number(clock_s)}, {"position_rad", number(off_rad)}, {"torque_Nm", number(off_Nm)}}}}.dump(2) + "\n";
-  return lumo::detail::text(score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
+  return lumo::message(score.samples, " frames in contact; mean error [N]\n  fused           ", cell(mae(e.fused), 2), "\n  optical         ", cell(mae(e.optical), 2), "\n  fixed arm       ",
                             cell(mae(e.fixed_arm), 2), "\n  known location  ", cell(mae(e.known_location), 2), "\n  torque only     ", cell(mae(e.torque_only), 2), "\n90 % interval holds the truth in ",
                             cell(score.samples > 0 ? 100.0 * score.coverage_90 : undefined, 1), " %\nframe to estimate ", cell(middle, 3), " ms (median), ", cell(slow, 3), " ms (95 %)\nalignment        a joint sample and the line through its neighbours differ by ", cell(1e3 * off_rad, 2), " mrad, ",
-                            cell(1e3 * off_Nm, 1), " mN·m (RMS: noise, and what interpolation at the pictures' times misses)", clock_s > 0.0 ? lumo::detail::text(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
+                            cell(1e3 * off_Nm, 1), " mN·m (RMS: noise, and what interpolation at the pictures' times misses)", clock_s > 0.0 ? lumo::message(", their clock by ", cell(1e3 * clock_s, 3), " ms") : std::string(), "\n");
 }
 
 }  // namespace

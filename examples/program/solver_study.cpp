@@ -113,7 +113,7 @@ SolverStudy make_solver_study(const Options& o, Progress& progress) {
   progress.stage("press", all);
   TbbExecutor{o.threads}.for_each(presses.size(), [&](std::size_t k) {
     Press& p = presses[longest_first[k]];
-    const lumo::detail::Stopwatch watch;
+    const Stopwatch watch;
     p.pad = simulation(p.mechanics, card).prepare(p.on->body, p.on->mesh);
     p.states = p.pad->press(scenario);
     study.rows[longest_first[k]] = row(o, p.name, p.mechanics, *p.on, p.states);

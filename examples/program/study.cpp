@@ -95,10 +95,10 @@ std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c)
   std::string text = c.label + ": ";
   if (!s) return text + "nothing to compare\n";
   const auto figure = [&](double v) { return c.digits > 0 ? cell(v, c.digits) : scientific(v); };
-  text += lumo::detail::text(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ", s->negative, " below by more, ", s->undecided, " undecided), median ",
+  text += lumo::message(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ", s->negative, " below by more, ", s->undecided, " undecided), median ",
                              figure(s->median));
   if (s->median_95) text += " (95 % interval " + figure(s->median_95->first) + " … " + figure(s->median_95->second) + ")";
-  if (s->count() < rows.size()) text += lumo::detail::text("; ", rows.size() - s->count(), " variants without a value");
+  if (s->count() < rows.size()) text += lumo::message("; ", rows.size() - s->count(), " variants without a value");
   return text + "\n" + (c.paper.empty() ? "" : "  paper: " + c.paper + "\n");
 }
 
@@ -116,7 +116,7 @@ std::string picture(const Options& o, const std::vector<StudyRow>& rows, const C
   std::sort(sorted.begin(), sorted.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
   BarChart chart;
   chart.title = c.label;
-  chart.subtitle = lumo::detail::text(sorted.size(), " designs, ", o.material, ", ", title_of(o), " contacts");
+  chart.subtitle = lumo::message(sorted.size(), " designs, ", o.material, ", ", title_of(o), " contacts");
   chart.x_label = "designs, sorted";
   chart.y_label = c.quantity == "D" ? "ΔD [W/W]" : "Δ" + c.quantity + " [–]";
   chart.series = {{"", std::string(palette[0]), {}, {}}};

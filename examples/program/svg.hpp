@@ -21,7 +21,7 @@ inline constexpr std::array<std::string_view, 7> palette = {"#0072b2", "#d55e00"
 inline std::string shade(int k, int n) {
   const double t = n > 1 ? double(k) / (n - 1) : 1.0;
   const auto mix = [t](int light, int dark) { return int(std::lround(light + t * (dark - light))); };
-  return lumo::detail::hex_colour({mix(0xa9, 0x08), mix(0xcf, 0x2c), mix(0xea, 0x5c)});
+  return hex_colour({mix(0xa9, 0x08), mix(0xcf, 0x2c), mix(0xea, 0x5c)});
 }
 
 /// How a shape is painted; an empty colour means none.

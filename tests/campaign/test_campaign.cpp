@@ -152,7 +152,7 @@ struct OvertakenLog : MemoryLog {
   using MemoryLog::MemoryLog;
   bool answered = false;
   bool claim(std::int64_t number) {
-    if (!std::exchange(answered, true)) append([](const auto&) { return std::optional(detail::tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
+    if (!std::exchange(answered, true)) append([](const auto&) { return std::optional(tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
     return MemoryLog::claim(number);
   }
 };
@@ -165,7 +165,7 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   const auto counted = [&](const Design& x) { return ++attempts[x], cheap(x); };
   const auto watch = [&](const auto&, int id, const Verdict&) { CHECK(watched.insert(id).second); };
   OvertakenLog log("p");
-  log.append([](const auto&) { return std::optional(detail::ask_entry(0, {1.0, 1.0, 1.0})); });
+  log.append([](const auto&) { return std::optional(ask_entry(0, {1.0, 1.0, 1.0})); });
   run_campaign(log, Cheap(cheap_problem(12)), counted, watch);
   CHECK(attempts.count({1.0, 1.0, 1.0}) == 0);
   CHECK(watched.count(0) == 0);
@@ -174,7 +174,7 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   MemoryLog slow("p");   // the answer comes while the design is evaluated
   watched.clear();
   const auto overtaken = [&](const Design& x) {
-    if (x == Design{1.0, 1.0, 1.0}) slow.append([&](const auto&) { return std::optional(detail::tell_entry(0, cheap_outputs(x))); });
+    if (x == Design{1.0, 1.0, 1.0}) slow.append([&](const auto&) { return std::optional(tell_entry(0, cheap_outputs(x))); });
     return cheap(x);
   };
   run_campaign(slow, Cheap(cheap_problem(12)), overtaken, watch);
@@ -255,7 +255,7 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
       CampaignConfig config;
       config.poll_s = 0.01;
       run_campaign(log, Cheap(cheap_problem(40)), [&](const Design& x) {
-        std::ofstream(journal, std::ios::app) << detail::trial_text(int(getpid()), x) + '\n';   // in one write
+        std::ofstream(journal, std::ios::app) << trial_text(int(getpid()), x) + '\n';   // in one write
         std::this_thread::sleep_for(std::chrono::milliseconds(5));
         return cheap(x);
       }, unwatched, config);

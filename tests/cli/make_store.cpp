@@ -90,9 +90,9 @@ void run(SqliteLog& log, const CampaignProblem& problem, int evaluations) {
 }
 
 void keep(SqliteLog& log, const CampaignProblem& problem, const Design& x) {
-  log.append([&](const auto&) { return std::optional(lumo::detail::ask_entry(0, x)); });
+  log.append([&](const auto&) { return std::optional(lumo::ask_entry(0, x)); });
   const Verdict v = verdict(x, problem, false);
-  LogEntry entry = lumo::detail::tell_entry(0, v.outputs);
+  LogEntry entry = lumo::tell_entry(0, v.outputs);
   entry.record = v.record, entry.notes = v.notes;
   log.append([&](const auto&) { return std::optional(entry); });
 }

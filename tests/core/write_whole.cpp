@@ -13,7 +13,6 @@
 #include <thread>
 #include <vector>
 
-using lumo::detail::write_whole;
 
 TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   const TemporaryFolder folder;

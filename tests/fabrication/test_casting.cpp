@@ -43,7 +43,7 @@ TEST_CASE("the section for casting is the paper's", "[fabrication]") {
     // Chords leave the ellipse by less than 5 µm.
     for (std::size_t i = 1; i + 1 < s.outline.size(); ++i) {
       const EllipticCylinder dome{{0, 0, 1e-3 * d.h_fp}, s.half_width(), 1e-3 * d.h_ep};
-      const Vec3 middle(0.5 * (s.outline[i][0] + s.outline[i + 1][0]), 0.0, 0.5 * (s.outline[i][1] + s.outline[i + 1][1]));
+      const Vec3d middle(0.5 * (s.outline[i][0] + s.outline[i + 1][0]), 0.0, 0.5 * (s.outline[i][1] + s.outline[i + 1][1]));
       CHECK((dome.closest_point(middle) - middle).norm() < 5e-6);
     }
   }
@@ -89,9 +89,9 @@ TEST_CASE("printed parts are the assembled ones, on the bed with their corner at
     CHECK(report.low.norm() < 1e-15);
     CHECK((report.high - p.box).norm() < 1e-15);
     CHECK(report.volume == Approx(validate_surface(p.assembled).volume).epsilon(1e-12));
-    if (p.name == "carrier") CHECK((1e3 * p.box - Vec3(35.5, 74.0, 10.0)).norm() < 1e-9);
-    if (p.name == "mould_a" || p.name == "mould_b") CHECK((1e3 * p.box - Vec3(45.5, 26.0, 72.0)).norm() < 1e-9);
-    if (p.name == "core") CHECK((1e3 * p.box - Vec3(82.0, 9.0, 3.0)).norm() < 1e-9);
+    if (p.name == "carrier") CHECK((1e3 * p.box - Vec3d(35.5, 74.0, 10.0)).norm() < 1e-9);
+    if (p.name == "mould_a" || p.name == "mould_b") CHECK((1e3 * p.box - Vec3d(45.5, 26.0, 72.0)).norm() < 1e-9);
+    if (p.name == "core") CHECK((1e3 * p.box - Vec3d(82.0, 9.0, 3.0)).norm() < 1e-9);
   }
 }
 
@@ -104,7 +104,7 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
     int in_pad = 0, in_void = 0, elsewhere = 0;
     for (int k = 0; k < 400; ++k) {
       const double z_top = d.h_fp + d.h_ep + 8.0;
-      Vec3 p(22.0 * u(random), 34.0 * u(random), 0.5 * z_top * (1.0 + u(random)));   // mm
+      Vec3d p(22.0 * u(random), 34.0 * u(random), 0.5 * z_top * (1.0 + u(random)));   // mm
       if (k % 4 == 0) p = {p.x() > 0 ? 0.5 * (d.w_s + d.w_v * (1.0 + u(random))) : p.x() * 0.6, p.y(), 0.5 * d.h_s * (1.0 + u(random))};
       const double x = std::abs(p.x()), up = std::max(0.0, p.z() - d.h_fp) / d.h_ep, side = up < 1.0 ? 14.75 * std::sqrt(1.0 - up * up) : -1.0;
       const double ridge = 0.5 * d.w_s, outer = ridge + d.w_v;
@@ -119,8 +119,8 @@ TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]"
       for (const CastingPart& part : kit) {
         parts += winding_number(part.assembled, 1e-3 * p);
         if (part.name != "core") continue;
-        parts += winding_number(part.assembled, 1e-3 * (p + Vec3(d.w_s + d.w_v, 0, 0)));   // the other core
-        if (gap) CHECK(winding_number(part.assembled, 1e-3 * Vec3(x, p.y(), p.z())) == Approx(1.0).margin(1e-9));
+        parts += winding_number(part.assembled, 1e-3 * (p + Vec3d(d.w_s + d.w_v, 0, 0)));   // the other core
+        if (gap) CHECK(winding_number(part.assembled, 1e-3 * Vec3d(x, p.y(), p.z())) == Approx(1.0).margin(1e-9));
       }
       INFO(p.transpose());
       CHECK(parts == Approx(pad ? 0.0 : 1.0).margin(1e-9));
@@ -136,16 +136,16 @@ TEST_CASE("the mould opens without an undercut, and no other straight way is as 
   for (const FingerDesign& d : all_designs()) {
     const CastSection s = cast_section(d);
     const TriangleSurface a = mould_half_a(s), b = mould_half_b(s);
-    const Vec3 way = opening_direction();
+    const Vec3d way = opening_direction();
     // The crown's last chord is the steepest place; its slope is the draft.
     const auto &p = s.outline[s.outline.size() - 2], &q = s.outline.back();
     const double crown = std::asin((q[1] - p[1]) / std::hypot(q[0] - p[0], q[1] - p[1]) * std::cos(10.0_deg));
     CHECK(least_draft(a, s, way) == Approx(std::min(crown, 10.0_deg)).epsilon(1e-9));
-    CHECK(least_draft(b, s, Vec3(-way)) == Approx(least_draft(a, s, way)).epsilon(1e-9));
+    CHECK(least_draft(b, s, Vec3d(-way)) == Approx(least_draft(a, s, way)).epsilon(1e-9));
     CHECK(crown > 0.0);
-    CHECK(least_draft(a, s, Vec3::UnitX()) == Approx(0.0).margin(1e-12));            // the ends would rub
-    CHECK(least_draft(a, s, Vec3(-Vec3::UnitZ())) < -1.0);                           // the dome is in the way
-    CHECK(least_draft(a, s, Vec3(-way)) < -1.0);
+    CHECK(least_draft(a, s, Vec3d::UnitX()) == Approx(0.0).margin(1e-12));            // the ends would rub
+    CHECK(least_draft(a, s, Vec3d(-Vec3d::UnitZ())) < -1.0);                           // the dome is in the way
+    CHECK(least_draft(a, s, Vec3d(-way)) < -1.0);
   }
 }
 

@@ -29,14 +29,14 @@ Loop star(double x, double y, double low, double high, int corners, std::mt19937
 double area(const Loop& loop) {
   double sum = 0.0;
   for (std::size_t i = 0; i < loop.size(); ++i) {
-    const Vec3 &a = loop[i], &b = loop[(i + 1) % loop.size()];
+    const Vec3d &a = loop[i], &b = loop[(i + 1) % loop.size()];
     sum += 0.5 * (a.x() * b.y() - a.y() * b.x());
   }
   return sum;
 }
 
 Loop raised(Loop loop, double z) {
-  for (Vec3& p : loop) p.z() = z;
+  for (Vec3d& p : loop) p.z() = z;
   return loop;
 }
 

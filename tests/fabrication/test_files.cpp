@@ -77,10 +77,10 @@ TEST_CASE("a binary .stl is read back as the same solid", "[fabrication]") {
 }
 
 TEST_CASE("lengths are written in mm, in every locale, without noise", "[fabrication]") {
-  CHECK(lumo::detail::in_mm(0.0125) == "12.5");
-  CHECK(lumo::detail::in_mm(-1e-12) == "0");
-  CHECK(lumo::detail::in_mm(-0.03) == "-30");
-  CHECK(lumo::detail::in_mm(1.0 / 3000.0) == "0.333333");
+  CHECK(lumo::in_mm(0.0125) == "12.5");
+  CHECK(lumo::in_mm(-1e-12) == "0");
+  CHECK(lumo::in_mm(-0.03) == "-30");
+  CHECK(lumo::in_mm(1.0 / 3000.0) == "0.333333");
 }
 
 TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabrication]") {

@@ -32,7 +32,7 @@ void read_file(const std::string& bytes) {
       picture_header(from_cdr<RosCompressedImage>(m.data).data);
       continue;
     }
-    const ImageView view = detail::view_of(from_cdr<RosImage>(m.data));
+    const ImageView view = view_of(from_cdr<RosImage>(m.data));
     unsigned sum = 0;   // every pixel that the view promises is there
     for (int y = 0; y < view.height; ++y)
       for (int x = 0; x < view.width * channels(view.format); ++x) sum += view.row(y)[x];

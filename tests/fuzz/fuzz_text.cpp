@@ -32,7 +32,7 @@ void check_table(const std::string& text, Read read, Write write) {
 }
 
 void check_surface(const char* kind, const std::string& text) {
-  const TriangleSurface s = detail::surface_of(kind, text, "surface", 1e-3);
+  const TriangleSurface s = surface_of(kind, text, "surface", 1e-3);
   for (const auto& t : s.triangles)
     for (const int v : t)
       if (v < 0 || std::size_t(v) >= s.vertices.size()) fuzz::finding("a triangle without a vertex");
@@ -64,7 +64,7 @@ void parse(std::uint8_t which, const std::string& text) {
       // The fuzzer cannot guess a checksum: it is put right, so that what is behind it is reached.
       const auto last = std::min(text.rfind("checksum "), text.size());
       const std::string body = text.substr(0, last);
-      const PadResponses r = pad_responses_from_text(body + detail::text("checksum ", detail::checksum(body), '\n'), {}, "pad");
+      const PadResponses r = pad_responses_from_text(body + message("checksum ", checksum(body), '\n'), {}, "pad");
       if (!r.change.empty() && !r.change.front().allFinite()) fuzz::finding("responses that are not finite");
     }
   }

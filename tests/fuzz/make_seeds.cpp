@@ -39,7 +39,7 @@ std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
 std::string without_checksums(std::string file) {
   for (std::size_t at = mcap_magic.size(); at + 9 < file.size() - mcap_magic.size();) {
     const auto opcode = McapOpcode(file[at]);
-    const std::size_t begin = at + 9, length = std::size_t(detail::number_at<std::uint64_t>(&file[at + 1], ByteOrder::little));
+    const std::size_t begin = at + 9, length = std::size_t(number_at<std::uint64_t>(&file[at + 1], ByteOrder::little));
     const std::size_t sum = opcode == McapOpcode::chunk ? begin + 24 : opcode == McapOpcode::data_end ? begin : opcode == McapOpcode::attachment ? begin + length - 4 : opcode == McapOpcode::footer ? begin + 16 : 0;
     if (sum > 0) file.replace(sum, 4, 4, '\0');
     at = begin + length;
@@ -53,7 +53,7 @@ int main(int count, char** words) {
   if (count != 2) return 2;
   const std::string folder = words[1];
   for (const char* kind : {"/text", "/mcap"}) std::filesystem::create_directories(folder + kind);
-  const auto write = [&](const std::string& name, char which, const std::string& text) { detail::write_whole(folder + "/" + name, which + text); };
+  const auto write = [&](const std::string& name, char which, const std::string& text) { write_whole(folder + "/" + name, which + text); };
   const RecordedLog log = full_log(Effort::current_A);
   write("text/session", 's', to_json(log.session));
   write("text/frames", 'f', frame_log_text(log.frames));
@@ -69,7 +69,7 @@ int main(int count, char** words) {
   for (const char* corners : {"000010100", "000100001", "000001010", "100010001"}) {
     stl += "facet normal 0 0 0\nouter loop\n";
     binary += std::string(12, '\0');
-    for (int k = 0; k < 9; k += 3) stl += detail::text("vertex ", corners[k], ' ', corners[k + 1], ' ', corners[k + 2], '\n');
+    for (int k = 0; k < 9; k += 3) stl += message("vertex ", corners[k], ' ', corners[k + 1], ' ', corners[k + 2], '\n');
     for (int k = 0; k < 9; ++k) binary += corners[k] == '1' ? std::string("\0\0\x80\x3f", 4) : std::string(4, '\0');
     stl += "endloop\nendfacet\n";
     binary += std::string(2, '\0');

@@ -21,10 +21,10 @@ namespace surfaces {
 
 using lumo::Facet;
 using lumo::MeshInput;
-using lumo::Vec3;
+using lumo::Vec3d;
 
 /// One quadrilateral per side, patches 0 … 5 for z low, z high, y low, y high, x low, x high.
-inline MeshInput box(const Vec3& low, const Vec3& high) {
+inline MeshInput box(const Vec3d& low, const Vec3d& high) {
   MeshInput input;
   for (int i = 0; i < 8; ++i)
     input.vertices.emplace_back((i & 1 ? high : low).x(), (i & 2 ? high : low).y(), (i & 4 ? high : low).z());
@@ -68,9 +68,9 @@ inline MeshInput notched_finger(int n) {
 }
 
 /// A sphere of 20 · 4^level triangles, patch 7.
-inline MeshInput sphere(int level, double radius = 1.0, const Vec3& center = Vec3::Zero()) {
+inline MeshInput sphere(int level, double radius = 1.0, const Vec3d& center = Vec3d::Zero()) {
   const double g = std::numbers::phi;
-  std::vector<Vec3> points{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
+  std::vector<Vec3d> points{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
   std::vector<std::array<int, 3>> triangles{{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
                                             {3, 9, 4}, {3, 4, 2}, {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5}, {2, 4, 11}, {6, 2, 10}, {8, 6, 7}, {9, 8, 1}};
   for (int step = 0; step < level; ++step) {
@@ -88,7 +88,7 @@ inline MeshInput sphere(int level, double radius = 1.0, const Vec3& center = Vec
     triangles = finer;
   }
   MeshInput input;
-  for (const Vec3& p : points) input.vertices.push_back(center + radius * p.normalized());
+  for (const Vec3d& p : points) input.vertices.push_back(center + radius * p.normalized());
   for (const auto& [a, b, c] : triangles) input.facets.push_back({{a, b, c}, 7});
   return input;
 }
@@ -131,7 +131,7 @@ inline void append(MeshInput& input, const MeshInput& other) {
 inline void turn(MeshInput& input, std::mt19937_64& random) {
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   const Eigen::Quaterniond rotation = Eigen::Quaterniond(unit(random), unit(random), unit(random), unit(random)).normalized();
-  for (Vec3& vertex : input.vertices) vertex = rotation * vertex;
+  for (Vec3d& vertex : input.vertices) vertex = rotation * vertex;
 }
 
 inline void invert(MeshInput& input) {
@@ -153,7 +153,7 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
   std::uniform_real_distribution<double> unit(0.0, 1.0);
   const auto pick = [&](std::size_t count) { return static_cast<std::size_t>(random() % count); };
   MeshInput input = block(2 + static_cast<int>(seed % 4), random);
-  const auto any_vertex = [&]() -> Vec3& { return input.vertices[pick(input.vertices.size())]; };
+  const auto any_vertex = [&]() -> Vec3d& { return input.vertices[pick(input.vertices.size())]; };
   const auto any_facet = [&]() -> Facet& { return input.facets[pick(input.facets.size())]; };
   switch (fault) {
     case Fault::hole:
@@ -161,7 +161,7 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
       break;
     case Fault::crossing:
       if (seed % 3 == 0) {  // a top vertex pulled through the bottom
-        for (Vec3& v : input.vertices)
+        for (Vec3d& v : input.vertices)
           if (v.z() > 0.8 && v.x() > 0.1 && v.x() < 0.9 && v.y() > 0.1 && v.y() < 0.9) {
             v.z() = -0.5 - unit(random);
             break;
@@ -169,7 +169,7 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
       } else {  // another body that overlaps
         MeshInput other = seed % 3 == 1 ? block(2, random) : sphere(1, 0.6);
         turn(other, random);
-        for (Vec3& v : other.vertices) v += Vec3(0.6, 0.5 * unit(random), 0.5 * unit(random));
+        for (Vec3d& v : other.vertices) v += Vec3d(0.6, 0.5 * unit(random), 0.5 * unit(random));
         append(input, other);
       }
       break;
@@ -186,14 +186,14 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
     case Fault::huge_vertex: any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? 1e308 : -1e308; break;
     case Fault::duplicate_vertices: {  // a facet gets a corner of its own at the same place
       Facet& facet = any_facet();
-      input.vertices.push_back(input.vertices[static_cast<std::size_t>(facet.loop[0])] + (seed % 2 ? 0.0 : 1e-12) * Vec3::Ones());
+      input.vertices.push_back(input.vertices[static_cast<std::size_t>(facet.loop[0])] + (seed % 2 ? 0.0 : 1e-12) * Vec3d::Ones());
       facet.loop[0] = static_cast<int>(input.vertices.size()) - 1;
       break;
     }
     case Fault::touching_sheets: {  // two bodies that touch with a face, an edge or a corner
-      MeshInput other = box(Vec3(1, 0, 0), Vec3(2, 1, 1));
+      MeshInput other = box(Vec3d(1, 0, 0), Vec3d(2, 1, 1));
       const double shift = 0.3 + 0.4 * unit(random);
-      for (Vec3& v : other.vertices) v += seed % 3 == 0 ? Vec3(0, shift, 0.2) : seed % 3 == 1 ? Vec3(0, 1, -shift) : Vec3(0, -shift, -1 + 0.11 * shift);
+      for (Vec3d& v : other.vertices) v += seed % 3 == 0 ? Vec3d(0, shift, 0.2) : seed % 3 == 1 ? Vec3d(0, 1, -shift) : Vec3d(0, -shift, -1 + 0.11 * shift);
       append(input, other);
       if (seed % 2) turn(input, random);  // now they touch but for rounding
       break;
@@ -201,12 +201,12 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
     case Fault::soup:
       for (Facet& facet : input.facets)
         for (int& vertex : facet.loop) vertex = static_cast<int>(pick(input.vertices.size()));
-      for (Vec3& v : input.vertices) v = Vec3(unit(random), unit(random), unit(random));
+      for (Vec3d& v : input.vertices) v = Vec3d(unit(random), unit(random), unit(random));
       break;
     case Fault::coplanar:
-      for (Vec3& v : input.vertices) v.z() = 0.3 * v.x() - 0.2 * v.y();
+      for (Vec3d& v : input.vertices) v.z() = 0.3 * v.x() - 0.2 * v.y();
       if (seed % 2)  // no two vertices at one place
-        for (Vec3& v : input.vertices) v = Vec3(unit(random), unit(random), 0.0);
+        for (Vec3d& v : input.vertices) v = Vec3d(unit(random), unit(random), 0.0);
       break;
     case Fault::inverted: invert(input); break;
     case Fault::empty:

@@ -9,7 +9,7 @@
 using lumo::orient2d;
 using lumo::orient3d;
 using lumo::Point2;
-using lumo::Vec3;
+using lumo::Vec3d;
 
 namespace {
 
@@ -18,7 +18,7 @@ __extension__ using Wide = __int128;
 int sign(Wide value) { return value > 0 ? 1 : value < 0 ? -1 : 0; }
 
 /// Exact orientation of points with integer coordinates below 2^38.
-int integer_orient3d(const Vec3 (&p)[4]) {
+int integer_orient3d(const Vec3d (&p)[4]) {
   Wide m[3][3];
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) m[i][k] = static_cast<Wide>(p[i + 1][k]) - static_cast<Wide>(p[0][k]);
@@ -30,10 +30,10 @@ int integer_orient3d(const Vec3 (&p)[4]) {
 }  // namespace
 
 TEST_CASE("orient3d has the sign of the volume", "[mesh][predicates]") {
-  const Vec3 o(0, 0, 0), x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
+  const Vec3d o(0, 0, 0), x(1, 0, 0), y(0, 1, 0), z(0, 0, 1);
   CHECK(orient3d(o, x, y, z) == 1);
   CHECK(orient3d(o, y, x, z) == -1);
-  CHECK(orient3d(o, x, y, Vec3(0.3, 0.4, 0.0)) == 0);
+  CHECK(orient3d(o, x, y, Vec3d(0.3, 0.4, 0.0)) == 0);
   CHECK(orient2d(Point2{0, 0}, Point2{1, 0}, Point2{0, 1}) == 1);
   CHECK(orient2d(Point2{0, 0}, Point2{0, 1}, Point2{1, 0}) == -1);
   CHECK(orient2d(Point2{0, 0}, Point2{1, 1}, Point2{3, 3}) == 0);
@@ -45,7 +45,7 @@ TEST_CASE("orient3d is exact on integers, on planes and one step off them", "[me
   std::uniform_int_distribution<std::int64_t> small(-4, 4);
   int zeros = 0;
   for (int trial = 0; trial < 20000; ++trial) {
-    Vec3 p[4];
+    Vec3d p[4];
     for (int i = 0; i < 3; ++i)
       for (int k = 0; k < 3; ++k) p[i][k] = static_cast<double>(large(random) / 16);
     // A whole-number combination of the others lies in their plane; then perhaps one unit aside.
@@ -63,9 +63,9 @@ TEST_CASE("orient3d is antisymmetric and agrees with scaled and nearly flat poin
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   for (int trial = 0; trial < 20000; ++trial) {
-    const Vec3 a(unit(random), unit(random), unit(random)), b(unit(random), unit(random), unit(random)), c(unit(random), unit(random), unit(random));
-    Vec3 d = a + unit(random) * (b - a) + unit(random) * (c - a);  // in the plane but for rounding
-    if (trial % 3 == 0) d += 1e-16 * Vec3(unit(random), unit(random), unit(random));
+    const Vec3d a(unit(random), unit(random), unit(random)), b(unit(random), unit(random), unit(random)), c(unit(random), unit(random), unit(random));
+    Vec3d d = a + unit(random) * (b - a) + unit(random) * (c - a);  // in the plane but for rounding
+    if (trial % 3 == 0) d += 1e-16 * Vec3d(unit(random), unit(random), unit(random));
     const int value = orient3d(a, b, c, d);
     const double scale = std::ldexp(1.0, trial % 61 - 30);
     const bool right = orient3d(b, c, a, d) == value && orient3d(b, a, c, d) == -value && orient3d(a, d, b, c) == value &&

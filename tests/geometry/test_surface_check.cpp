@@ -11,7 +11,7 @@
 
 using lumo::MeshError;
 using lumo::MeshInput;
-using lumo::Vec3;
+using lumo::Vec3d;
 using lumo::validate_surface;
 using Reason = MeshError::Reason;
 using namespace surfaces;
@@ -68,7 +68,7 @@ TEST_CASE("every kind of bad surface is refused for the right reason", "[mesh][s
 TEST_CASE("good surfaces pass, turned and scaled, with their area and volume", "[mesh][surface]") {
   std::mt19937_64 random(3);
   for (int trial = 0; trial < 40; ++trial) {
-    MeshInput input = trial % 5 == 0   ? box(Vec3(0, 0, 0), Vec3(1, 2, 3))
+    MeshInput input = trial % 5 == 0   ? box(Vec3d(0, 0, 0), Vec3d(1, 2, 3))
                       : trial % 5 == 1 ? l_prism()
                       : trial % 5 == 2 ? notched_finger(4 + trial)
                       : trial % 5 == 3 ? sphere(trial % 4)
@@ -76,12 +76,12 @@ TEST_CASE("good surfaces pass, turned and scaled, with their area and volume", "
     const lumo::SurfaceReport before = validate_surface(input);
     turn(input, random);
     const double scale = std::pow(10.0, trial % 9 - 4);
-    for (Vec3& v : input.vertices) v = scale * v + scale * Vec3(5, -3, 1);
+    for (Vec3d& v : input.vertices) v = scale * v + scale * Vec3d(5, -3, 1);
     const lumo::SurfaceReport after = validate_surface(input);
     CHECK(after.volume == Approx(before.volume * scale * scale * scale).epsilon(1e-11));
     CHECK(after.area == Approx(before.area * scale * scale).epsilon(1e-11));
   }
-  CHECK(validate_surface(box(Vec3(0, 0, 0), Vec3(1, 2, 3))).volume == Approx(6.0));
+  CHECK(validate_surface(box(Vec3d(0, 0, 0), Vec3d(1, 2, 3))).volume == Approx(6.0));
   CHECK(validate_surface(l_prism()).volume == Approx(3.0));
   CHECK(validate_surface(l_prism()).area == Approx(14.0));
 }
@@ -100,22 +100,22 @@ TEST_CASE("edges and vertices that are not those of a solid", "[mesh][surface]")
   for (std::size_t i = 0; i < 20; ++i) twice.facets.push_back(lumo::Facet(twice.facets[i]));
   CHECK(verdict(twice) == Reason::not_manifold);
 
-  MeshInput pinched = box(Vec3(0, 0, 0), Vec3(1, 1, 1));  // two boxes with one corner in common
-  append(pinched, box(Vec3(1, 1, 1), Vec3(2, 2, 2)));
+  MeshInput pinched = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));  // two boxes with one corner in common
+  append(pinched, box(Vec3d(1, 1, 1), Vec3d(2, 2, 2)));
   for (auto& facet : pinched.facets)
     for (int& vertex : facet.loop)
       if (vertex == 8) vertex = 7;
   CHECK(verdict(pinched).has_value());
-  pinched.vertices[8] = Vec3(0.5, 0.5, 0.5);  // the unused one becomes an interior point: only the fan is wrong
+  pinched.vertices[8] = Vec3d(0.5, 0.5, 0.5);  // the unused one becomes an interior point: only the fan is wrong
   CHECK(verdict(pinched) == Reason::not_manifold);
 }
 
 TEST_CASE("facets that are not flat simple polygons", "[mesh][surface]") {
-  MeshInput warped = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  MeshInput warped = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   warped.vertices[7].z() = 1.01;
   CHECK(verdict(warped) == Reason::degenerate);
 
-  MeshInput bow = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  MeshInput bow = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   std::swap(bow.facets[1].loop[1], bow.facets[1].loop[2]);
   CHECK(verdict(bow).has_value());
 
@@ -128,7 +128,7 @@ TEST_CASE("facets that are not flat simple polygons", "[mesh][surface]") {
 }
 
 TEST_CASE("neighbours may be coplanar but not folded onto each other", "[mesh][surface]") {
-  MeshInput flat = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  MeshInput flat = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   flat.facets[1] = {{4, 5, 7}, 1};
   flat.facets.push_back({{4, 7, 6}, 1});
   CHECK(!verdict(flat));
@@ -143,7 +143,7 @@ TEST_CASE("neighbours may be coplanar but not folded onto each other", "[mesh][s
   CHECK(verdict(spike).has_value());
 
   for (const double lift : {1e-3, 1e-12, 0.0}) {  // a thin tent over the top, flatter and flatter
-    MeshInput tent = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+    MeshInput tent = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
     const int a = 8, b = 9;
     tent.vertices.emplace_back(1.5, 0.3, 1.0);
     tent.vertices.emplace_back(1.5, 0.7, 1.0);
@@ -164,8 +164,8 @@ TEST_CASE("neighbours may be coplanar but not folded onto each other", "[mesh][s
 
 TEST_CASE("thin gaps are legal, closed ones are not", "[mesh][surface]") {
   for (const double gap : {1e-2, 1e-6, 1e-10, 0.0, -1e-10}) {
-    MeshInput pair = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
-    append(pair, box(Vec3(1 + gap, 0.2, 0.3), Vec3(2, 1.2, 1.3)));
+    MeshInput pair = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
+    append(pair, box(Vec3d(1 + gap, 0.2, 0.3), Vec3d(2, 1.2, 1.3)));
     std::mt19937_64 random(5);
     turn(pair, random);
     if (gap > 1e-7) CHECK(!verdict(pair));
@@ -174,21 +174,21 @@ TEST_CASE("thin gaps are legal, closed ones are not", "[mesh][surface]") {
 }
 
 TEST_CASE("cavities, separate bodies and interior points", "[mesh][surface]") {
-  MeshInput hollow = box(Vec3(0, 0, 0), Vec3(4, 4, 4));
-  MeshInput inner = box(Vec3(1, 1, 1), Vec3(2, 3, 3));
+  MeshInput hollow = box(Vec3d(0, 0, 0), Vec3d(4, 4, 4));
+  MeshInput inner = box(Vec3d(1, 1, 1), Vec3d(2, 3, 3));
   append(hollow, inner);
   CHECK(verdict(hollow) == Reason::not_manifold);  // a solid in a solid
-  hollow = box(Vec3(0, 0, 0), Vec3(4, 4, 4));
+  hollow = box(Vec3d(0, 0, 0), Vec3d(4, 4, 4));
   invert(inner);
   append(hollow, inner);
   const auto report = validate_surface(hollow);
   CHECK(report.volume == Approx(60.0));
   REQUIRE(report.cavities.size() == 1);
-  CHECK((report.cavities[0].array() > Vec3(1, 1, 1).array()).all());
-  CHECK((report.cavities[0].array() < Vec3(2, 3, 3).array()).all());
+  CHECK((report.cavities[0].array() > Vec3d(1, 1, 1).array()).all());
+  CHECK((report.cavities[0].array() < Vec3d(2, 3, 3).array()).all());
 
-  MeshInput beside = box(Vec3(0, 0, 0), Vec3(4, 4, 4));
-  for (Vec3& v : inner.vertices) v.x() += 10.0;
+  MeshInput beside = box(Vec3d(0, 0, 0), Vec3d(4, 4, 4));
+  for (Vec3d& v : inner.vertices) v.x() += 10.0;
   append(beside, inner);
   CHECK(verdict(beside) == Reason::not_manifold);  // a cavity outside
 

@@ -11,8 +11,8 @@ namespace {
 
 LabPlan press_plan() {
   LabPlan plan{"one press, and a look with the LEDs off", 0.0, {}};
-  plan.contacts.push_back({0, 0.0, 0, detail::lab_holds({2, 5, 10, 15, 20}, 0.5, 1.0), 0.0, 3.0});
-  plan.contacts.push_back({0, 0.0, 1, detail::lab_holds({2}, 0.5, 0.2), 0.0, 2.0, 1});
+  plan.contacts.push_back({0, 0.0, 0, lab_holds({2, 5, 10, 15, 20}, 0.5, 1.0), 0.0, 3.0});
+  plan.contacts.push_back({0, 0.0, 1, lab_holds({2}, 0.5, 0.2), 0.0, 2.0, 1});
   plan.views = {LabView{}, LabView{{}, 1.0, 0.0}};
   return plan;
 }

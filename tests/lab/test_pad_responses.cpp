@@ -76,7 +76,7 @@ TEST_CASE("responses as a file: read back to the bit, and every damage is told i
   // Whole, but not a column where one belongs.
   std::string wide = text.substr(0, text.rfind("checksum "));
   wide.replace(wide.find("theta_mm 5 1\n"), wide.find("diameter_m") - wide.find("theta_mm 5 1\n"), "theta_mm 1 5\n6 6 8 5 0\n");
-  refused(wide + detail::text("checksum ", detail::checksum(wide), '\n'), "a key", "more than one column");
+  refused(wide + message("checksum ", checksum(wide), '\n'), "a key", "more than one column");
   CHECK_FALSE(read_pad_responses(path, "a key"));
   write_pad_responses(path, r, "a key");
   CHECK(to_text(*read_pad_responses(path, "a key"), "a key") == text);

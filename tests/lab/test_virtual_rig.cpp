@@ -17,7 +17,7 @@ namespace {
 
 LabPlan short_plan() {
   LabPlan plan{"short", 3.0, {}};
-  for (const int p : {1, 4}) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], 0, detail::lab_holds({5, 20}, 0.2, 0.4), 0.0, 0.6});
+  for (const int p : {1, 4}) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({5, 20}, 0.2, 0.4), 0.0, 0.6});
   return plan;
 }
 
@@ -112,7 +112,7 @@ TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells 
 TEST_CASE("whoever tells how deep the LEDs lie and where the camera is has them without parallax", "[lab]") {
   const PadLight light(plain_pad());
   LabPlan plan{"one contact", 0.0, {}};
-  plan.contacts.push_back({0, 0.0, 0, detail::lab_holds({5}, 0.3, 0.5), 0.0, 1.0});
+  plan.contacts.push_back({0, 0.0, 0, lab_holds({5}, 0.3, 0.5), 0.0, 1.0});
   const VirtualRig rig(light, plan, 1, 0.0);
   const Image image = rig.image(0);
   const SidePainter painter({rig.rig().camera, SideGeometry{}, {}}, rig.rig().light, light.responses().position_m, 1);
@@ -140,7 +140,7 @@ TEST_CASE("the finger's localiser finds places along a pad with clear ends, and 
   double error = 0.0, held = 0.0;
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     LabPlan plan{"six places", 0.0, {}};
-    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, 10e-3 * (p - 2.5), 0, detail::lab_holds({5, 10}, 0.2, 0.3), 0.0, 1.0});
+    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, 10e-3 * (p - 2.5), 0, lab_holds({5, 10}, 0.2, 0.3), 0.0, 1.0});
     const VirtualRig rig(light, plan, seed);
     const UnloadedStretch rest = UnloadedStretch::of(rig.session(), rig.frames().front().stamp_ns);
     VirtualCamera first(rig), all(rig);

@@ -11,12 +11,12 @@
 namespace lumo::test {
 
 /// Patches of a block body: 0 bottom (bonded), 1 top (contactable), 2 sides.
-inline Body block_body(const Vec3& size) {
+inline Body block_body(const Vec3d& size) {
   Body b;
   b.name = "block";
-  b.patches = {{"bottom", Plane{Vec3::Zero(), -Vec3::UnitZ()}, true, false, false, Lambertian{}},
-               {"top", Plane{{0, 0, size.z()}, Vec3::UnitZ()}, false, true, false, Dielectric{}},
-               {"side", Plane{{size.x(), 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}}};
+  b.patches = {{"bottom", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, true, false, false, Lambertian{}},
+               {"top", Plane{{0, 0, size.z()}, Vec3d::UnitZ()}, false, true, false, Dielectric{}},
+               {"side", Plane{{size.x(), 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}}};
   b.exact_volume_m3 = size.prod();
   b.pivot = {0, 0, size.z()};
   return b;
@@ -30,7 +30,7 @@ inline std::vector<double> even(int n) {
 }
 
 /// Quadratic (or linear) tetrahedra on a grid. Faces in the planes x = 0 and y = 0 are left out when `quarter`.
-inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order, bool quarter) {
+inline TetMesh block_mesh(const Vec3d& size, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order, bool quarter) {
   TetMesh m;
   m.order = 1;
   const int nx = int(gx.size()) - 1, ny = int(gy.size()) - 1, nz = int(gz.size()) - 1;
@@ -93,7 +93,7 @@ inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const
 }
 
 /// A block for tests that look at every element.
-inline const Vec3 small_size(8e-3, 6e-3, 5e-3);
+inline const Vec3d small_size(8e-3, 6e-3, 5e-3);
 
 template <class Element>
 TetMesh small_mesh() {
@@ -101,7 +101,7 @@ TetMesh small_mesh() {
 }
 
 /// A block 2a × 2b × h about the z axis as the mirrored quarter a × b × h, and its body.
-inline std::pair<Body, TetMesh> symmetric_block(const Vec3& half, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order = 2) {
+inline std::pair<Body, TetMesh> symmetric_block(const Vec3d& half, const std::vector<double>& gx, const std::vector<double>& gy, const std::vector<double>& gz, int order = 2) {
   Body b = block_body(half);
   b.symmetry = {true, true};
   b.exact_volume_m3 = 4.0 * half.prod();
@@ -109,22 +109,22 @@ inline std::pair<Body, TetMesh> symmetric_block(const Vec3& half, const std::vec
 }
 
 /// The same block for a mesher: its quarter as a closed surface, fine about the middle of the top.
-inline Body block_to_mesh(const Vec3& half, double finest, double growth, double coarsest) {
+inline Body block_to_mesh(const Vec3d& half, double finest, double growth, double coarsest) {
   Body b = block_body(half);
   b.symmetry = {true, true};
   b.exact_volume_m3 = 4.0 * half.prod();
   for (int k = 0; k < 8; ++k) b.vertices.emplace_back(k & 1 ? half.x() : 0.0, k & 2 ? half.y() : 0.0, k & 4 ? half.z() : 0.0);
-  b.patches[2].shape = Plane{{half.x(), 0, 0}, Vec3::UnitX()};
-  b.patches.push_back({"end", Plane{{0, half.y(), 0}, Vec3::UnitY()}, false, false, false, Dielectric{}});
+  b.patches[2].shape = Plane{{half.x(), 0, 0}, Vec3d::UnitX()};
+  b.patches.push_back({"end", Plane{{0, half.y(), 0}, Vec3d::UnitY()}, false, false, false, Dielectric{}});
   b.facets = {{{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{1, 3, 7, 5}, 2}, {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, Body::mirror_patch}, {{0, 1, 5, 4}, Body::mirror_patch}};
-  const Vec3 top(0, 0, half.z());
-  b.sizing.edge = [=](const Vec3& p) { return std::min(coarsest, finest + growth * (p - top).norm() + 0.5 * (top - p).z()); };
+  const Vec3d top(0, 0, half.z());
+  b.sizing.edge = [=](const Vec3d& p) { return std::min(coarsest, finest + growth * (p - top).norm() + 0.5 * (top - p).z()); };
   return b;
 }
 
 /// A smooth displacement of a few percent, for derivative tests.
-inline Vec3 wavy(const Vec3& x, double size) {
-  return 0.03 * size * Vec3(std::sin(3 * x.y() / size + x.z() / size), std::cos(2 * x.x() / size) - 1.0 + x.z() / size, std::sin(2 * x.x() / size + x.y() / size));
+inline Vec3d wavy(const Vec3d& x, double size) {
+  return 0.03 * size * Vec3d(std::sin(3 * x.y() / size + x.z() / size), std::cos(2 * x.x() / size) - 1.0 + x.z() / size, std::sin(2 * x.x() / size + x.y() / size));
 }
 
 }  // namespace lumo::test

@@ -44,9 +44,9 @@ TriangleSurface round_mesh(double radius, int around) {   // rings of latitude b
 TEST_CASE("a flat punch on a deep soft block meets Sneddon's stiffness") {
   // Sneddon 1965: F = 2 E* a d. The rim is rounded by a twentieth of the radius and the block is 40 radii deep and half as wide.
   const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), a = 1e-3;
-  Body body = test::block_to_mesh(Vec3::Constant(40e-3), 0.1e-3, 0.12, 12e-3);
-  const Vec3 top(0, 0, 40e-3);
-  body.sizing.edge = [=](const Vec3& p) {   // fine along the rim
+  Body body = test::block_to_mesh(Vec3d::Constant(40e-3), 0.1e-3, 0.12, 12e-3);
+  const Vec3d top(0, 0, 40e-3);
+  body.sizing.edge = [=](const Vec3d& p) {   // fine along the rim
     const double rim = std::hypot(std::hypot(p.x(), p.y()) - a, p.z() - top.z());
     return std::min({12e-3, 0.06e-3 + 0.4 * rim});
   };
@@ -64,7 +64,7 @@ TEST_CASE("a flat punch on a deep soft block meets Sneddon's stiffness") {
 TEST_CASE("a long bar on a block meets Hertz's line contact in width and in peak pressure") {
   // Hertz 1882: b^2 = 4 F' R / (pi E*), p0 = 2 F' / (pi b). Without lateral contraction (lambda = 0) plane strain holds whatever the ends do.
   const double mu = 1e5, E_star = 2 * mu, R = 8e-3, b = 0.6e-3, per_length = pi * E_star * b * b / (4 * R);
-  const Vec3 half(8e-3, 0.6e-3, 8e-3);
+  const Vec3d half(8e-3, 0.6e-3, 8e-3);
   std::vector<double> gx, gz;
   for (int i = 0; i <= 26; ++i) gx.push_back(std::pow(i / 26.0, 1.4));
   for (int i = 0; i <= 12; ++i) gz.push_back(1.0 - std::pow(1.0 - i / 12.0, 1.8));
@@ -85,7 +85,7 @@ TEST_CASE("a long bar on a block meets Hertz's line contact in width and in peak
 }
 
 TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes down on its face") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(8e-3, 8e-3, 6e-3), test::even(6), test::even(6), test::even(4));
+  const auto [body, mesh] = test::symmetric_block(Vec3d(8e-3, 8e-3, 6e-3), test::even(6), test::even(6), test::even(4));
   const FastSimulator sim;
   const std::vector<double> loads = {0.5, 1.0, 2.0};
   const auto compare = [&](const auto& a, const auto& b, double margin) {

@@ -49,7 +49,7 @@ PressedFinger coarse_finger(const FingerDesign& design, const Scenario<Sphere>& 
 TEST_CASE("a sphere on a deep soft block meets Hertz in force and in area") {
   // Hertz 1882: F = 4/3 E* sqrt(R) d^1.5, a^3 = 3/4 F R / E* (small strain, half-space; the block is 80 contact radii wide and deep).
   const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), R = 20e-3;
-  const Body body = test::block_to_mesh(Vec3::Constant(40e-3), 0.05e-3, 0.12, 12e-3);
+  const Body body = test::block_to_mesh(Vec3d::Constant(40e-3), 0.05e-3, 0.12, 12e-3);
   const TetMesh mesh = mesh_body(body, TetgenMesher{});
   FastSimulator sim{NeoHookean{mu, lambda}, SDFContact{3e12}};
   const Scenario<Sphere> s{Sphere{2 * R}, 0.0, 0.0, {0.002, 0.004}};
@@ -91,7 +91,7 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
   const FastSimulator sim;
   const MechanicalState state = sim.press(f.body, f.mesh, s).front();
   const Touch touch = first_touch(f.body, f.mesh, s);
-  const auto residual = [&](const std::vector<Vec3>& u, double depth, double load) {
+  const auto residual = [&](const std::vector<Vec3d>& u, double depth, double load) {
     return out_of_balance(f.body, f.mesh, sim.material, sim.contact, sim.element, s.indenter, touch.origin + depth * s.direction(), s.direction(), load, u);
   };
   CHECK(residual(state.displacement, state.depth_m, 2.0) < 2e-6);
@@ -100,7 +100,7 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
   auto moved = state.displacement;
   for (std::size_t k = 0; k < moved.size(); ++k)
     if (moved[k].norm() > 0) {
-      moved[k] += Vec3(0, 0, 1e-7);
+      moved[k] += Vec3d(0, 0, 1e-7);
       break;
     }
   CHECK(residual(moved, state.depth_m, 2.0) > 1e-5);
@@ -174,7 +174,7 @@ TEST_CASE("the equilibrium does not depend on the way to it: 15 to 1 N retraces 
 
   using Model = SectorModel<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
   const Model model(f.body, f.mesh, {true, true}, sim.material, sim.contact, sim.element);
-  detail::QuasiStaticRun<Model, Sphere> path(model, s, first_touch(f.body, f.mesh, s), {});
+  QuasiStaticRun<Model, Sphere> path(model, s, first_touch(f.body, f.mesh, s), {});
   for (double load : s.loads_N) REQUIRE(path.solve(0.25 * load) == Status::converged);
   for (int k = 3; k >= 0; --k) {
     REQUIRE(path.solve(0.25 * s.loads_N[std::size_t(k)]) == Status::converged);
@@ -183,7 +183,7 @@ TEST_CASE("the equilibrium does not depend on the way to it: 15 to 1 N retraces 
 }
 
 TEST_CASE("the Eigen-only simulator gives the same answer as the one with CHOLMOD") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(8e-3, 8e-3, 6e-3), graded(4, 1.5), graded(4, 1.5), from_top(3, 1.5));
+  const auto [body, mesh] = test::symmetric_block(Vec3d(8e-3, 8e-3, 6e-3), graded(4, 1.5), graded(4, 1.5), from_top(3, 1.5));
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {0.5, 1.0}};
   const auto a = Simulator{NeoHookean{}, SDFContact{}}.press(body, mesh, s);
   const auto b = FastSimulator{}.press(body, mesh, s);
@@ -205,7 +205,7 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
   for (auto& face : linear.faces) std::fill(face.nodes.begin() + 3, face.nodes.end(), -1);
   // Corner nodes come in an arbitrary order: give them new numbers.
   std::vector<int> number(linear.nodes.size(), -1);
-  std::vector<Vec3> nodes;
+  std::vector<Vec3d> nodes;
   const auto renumber = [&](int& n) {
     if (n < 0) return;
     if (number[std::size_t(n)] < 0) number[std::size_t(n)] = int(corners++), nodes.push_back(linear.nodes[std::size_t(n)]);
@@ -225,7 +225,7 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
 }
 
 TEST_CASE("what cannot be solved is a status, and bad input one line") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
+  const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
   Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {1.0}};
   FastSimulator sim;
   sim.solver.config.max_iterations = 1;
@@ -239,8 +239,8 @@ TEST_CASE("what cannot be solved is a status, and bad input one line") {
   CHECK(states.front().status == Status::converged);
   CHECK(states.back().status != Status::converged);
   TetMesh broken = mesh;
-  for (Vec3& x : broken.nodes)
-    if ((x - Vec3(2e-3, 2e-3, 2e-3)).norm() < 1e-9) x.x() += 5e-3;   // beyond the next cell
+  for (Vec3d& x : broken.nodes)
+    if ((x - Vec3d(2e-3, 2e-3, 2e-3)).norm() < 1e-9) x.x() += 5e-3;   // beyond the next cell
   CHECK(sim.press(body, broken, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {1.0}}).front().status == Status::inverted);
   for (const auto& bad : {std::vector<double>{}, {2.0, 1.0}, {-1.0}, {std::nan("")}}) {
     s.loads_N = bad;
@@ -252,7 +252,7 @@ TEST_CASE("what cannot be solved is a status, and bad input one line") {
 }
 
 TEST_CASE("a body that is squeezed out of its volume ends where no step keeps the rest, and not before smaller strides were tried") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
+  const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
   FastSimulator sim{NeoHookean{1e5, 1e3}, SDFContact{1e11}};   // Poisson's ratio 0.005: a sponge
   sim.solver.config.load_stride = 100.0;
   sim.solver.config.stride_iterations = 300;
@@ -264,7 +264,7 @@ TEST_CASE("a body that is squeezed out of its volume ends where no step keeps th
 
 TEST_CASE("a strut that would buckle is not passed off as stable") {
   // A slender column under a central sphere: the symmetric path exists, but fields that break the symmetry let it buckle.
-  const Vec3 half(1.0e-3, 1.0e-3, 14e-3);
+  const Vec3d half(1.0e-3, 1.0e-3, 14e-3);
   const auto [body, mesh] = test::symmetric_block(half, test::even(1), test::even(1), test::even(14));
   // The sphere keeps the load's line, so the head is as good as pinned: 8.2 times Euler's pi^2 E I / (2 L)^2 for a free head; E = 3 mu.
   const double euler = pi * pi * 3 * 1e5 * std::pow(2e-3, 4) / 12 / std::pow(2 * 14e-3, 2);

@@ -42,7 +42,7 @@ TEST_CASE("the picture of a pressed body is its cut: the section's area while no
   for (const double y : {0.0, 11.3e-3}) {   // through nodes, and between them
     const Scenario<Sphere> scenario{.indenter = {10e-3}, .angle_rad = 0.0, .y_m = y};
     MechanicalState state;
-    state.displacement.assign(mesh.nodes.size(), Vec3::Zero());
+    state.displacement.assign(mesh.nodes.size(), Vec3d::Zero());
     std::ostringstream out;
     write_press_svg(out, body, mesh, scenario, state);
     const std::string svg = out.str();

@@ -18,15 +18,15 @@ namespace mesher_laws {
 
 using lumo::LinearTets;
 using lumo::MeshInput;
-using lumo::Vec3;
+using lumo::Vec3d;
 
-inline const Vec3& at(const LinearTets& mesh, int i) { return mesh.vertices[static_cast<std::size_t>(i)]; }
+inline const Vec3d& at(const LinearTets& mesh, int i) { return mesh.vertices[static_cast<std::size_t>(i)]; }
 
 inline double volume(const LinearTets& mesh, const std::array<int, 4>& t) {
   return (at(mesh, t[1]) - at(mesh, t[0])).cross(at(mesh, t[2]) - at(mesh, t[0])).dot(at(mesh, t[3]) - at(mesh, t[0])) / 6.0;
 }
 
-inline Vec3 area(const LinearTets& mesh, const std::array<int, 3>& f) {
+inline Vec3d area(const LinearTets& mesh, const std::array<int, 3>& f) {
   return 0.5 * (at(mesh, f[1]) - at(mesh, f[0])).cross(at(mesh, f[2]) - at(mesh, f[0]));
 }
 
@@ -42,21 +42,21 @@ inline void check_laws(const LinearTets& mesh, const MeshInput& input) {
   CHECK(least > 0.0);
   CHECK(total == Approx(report.volume).epsilon(1e-9));
   REQUIRE(mesh.faces.size() == mesh.patches.size());
-  Vec3 closed = Vec3::Zero();
+  Vec3d closed = Vec3d::Zero();
   double surface = 0.0;
   double enclosed = 0.0;
   std::map<std::pair<int, int>, int> edges;
   std::map<int, double> patch_area, given_area;
   for (std::size_t i = 0; i < mesh.faces.size(); ++i) {
     const auto& f = mesh.faces[i];
-    const Vec3 normal = area(mesh, f);
+    const Vec3d normal = area(mesh, f);
     closed += normal;
     surface += normal.norm();
     enclosed += normal.dot(at(mesh, f[0]) - report.low) / 3.0;
     patch_area[mesh.patches[i]] += normal.norm();
     for (std::size_t k = 0; k < 3; ++k) ++edges[{f[k], f[(k + 1) % 3]}];
   }
-  for (const auto& facet : input.facets) given_area[facet.patch] += 0.5 * lumo::detail::polygon_normal(input.vertices, facet.loop).norm();
+  for (const auto& facet : input.facets) given_area[facet.patch] += 0.5 * lumo::polygon_normal(input.vertices, facet.loop).norm();
   CHECK(closed.norm() < 1e-9 * surface);
   CHECK(surface == Approx(report.area).epsilon(1e-9));
   CHECK(enclosed == Approx(report.volume).epsilon(1e-9));  // faces look outwards

@@ -30,7 +30,7 @@ TEST_CASE("edges along y are longer by the stretch that is asked for, and the me
     double along = 0.0, across = 0.0;
     for (const auto& t : mesh.tets)
       for (std::size_t k = 1; k < 4; ++k) {
-        const Vec3 edge = mesh.nodes[std::size_t(t[k])] - mesh.nodes[std::size_t(t[0])];
+        const Vec3d edge = mesh.nodes[std::size_t(t[k])] - mesh.nodes[std::size_t(t[0])];
         along += std::abs(edge.y()), across += std::abs(edge.x());
       }
     return std::pair(along / across, mesh.tets.size());
@@ -94,12 +94,12 @@ TEST_CASE("a sector and its mirror images are the whole") {
   for (Symmetry planes : {Symmetry{true, false}, Symmetry{false, true}, Symmetry{true, true}}) {
     const Sector s = sector_of(mesh, planes);
     CHECK(measure(s.mesh).volume_m3 == Approx(s.fraction() * volume).epsilon(1e-12));
-    std::vector<Vec3> field;
-    for (const Vec3& x : s.mesh.nodes) field.emplace_back(x.x() * x.z(), x.y() * x.x() * x.x(), x.z());  // even in x and y as a vector field
-    const std::vector<Vec3> all = unfold(mesh, s, field);
+    std::vector<Vec3d> field;
+    for (const Vec3d& x : s.mesh.nodes) field.emplace_back(x.x() * x.z(), x.y() * x.x() * x.x(), x.z());  // even in x and y as a vector field
+    const std::vector<Vec3d> all = unfold(mesh, s, field);
     for (std::size_t k = 0; k < all.size(); ++k) {
-      const Vec3& x = mesh.nodes[k];
-      CHECK((all[k] - Vec3(x.x() * x.z(), x.y() * x.x() * x.x(), x.z())).norm() < 1e-18);
+      const Vec3d& x = mesh.nodes[k];
+      CHECK((all[k] - Vec3d(x.x() * x.z(), x.y() * x.x() * x.x(), x.z())).norm() < 1e-18);
     }
   }
   TetMesh plain = mesh;

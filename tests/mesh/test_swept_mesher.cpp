@@ -13,7 +13,6 @@
 #include <set>
 
 using namespace lumo;
-using detail::PolygonRefinement;
 using mesher_laws::check_laws;
 
 namespace {
@@ -126,17 +125,17 @@ TEST_CASE("any simple polygon is filled, sharp corners and all, and grading is f
 }
 
 TEST_CASE("the swept mesher obeys a mesher's laws") {
-  std::vector<MeshInput> bodies{surfaces::box(Vec3(0, 0, 0), Vec3(1, 2, 3)), surfaces::l_prism(), surfaces::notched_finger(8)};
+  std::vector<MeshInput> bodies{surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), surfaces::l_prism(), surfaces::notched_finger(8)};
   for (MeshInput& body : bodies)
     for (const double edge : {0.0, 0.7, 0.15}) {
-      if (edge > 0.0) body.edge = [edge](const Vec3& p) { return edge * (1.0 + std::abs(p.y() - 0.5)); };
+      if (edge > 0.0) body.edge = [edge](const Vec3d& p) { return edge * (1.0 + std::abs(p.y() - 0.5)); };
       check_laws(SweptMesher{}.fill(body), body);
       mesher_laws::check_same_bits(SweptMesher{}, SweptMesher{}, body);
     }
   // Layers follow the wish along y.
-  bodies[0].edge = [](const Vec3& p) { return 0.05 + 0.2 * p.y(); };
+  bodies[0].edge = [](const Vec3d& p) { return 0.05 + 0.2 * p.y(); };
   std::set<double> levels;
-  for (const Vec3& v : SweptMesher{}.fill(bodies[0]).vertices) levels.insert(v.y());
+  for (const Vec3d& v : SweptMesher{}.fill(bodies[0]).vertices) levels.insert(v.y());
   double before = -1.0, thickness = 0.0;
   for (const double y : levels) {
     if (before >= 0.0) {
@@ -150,19 +149,19 @@ TEST_CASE("the swept mesher obeys a mesher's laws") {
 
 TEST_CASE("the swept mesher says what is no prism along y") {
   CHECK(refusal(surfaces::sphere(1)) == MeshError::Reason::degenerate);
-  MeshInput slanted = surfaces::box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  MeshInput slanted = surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   for (const std::size_t v : {4, 5, 6, 7}) slanted.vertices[v].x() += 0.1 * slanted.vertices[v].y();
   CHECK(refusal(slanted) == MeshError::Reason::degenerate);
-  MeshInput two = surfaces::box(Vec3(0, 0, 0), Vec3(1, 1, 1));
-  surfaces::append(two, surfaces::box(Vec3(2, 0, 0), Vec3(3, 1, 1)));
+  MeshInput two = surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
+  surfaces::append(two, surfaces::box(Vec3d(2, 0, 0), Vec3d(3, 1, 1)));
   CHECK(refusal(two) == MeshError::Reason::degenerate);
-  MeshInput point = surfaces::box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  MeshInput point = surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   point.vertices.emplace_back(0.5, 0.5, 0.5);
   CHECK(refusal(point) == MeshError::Reason::degenerate);
   MeshInput kept = surfaces::l_prism();
   kept.keep_surface = true;
   CHECK(refusal(kept) == MeshError::Reason::degenerate);
-  MeshInput halves = surfaces::box(Vec3(0, 0, 0), Vec3(1, 1, 1));   // one side in two triangles
+  MeshInput halves = surfaces::box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));   // one side in two triangles
   halves.facets[5] = {{1, 3, 7}, 5};
   halves.facets.push_back({{1, 7, 5}, 5});
   CHECK(refusal(halves) == MeshError::Reason::degenerate);
@@ -170,9 +169,9 @@ TEST_CASE("the swept mesher says what is no prism along y") {
   open.facets.pop_back();
   CHECK(refusal(open) == MeshError::Reason::open);
   MeshInput vague = surfaces::l_prism();
-  vague.edge = [](const Vec3&) { return std::numeric_limits<double>::quiet_NaN(); };
+  vague.edge = [](const Vec3d&) { return std::numeric_limits<double>::quiet_NaN(); };
   CHECK(refusal(vague) == MeshError::Reason::not_finite);
-  vague.edge = [](const Vec3&) { return 1e-7; };
+  vague.edge = [](const Vec3d&) { return 1e-7; };
   CHECK(refusal(vague) == MeshError::Reason::out_of_memory);
 }
 

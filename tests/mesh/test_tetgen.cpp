@@ -26,10 +26,10 @@ using lumo::LinearTets;
 using lumo::MeshError;
 using lumo::MeshInput;
 using lumo::TetgenMesher;
-using lumo::Vec3;
-using lumo::detail::Bytes;
-using lumo::detail::ForkServer;
-using lumo::detail::JobOutcome;
+using lumo::Vec3d;
+using lumo::Bytes;
+using lumo::ForkServer;
+using lumo::JobOutcome;
 using Reason = MeshError::Reason;
 using namespace mesher_laws;
 using namespace surfaces;
@@ -87,7 +87,7 @@ double quantile(std::vector<double> values, double share) {
 }
 
 /// Edge lengths over wanted lengths at their middles.
-std::vector<double> relative_lengths(const LinearTets& mesh, const std::function<double(const Vec3&)>& wanted) {
+std::vector<double> relative_lengths(const LinearTets& mesh, const std::function<double(const Vec3d&)>& wanted) {
   std::set<std::pair<int, int>> edges;
   for (const auto& t : mesh.tets)
     for (std::size_t i = 0; i < 4; ++i)
@@ -101,9 +101,9 @@ std::vector<double> relative_lengths(const LinearTets& mesh, const std::function
 std::vector<double> smallest_dihedrals(const LinearTets& mesh) {
   std::vector<double> angles;
   for (const auto& t : mesh.tets) {
-    std::array<Vec3, 4> normals;
+    std::array<Vec3d, 4> normals;
     for (std::size_t k = 0; k < 4; ++k) {
-      const auto& f = lumo::detail::outward_faces[k];
+      const auto& f = lumo::outward_faces[k];
       normals[k] = area(mesh, {t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])], t[static_cast<std::size_t>(f[2])]}).normalized();
     }
     double least = 180.0;
@@ -154,7 +154,7 @@ Bytes loses_helper(std::span<const char>) {
   for (;;) ::pause();   // goes with the helper
 }
 
-Bytes loses_helper_once(std::span<const char> request) { return jobs_begun()++ == 0 ? loses_helper(request) : lumo::detail::tetgen_job(request); }
+Bytes loses_helper_once(std::span<const char> request) { return jobs_begun()++ == 0 ? loses_helper(request) : lumo::tetgen_job(request); }
 
 TetgenMesher with(ForkServer::Work work) {
   jobs_begun() = 0;   // before the fork
@@ -171,21 +171,21 @@ static_assert(!lumo::Mesher<int>);
 TEST_CASE("good bodies are filled, with patches and outward faces", "[mesh][tetgen]") {
   const TetgenMesher mesher;
   std::mt19937_64 random(1);
-  std::vector<MeshInput> bodies{box(Vec3(0, 0, 0), Vec3(1, 2, 3)), l_prism(), notched_finger(15), sphere(2), block(4, random)};
-  bodies.push_back(box(Vec3(0, 0, 0), Vec3(4, 4, 4)));  // with a cavity
-  MeshInput cavity = sphere(1, 1.0, Vec3(2, 2, 2));
+  std::vector<MeshInput> bodies{box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), l_prism(), notched_finger(15), sphere(2), block(4, random)};
+  bodies.push_back(box(Vec3d(0, 0, 0), Vec3d(4, 4, 4)));  // with a cavity
+  MeshInput cavity = sphere(1, 1.0, Vec3d(2, 2, 2));
   invert(cavity);
   append(bodies.back(), cavity);
   bodies.push_back(sphere(1));  // two bodies
-  append(bodies.back(), box(Vec3(2, 0, 0), Vec3(3, 1, 1)));
+  append(bodies.back(), box(Vec3d(2, 0, 0), Vec3d(3, 1, 1)));
   for (MeshInput& body : bodies) {
     check_laws(mesher.fill(body), body);
     turn(body, random);
-    for (Vec3& v : body.vertices) v = 0.01 * v + Vec3(0.3, -0.2, 0.1);
-    body.edge = [](const Vec3&) { return 0.003; };
+    for (Vec3d& v : body.vertices) v = 0.01 * v + Vec3d(0.3, -0.2, 0.1);
+    body.edge = [](const Vec3d&) { return 0.003; };
     check_laws(mesher.fill(body), body);
   }
-  MeshInput point = box(Vec3(0, 0, 0), Vec3(1, 1, 1));  // vertices of no facet are interior points
+  MeshInput point = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));  // vertices of no facet are interior points
   point.vertices.emplace_back(0.3, 0.4, 0.6);
   check_laws(mesher.fill(point), point);
 }
@@ -213,7 +213,7 @@ TEST_CASE("given facets are kept when asked for", "[mesh][tetgen]") {
   std::mt19937_64 random(2);
   MeshInput body = block(5, random);
   body.keep_surface = true;
-  body.edge = [](const Vec3& p) { return 0.1 + 0.1 * p.z(); };
+  body.edge = [](const Vec3d& p) { return 0.1 + 0.1 * p.z(); };
   const LinearTets mesh = mesher.fill(body);
   check_laws(mesh, body);
   CHECK(mesh.faces.size() == body.facets.size());
@@ -231,13 +231,13 @@ TEST_CASE("the wanted edge length is obeyed, uniform and graded", "[mesh][tetgen
   const TetgenMesher mesher;
   struct Wish {
     MeshInput body;
-    std::function<double(const Vec3&)> edge;
+    std::function<double(const Vec3d&)> edge;
   };
   const std::vector<Wish> wishes{
-      {box(Vec3(0, 0, 0), Vec3(1, 2, 1)), [](const Vec3&) { return 0.12; }},
-      {box(Vec3(0, 0, 0), Vec3(1, 2, 1)), [](const Vec3& p) { return 0.05 + 0.25 * (1.0 - p.z()); }},
-      {box(Vec3(0, 0, 0), Vec3(1, 1, 1)), [](const Vec3& p) { return 0.01 + 0.2 * (p - Vec3(0.5, 0.5, 1.0)).norm(); }},
-      {notched_finger(8), [](const Vec3& p) { return 0.1 + 0.1 * std::abs(p.y() - 1.5); }},
+      {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d&) { return 0.12; }},
+      {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d& p) { return 0.05 + 0.25 * (1.0 - p.z()); }},
+      {box(Vec3d(0, 0, 0), Vec3d(1, 1, 1)), [](const Vec3d& p) { return 0.01 + 0.2 * (p - Vec3d(0.5, 0.5, 1.0)).norm(); }},
+      {notched_finger(8), [](const Vec3d& p) { return 0.1 + 0.1 * std::abs(p.y() - 1.5); }},
   };
   for (const Wish& wish : wishes) {
     MeshInput body = wish.body;
@@ -266,7 +266,7 @@ TEST_CASE("the wanted edge length is obeyed, uniform and graded", "[mesh][tetgen
 
 TEST_CASE("the same input gives the same bits", "[mesh][tetgen]") {
   MeshInput body = notched_finger(10);
-  body.edge = [](const Vec3& p) { return 0.1 + 0.05 * std::abs(p.x()); };
+  body.edge = [](const Vec3d& p) { return 0.1 + 0.05 * std::abs(p.x()); };
   const TetgenMesher used, fresh;
   used.fill(sphere(1));
   mesher_laws::check_same_bits(used, used, body);
@@ -292,7 +292,7 @@ TEST_CASE("bad surfaces give typed errors and leave nothing behind", "[mesh][tet
 }
 
 TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen]") {
-  ForkServer server(lumo::detail::tetgen_job);
+  ForkServer server(lumo::tetgen_job);
   server.run({}, {1.0, 0});  // it has set itself up by now
   const std::size_t files = open_files();
   const std::size_t helper_files = open_files(server.pid());
@@ -301,15 +301,15 @@ TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen
   for (const auto& [fault, name] : all_faults)
     for (std::uint64_t seed = 0; seed < 6; ++seed) {
       const MeshInput input = faulty(fault, seed);
-      lumo::detail::TetgenRequest request;
+      lumo::TetgenRequest request;
       request.knobs = {1.3, 14.0, 0.8, 140.0, 0, 0};
-      for (const Vec3& v : input.vertices) request.coordinates.insert(request.coordinates.end(), {v.x(), v.y(), v.z()});
+      for (const Vec3d& v : input.vertices) request.coordinates.insert(request.coordinates.end(), {v.x(), v.y(), v.z()});
       for (const auto& facet : input.facets) {
         request.counts.push_back(static_cast<int>(facet.loop.size()));
         request.corners.insert(request.corners.end(), facet.loop.begin(), facet.loop.end());
         request.markers.push_back(1);
       }
-      ++outcomes[server.run(lumo::detail::encode(request), {0.3, std::uint64_t{1} << 30}).outcome];
+      ++outcomes[server.run(lumo::encode(request), {0.3, std::uint64_t{1} << 30}).outcome];
     }
   CHECK(outcomes[JobOutcome::crashed] > 0);
   const Bytes nonsense(1000, '\x7f');
@@ -321,7 +321,7 @@ TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen
 }
 
 TEST_CASE("crashes, hangs and hunger are told apart", "[mesh][tetgen]") {
-  const MeshInput body = box(Vec3(0, 0, 0), Vec3(1, 1, 1));
+  const MeshInput body = box(Vec3d(0, 0, 0), Vec3d(1, 1, 1));
   const auto reason = [&](ForkServer::Work work, double time_limit_s = 60.0) {
     TetgenMesher mesher = with(work);
     mesher.time_limit_s = time_limit_s;
@@ -341,7 +341,7 @@ TEST_CASE("crashes, hangs and hunger are told apart", "[mesh][tetgen]") {
   }
   TetgenMesher hasty{.time_limit_s = 0.001};
   MeshInput fine = body;
-  fine.edge = [](const Vec3&) { return 0.03; };
+  fine.edge = [](const Vec3d&) { return 0.03; };
   CHECK(seconds_of([&] { CHECK(verdict(hasty, fine) == Reason::timed_out); }) < 5.0);
   hasty.time_limit_s = 60.0;
   if (!sanitized) {
@@ -365,10 +365,10 @@ TEST_CASE("knobs out of range are refused", "[mesh][tetgen]") {
   CHECK_THROWS_AS(TetgenMesher{.size_factor = 0.0}.fill(body), lumo::InvalidArgument);
   MeshInput wish = body;
   for (const double length : {0.0, -1.0, std::nan(""), HUGE_VAL}) {
-    wish.edge = [length](const Vec3&) { return length; };
+    wish.edge = [length](const Vec3d&) { return length; };
     CHECK(verdict(TetgenMesher{}, wish) == Reason::not_finite);
   }
-  wish.edge = [](const Vec3&) -> double { throw std::domain_error("no wish here"); };
+  wish.edge = [](const Vec3d&) -> double { throw std::domain_error("no wish here"); };
   CHECK_THROWS_AS(TetgenMesher{}.fill(wish), std::domain_error);
 }
 

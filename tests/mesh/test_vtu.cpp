@@ -16,7 +16,7 @@ TetMesh one_tet() {
   return m;
 }
 
-std::string encode(std::string_view s) { return lumo::detail::base64({reinterpret_cast<const unsigned char*>(s.data()), s.size()}); }
+std::string encode(std::string_view s) { return lumo::base64({reinterpret_cast<const unsigned char*>(s.data()), s.size()}); }
 
 }  // namespace
 

@@ -15,8 +15,8 @@ TEST_CASE("the closest point of an ellipse is perpendicular, idempotent and near
   for (double b : {1e-3, 6e-3, 14.75e-3, 20e-3}) {
     const EllipticCylinder e{{0, 0, 6e-3}, 14.75e-3, b};
     for (int k = 0; k < 300; ++k) {
-      const Vec3 p(25e-3 * u(random), 30e-3 * u(random), 6e-3 + 20e-3 * (u(random) + 1));
-      const Vec3 q = e.closest_point(p);
+      const Vec3d p(25e-3 * u(random), 30e-3 * u(random), 6e-3 + 20e-3 * (u(random) + 1));
+      const Vec3d q = e.closest_point(p);
       const double on = std::pow(q.x() / 14.75e-3, 2) + std::pow((q.z() - 6e-3) / b, 2);
       CHECK(on == Approx(1.0).epsilon(1e-9));
       CHECK(q.y() == p.y());
@@ -38,11 +38,11 @@ TEST_CASE("the closest point of an ellipse lies on it for points beside the axes
     const EllipticCylinder e{{0, 0, 0}, 14.75e-3, b};
     for (double small = 1e-2; small > 1e-25; small *= 0.1)
       for (double large : {1e-4, 3e-3, 14e-3, 0.3, 1e3})
-        for (const Vec3& p : {Vec3(small, 0, large), Vec3(large, 0, small)}) {
-          const Vec3 q = e.closest_point(p);
+        for (const Vec3d& p : {Vec3d(small, 0, large), Vec3d(large, 0, small)}) {
+          const Vec3d q = e.closest_point(p);
           CAPTURE(b, p.x(), p.z());
           CHECK(std::hypot(q.x() / 14.75e-3, q.z() / b) == Approx(1.0).epsilon(1e-12));
-          CHECK((q - p).norm() <= std::min((Vec3(14.75e-3, 0, 0) - p).norm(), (Vec3(0, 0, b) - p).norm()) * (1.0 + 1e-12));
+          CHECK((q - p).norm() <= std::min((Vec3d(14.75e-3, 0, 0) - p).norm(), (Vec3d(0, 0, b) - p).norm()) * (1.0 + 1e-12));
         }
   }
 }
@@ -98,16 +98,16 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(b.emitters.front().center().y() == -22e-3);
 
   CHECK(b.regions == 11);
-  CHECK(b.region(Vec3(14.75e-3, 0, 2e-3), Vec3::UnitX()) == 5);
-  CHECK(b.region(Vec3(-14.75e-3, -27.4e-3, 2e-3), -Vec3::UnitX()) == 0);
-  CHECK(b.region(Vec3(14.75e-3, 27.4e-3, 2e-3), Vec3::UnitX()) == 10);
-  CHECK(b.region(Vec3(14.75e-3, 28e-3, 2e-3), Vec3::UnitX()) == -1);
-  CHECK(b.region(Vec3(1e-3, 0, 12e-3), Vec3(0.1, 0, 0.99)) == -1);
+  CHECK(b.region(Vec3d(14.75e-3, 0, 2e-3), Vec3d::UnitX()) == 5);
+  CHECK(b.region(Vec3d(-14.75e-3, -27.4e-3, 2e-3), -Vec3d::UnitX()) == 0);
+  CHECK(b.region(Vec3d(14.75e-3, 27.4e-3, 2e-3), Vec3d::UnitX()) == 10);
+  CHECK(b.region(Vec3d(14.75e-3, 28e-3, 2e-3), Vec3d::UnitX()) == -1);
+  CHECK(b.region(Vec3d(1e-3, 0, 12e-3), Vec3d(0.1, 0, 0.99)) == -1);
   for (int k = 0; k < 11; ++k) CHECK((*b.region_image_y)[std::size_t(k)] == 10 - k);
   const int dome = int(patch.at("dome") - b.patches.data());
-  const Vec3 p(-12e-3, -10e-3, 9e-3);
+  const Vec3d p(-12e-3, -10e-3, 9e-3);
   CHECK(outward_normal(b, dome, p).x() < 0.0);
-  CHECK(outward_normal(b, dome, Vec3(-p.x(), p.y(), p.z())).x() == -outward_normal(b, dome, p).x());
+  CHECK(outward_normal(b, dome, Vec3d(-p.x(), p.y(), p.z())).x() == -outward_normal(b, dome, p).x());
 
   const Body plain = finger({4, 8, 8, 5, 0}, dragon_skin());
   bool side = false;
@@ -136,9 +136,9 @@ TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, a
   FingerOptions coarse;
   coarse.mesh = coarse.mesh.scaled(1.4);
   CHECK(FingerOptions::Mesh{}.scaled(1.0) == FingerOptions::Mesh{});
-  const std::vector<Vec3> touches = {{0, 5e-3, 15e-3}};
+  const std::vector<Vec3d> touches = {{0, 5e-3, 15e-3}};
   const Body usual = focused(finger(design, dragon_skin()), touches), scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
-  for (const Vec3& p : {Vec3(0, 5e-3, 15e-3), Vec3(1e-3, 6e-3, 14.9e-3), Vec3(8e-3, -20e-3, 10e-3), Vec3(6e-3, 25e-3, 1e-3)})
+  for (const Vec3d& p : {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
     CHECK(scaled.sizing.edge(p) == Approx(1.4 * usual.sizing.edge(p)));
 }
 
@@ -160,8 +160,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
   CHECK(b.regions_in_space);
   CHECK(std::holds_alternative<Absorber>(b.touched));
   CHECK_FALSE(b.region_image_x);
-  CHECK(b.region(Vec3(14.75e-3, 0, 2e-3), Vec3::UnitX()) == 5);
-  CHECK(b.region(Vec3(-14.75e-3, 0, 2e-3), -Vec3::UnitX()) == -1);
+  CHECK(b.region(Vec3d(14.75e-3, 0, 2e-3), Vec3d::UnitX()) == 5);
+  CHECK(b.region(Vec3d(-14.75e-3, 0, 2e-3), -Vec3d::UnitX()) == -1);
 
   REQUIRE(b.emitters.size() == 10);
   double power = 0.0, sideways = 0.0;

@@ -13,14 +13,14 @@ struct Made {
   TetMesh mesh;
   std::vector<MechanicalState> states;
 
-  Made() : body(test::block_body(Vec3(20e-3, 20e-3, 2e-3))), mesh(test::block_mesh(Vec3(20e-3, 20e-3, 2e-3), test::even(20), test::even(20), test::even(1), 2, false)) {}
+  Made() : body(test::block_body(Vec3d(20e-3, 20e-3, 2e-3))), mesh(test::block_mesh(Vec3d(20e-3, 20e-3, 2e-3), test::even(20), test::even(20), test::even(1), 2, false)) {}
   void add(double load, double depth, double radius, double area) {
     MechanicalState s;
     s.status = Status::converged;
     s.load_N = s.force_N = load;
     s.depth_m = depth;
     s.contact_area_m2 = area;
-    for (const Vec3& p : mesh.nodes) s.contact_field.push_back(radius - std::hypot(p.x() - 10e-3, p.y() - 10e-3));
+    for (const Vec3d& p : mesh.nodes) s.contact_field.push_back(radius - std::hypot(p.x() - 10e-3, p.y() - 10e-3));
     states.push_back(s);
   }
 };

@@ -10,7 +10,7 @@ using namespace lumo;
 namespace {
 
 double normal_number(std::uint64_t key) {
-  return std::sqrt(-2.0 * std::log(detail::uniform(detail::combine(key, 0)))) * std::cos(2.0 * pi * detail::uniform(detail::combine(key, 1)));
+  return std::sqrt(-2.0 * std::log(uniform(combine(key, 0)))) * std::cos(2.0 * pi * uniform(combine(key, 1)));
 }
 
 /// Eight replicates of eleven regions: `signal` in the first, noise of standard error `noise` of the mean in each.
@@ -18,7 +18,7 @@ Eigen::MatrixXd noisy(double signal, double noise, std::uint64_t key) {
   Eigen::MatrixXd m(8, 11);
   for (Eigen::Index i = 0; i < 8; ++i)
     for (Eigen::Index j = 0; j < 11; ++j)
-      m(i, j) = (j == 0 ? signal : 0.0) + noise * std::sqrt(8.0) * normal_number(detail::combine(key, std::uint64_t(11 * i + j)));
+      m(i, j) = (j == 0 ? signal : 0.0) + noise * std::sqrt(8.0) * normal_number(combine(key, std::uint64_t(11 * i + j)));
   return m;
 }
 

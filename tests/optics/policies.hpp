@@ -18,13 +18,13 @@ struct NamedEmitter {
   Emitter emitter;
 };
 /// About the place `at`, radiating along +z as far as they have a way, 1 W.
-inline std::vector<NamedEmitter> all_emitters(const Vec3& at) {
+inline std::vector<NamedEmitter> all_emitters(const Vec3d& at) {
   const LobeTable lobe({0.0, 0.3, 0.8, 1.2}, {1.0, 0.9, 0.4, 0.0});
   return {{"rectangle", RectangleEmitter{at, {0.5e-3, 0, 0}, {0, 0.8e-3, 0}, 1.0, 0}},
-          {"disc", DiscEmitter{at, Vec3::UnitZ(), 0.6e-3, 1.0, 0}},
+          {"disc", DiscEmitter{at, Vec3d::UnitZ(), 0.6e-3, 1.0, 0}},
           {"point", PointEmitter{at, 1.0, 0}},
-          {"lobe", MeasuredLobe{lobe, at, Vec3::UnitZ(), 0.4e-3, 1.0, 0}},
-          {"point with a lobe, askew", MeasuredLobe{lobe, at, Vec3(0.5, 0.1, 0.8).normalized(), 0.0, 1.0, 0}}};
+          {"lobe", MeasuredLobe{lobe, at, Vec3d::UnitZ(), 0.4e-3, 1.0, 0}},
+          {"point with a lobe, askew", MeasuredLobe{lobe, at, Vec3d(0.5, 0.1, 0.8).normalized(), 0.0, 1.0, 0}}};
 }
 
 struct NamedSurface {
@@ -54,7 +54,7 @@ inline Photodiodes two_diodes() {
   return Photodiodes({{{-3e-3, 1e-3, 6e-3}, {2e-3, 0, 0}, {0, -2e-3, 0}, false, 60 * pi / 180}, {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
 }
 inline PinholeCamera wide_camera() {
-  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3}, .view = -Vec3::UnitZ(), .field_of_view_rad = 80 * pi / 180, .columns = 2, .rows = 2,
+  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3}, .view = -Vec3d::UnitZ(), .field_of_view_rad = 80 * pi / 180, .columns = 2, .rows = 2,
                         .aperture_m = 1.5e-3, .focus_m = 6e-3});
 }
 template <class F>
@@ -70,7 +70,7 @@ inline Model lit_box(const SurfaceOptics& optics, const lumo::Medium& medium, co
   m.body.patches[4].optics = m.body.patches[1].optics = optics;
   m.body.emitters = {emitter};
   m.body.regions = 2;
-  m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : 1; };
+  m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : 1; };
   return m;
 }
 

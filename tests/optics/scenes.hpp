@@ -22,7 +22,7 @@ class SurfaceBuilder {
  public:
   TetMesh mesh;
 
-  int node(const Vec3& p) {
+  int node(const Vec3d& p) {
     const auto key = std::tuple(std::llround(p.x() * 1e9), std::llround(p.y() * 1e9), std::llround(p.z() * 1e9));
     const auto [it, fresh] = index_.try_emplace(key, int(mesh.nodes.size()));
     if (fresh) mesh.nodes.push_back(p);
@@ -69,7 +69,7 @@ struct Model {
 };
 
 /// A box [−h, h] about `center`, n × n cells a side; patches −x, +x, −y, +y, −z, +z. No regions, no emitters.
-inline Model box(const Vec3& h, const lumo::Medium& medium, int n = 3, const Vec3& center = Vec3::Zero()) {
+inline Model box(const Vec3d& h, const lumo::Medium& medium, int n = 3, const Vec3d& center = Vec3d::Zero()) {
   SurfaceBuilder s;
   Model m;
   const std::vector<double> g = linspace(-1.0, 1.0, n);
@@ -77,16 +77,16 @@ inline Model box(const Vec3& h, const lumo::Medium& medium, int n = 3, const Vec
     for (int side = -1; side <= 1; side += 2) {
       const int i1 = (axis + 1) % 3, i2 = (axis + 2) % 3, patch = 2 * axis + (side > 0);
       s.grid(g, g, patch, [&](double u, double v) {
-        Vec3 p;
+        Vec3d p;
         p[axis] = side * h[axis];
         p[i1] = (side > 0 ? u : v) * h[i1];
         p[i2] = (side > 0 ? v : u) * h[i2];
-        return Vec3(p + center);
+        return Vec3d(p + center);
       });
-      Vec3 normal = Vec3::Zero();
+      Vec3d normal = Vec3d::Zero();
       normal[axis] = side;
       Patch q;
-      q.shape = Plane{center + Vec3(side * h.cwiseProduct(normal.cwiseAbs())), normal};
+      q.shape = Plane{center + Vec3d(side * h.cwiseProduct(normal.cwiseAbs())), normal};
       m.body.patches.push_back(q);
     }
   m.mesh = s.mesh;
@@ -96,14 +96,14 @@ inline Model box(const Vec3& h, const lumo::Medium& medium, int n = 3, const Vec
 
 /// A sphere of `radius` [m], a cube's grid blown up; one patch.
 inline Model sphere(double radius, const lumo::Medium& medium, int n = 8) {
-  Model m = box(Vec3::Ones(), medium, n);
-  for (Vec3& p : m.mesh.nodes) {
+  Model m = box(Vec3d::Ones(), medium, n);
+  for (Vec3d& p : m.mesh.nodes) {
     for (Eigen::Index a = 0; a < 3; ++a) p[a] = std::tan(0.25 * pi * p[a]);
     p = radius * p.normalized();
   }
   for (BoundaryFace& f : m.mesh.faces) f.patch = 0;
   Patch q;
-  q.shape = SphereShape{Vec3::Zero(), radius};
+  q.shape = SphereShape{Vec3d::Zero(), radius};
   m.body.patches = {q};
   return m;
 }
@@ -146,21 +146,21 @@ inline Model pad(const PadShape& s = {}) {
       if (x_of(p) >= lo - 1e-9 && x_of(p) <= hi + 1e-9) c.push_back(p);
     return c;
   };
-  b.grid(columns, ys, cap, [&](double p, double y) { return Vec3(x_of(p), y, s.flat + s.dome * std::cos(p)); });
+  b.grid(columns, ys, cap, [&](double p, double y) { return Vec3d(x_of(p), y, s.flat + s.dome * std::cos(p)); });
   const std::vector<double> low = linspace(0.0, hs, cells(hs)), high = linspace(0.0, 1.0, cells(s.flat + s.dome - hs));
   const auto wall = [&](double x, bool faces_right, int patch) {
     b.grid(faces_right ? ys : low, faces_right ? low : ys, patch,
-           [&](double p, double q) { return faces_right ? Vec3(x, p, q) : Vec3(x, q, p); });
+           [&](double p, double q) { return faces_right ? Vec3d(x, p, q) : Vec3d(x, q, p); });
   };
   const auto floor = [&](double x0, double x1, double z, int patch) {
-    b.grid(ys, part(x0, x1), patch, [&](double y, double p) { return Vec3(x_of(p), y, z); });
+    b.grid(ys, part(x0, x1), patch, [&](double y, double p) { return Vec3d(x_of(p), y, z); });
   };
   for (double side : {-1.0, 1.0}) {
     wall(side * a, side > 0, side > 0 ? right : left);
     std::vector<double> upper;
     for (double t : high) upper.push_back(hs + t * (s.flat - hs));
     b.grid(side > 0 ? ys : upper, side > 0 ? upper : ys, side > 0 ? right : left,
-           [&](double p, double q) { return side > 0 ? Vec3(a, p, q) : Vec3(-a, q, p); });
+           [&](double p, double q) { return side > 0 ? Vec3d(a, p, q) : Vec3d(-a, q, p); });
     wall(side * v, side<0, s.gap> 0.0 ? (side > 0 ? wall_r : wall_l) : (side > 0 ? stem_side_r : stem_side_l));
     floor(side > 0 ? v : -a, side > 0 ? a : -v, 0.0, base);
     if (s.gap > 0.0) floor(side > 0 ? w : -v, side > 0 ? v : -w, hs, roof);
@@ -168,12 +168,12 @@ inline Model pad(const PadShape& s = {}) {
     const auto below = [&](double x0, double x1) {
       const std::vector<double> c = part(x0, x1);
       b.grid(side > 0 ? low : c, side > 0 ? c : low, end,
-             [&](double p, double q) { return side > 0 ? Vec3(x_of(q), l, p) : Vec3(x_of(p), -l, q); });
+             [&](double p, double q) { return side > 0 ? Vec3d(x_of(q), l, p) : Vec3d(x_of(p), -l, q); });
     };
     below(v, a), below(-a, -v);
     b.grid(side > 0 ? high : columns, side > 0 ? columns : high, end, [&](double p, double q) {
       const double angle = side > 0 ? q : p, t = side > 0 ? p : q;
-      return Vec3(x_of(angle), side * l, hs + t * (s.flat + s.dome * std::cos(angle) - hs));
+      return Vec3d(x_of(angle), side * l, hs + t * (s.flat + s.dome * std::cos(angle) - hs));
     });
   }
   floor(-w, w, hs, stem_top);
@@ -187,12 +187,12 @@ inline Model pad(const PadShape& s = {}) {
   };
   patch(EllipticCylinder{{0, 0, s.flat}, a, s.dome}, false);
   // Shapes are those of the sector x ≥ 0, y ≥ 0, also on the patches of its mirror images (Body::symmetry).
-  for (int image = 0; image < 2; ++image) patch(Plane{{a, 0, 0}, Vec3::UnitX()}, false);
-  for (int image = 0; image < 2; ++image) patch(Plane{{0, l, 0}, Vec3::UnitY()}, false);
-  patch(Plane{{0, 0, hs}, -Vec3::UnitZ()}, true), patch(Plane{{0, 0, 0}, -Vec3::UnitZ()}, true);
-  for (int image = 0; image < 2; ++image) patch(Plane{{w, 0, 0}, -Vec3::UnitX()}, true);
-  patch(Plane{{0, 0, hs}, -Vec3::UnitZ()}, false);
-  for (int image = 0; image < 2; ++image) patch(Plane{{v, 0, 0}, -Vec3::UnitX()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{a, 0, 0}, Vec3d::UnitX()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{0, l, 0}, Vec3d::UnitY()}, false);
+  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true), patch(Plane{{0, 0, 0}, -Vec3d::UnitZ()}, true);
+  for (int image = 0; image < 2; ++image) patch(Plane{{w, 0, 0}, -Vec3d::UnitX()}, true);
+  patch(Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false);
+  for (int image = 0; image < 2; ++image) patch(Plane{{v, 0, 0}, -Vec3d::UnitX()}, false);
   if (s.gap > 0.0)
     for (double side : {-1.0, 1.0}) {
       const double x0 = side * w, x1 = side * v;
@@ -205,7 +205,7 @@ inline Model pad(const PadShape& s = {}) {
   m.body.symmetry = m.mesh.symmetry = {true, true};
   for (int k = -2; k <= 2; ++k) m.body.emitters.push_back(RectangleEmitter{{0, 11e-3 * k, hs}, {0.4e-3, 0, 0}, {0, 0.8e-3, 0}, 0.2, 0});
   m.body.regions = 11;
-  m.body.region = [](const Vec3& p, const Vec3& n) {
+  m.body.region = [](const Vec3d& p, const Vec3d& n) {
     if (std::abs(n.x()) < 0.5 || std::abs(p.y()) > 27.5e-3 || std::abs(n.y()) > 0.5) return -1;
     return std::min(10, int((p.y() + 27.5e-3) / 5e-3));
   };
@@ -217,10 +217,10 @@ struct Dent {
   double depth = 1e-3, x = 0.0, y = 0.0, sigma = 5e-3, radius = 0.0;
 
   // Free of divergence, as silicone is: what goes down under the tool bulges out at the sides.
-  std::vector<Vec3> displacement(const PadShape& s, const TetMesh& mesh) const {
-    std::vector<Vec3> u;
+  std::vector<Vec3d> displacement(const PadShape& s, const TetMesh& mesh) const {
+    std::vector<Vec3d> u;
     const double height = s.flat + s.dome - s.stem_height;
-    for (const Vec3& p : mesh.nodes) {
+    for (const Vec3d& p : mesh.nodes) {
       const double dx = p.x() - x, dy = p.y() - y, r2 = dx * dx + dy * dy, t = std::max(0.0, (p.z() - s.stem_height) / height);
       const double bell = std::exp(-0.5 * r2 / (sigma * sigma));
       const double out = r2 > 1e-12 ? depth * (2.0 * t / height) * sigma * sigma * (1.0 - bell) / r2 : 0.5 * depth * 2.0 * t / height;
@@ -230,7 +230,7 @@ struct Dent {
   }
   std::vector<double> contact(const PadShape& s, const TetMesh& mesh) const {
     std::vector<double> phi;
-    for (const Vec3& p : mesh.nodes)
+    for (const Vec3d& p : mesh.nodes)
       phi.push_back(p.z() < s.flat ? -std::numeric_limits<double>::infinity()
                                    : radius * radius - std::pow(p.x() - x, 2) - std::pow(p.y() - y, 2));
     return phi;

@@ -28,15 +28,15 @@ TEST_CASE("Embree's single precision agrees with the double precision tree", "[e
 }
 
 TEST_CASE("Embree far from the origin loses nothing", "[embree]") {
-  const Model m = box(Vec3::Constant(0.01), {1.41, 14.5}, 4, Vec3(1000, -500, 30));
+  const Model m = box(Vec3d::Constant(0.01), {1.41, 14.5}, 4, Vec3d(1000, -500, 30));
   const auto triangles = OpticalScene(m.body, m.mesh, {}, {}, {}, {}).triangles();
   const EmbreeScene fast = Embree{}.build(triangles);
   const BvhScene exact = Bvh{}.build(triangles);
   const OwenSobol s{4};
   int differ = 0;
   for (std::uint32_t i = 0; i < 4096; ++i) {
-    const Vec3 p = Vec3(1000, -500, 30) + 0.0099 * (2.0 * Vec3(s(i, 0), s(i, 1), s(i, 2)) - Vec3::Ones());
-    const Vec3 d = (Vec3(s(i, 3), s(i, 4), s(i, 5)) - Vec3::Constant(0.5)).normalized();
+    const Vec3d p = Vec3d(1000, -500, 30) + 0.0099 * (2.0 * Vec3d(s(i, 0), s(i, 1), s(i, 2)) - Vec3d::Ones());
+    const Vec3d d = (Vec3d(s(i, 3), s(i, 4), s(i, 5)) - Vec3d::Constant(0.5)).normalized();
     const RayHit a = fast.first_hit(p, d, true), b = exact.first_hit(p, d, true);
     REQUIRE(bool(a));
     if (std::abs(a.t - b.t) > 1e-7) ++differ;

@@ -4,17 +4,17 @@
 using namespace optics_test;
 
 TEST_CASE("Emitters: places and directions follow their laws, and intensity is the density of the directions", "[emitter]") {
-  const Vec3 at{1e-3, -2e-3, 0.5e-3};
+  const Vec3d at{1e-3, -2e-3, 0.5e-3};
   const OwenSobol s{5};
   const std::uint32_t n = 1 << 14;
   for (const NamedEmitter& named : all_emitters(at)) {
     INFO(named.name);
     const Emitter& e = named.emitter;
-    Vec3 middle = Vec3::Zero();
+    Vec3d middle = Vec3d::Zero();
     double drawn[3] = {0, 0, 0}, last = 2.0;
     for (std::uint32_t i = 0; i < n; ++i) {
       middle += e.point(s(i, 0), s(i, 1)) / n;
-      const Vec3 one = e.point(s(i, 0), s(i, 1)) - at, other = e.point(1.0 - s(i, 0), 1.0 - s(i, 1)) - at;
+      const Vec3d one = e.point(s(i, 0), s(i, 1)) - at, other = e.point(1.0 - s(i, 0), 1.0 - s(i, 1)) - at;
       CHECK((one + other).norm() < 1e-15);
       const Polar p = e.polar(s(i, 2));
       CHECK(p.sine * p.sine + p.cosine * p.cosine == Approx(1.0));
@@ -32,7 +32,7 @@ TEST_CASE("Emitters: places and directions follow their laws, and intensity is t
     }
     CHECK(all == Approx(e.power_W()).epsilon(1e-4));
     for (int k = 0; k < 3; ++k) CHECK(drawn[k] == Approx(expected[k]).margin(2e-4));
-    for (const Vec3& m : {Vec3(-1, 1, 1), Vec3(1, -1, 1), Vec3(-1, -1, 1)}) {
+    for (const Vec3d& m : {Vec3d(-1, 1, 1), Vec3d(1, -1, 1), Vec3d(-1, -1, 1)}) {
       const Emitter image = e.mirrored(m), again = image.mirrored(m);
       CHECK((image.center() - m.cwiseProduct(e.center())).norm() < 1e-15);
       CHECK((image.axis() - m.cwiseProduct(e.axis())).norm() < 1e-15);
@@ -43,11 +43,11 @@ TEST_CASE("Emitters: places and directions follow their laws, and intensity is t
 }
 
 TEST_CASE("A point shines evenly on a box: solid angles of its faces", "[emitter]") {
-  Model m = box(Vec3::Constant(4e-3), {1.0, 0.0}, 2);
-  const Vec3 at{1e-3, 0, 0};
+  Model m = box(Vec3d::Constant(4e-3), {1.0, 0.0}, 2);
+  const Vec3d at{1e-3, 0, 0};
   m.body.emitters = {PointEmitter{at, 3.0, 0}};
   m.body.regions = 6;
-  m.body.region = [](const Vec3&, const Vec3& n) {
+  m.body.region = [](const Vec3d&, const Vec3d& n) {
     for (int a = 0; a < 3; ++a)
       if (std::abs(n[a]) > 0.5) return 2 * a + (n[a] > 0.0 ? 1 : 0);
     return -1;
@@ -87,22 +87,22 @@ TEST_CASE("A lobe table: exact inversion, normalised, and what makes no sense is
 
 TEST_CASE("Symmetric emitters of every kind: quarter, half and full pattern agree", "[emitter]") {
   const LobeTable lobe({0.0, 0.5, 1.0}, {1.0, 0.6, 0.0});
-  const auto pair = [](auto e, const Vec3& m) { return std::vector<Emitter>{e, e.mirrored(m)}; };
-  const Vec3 flip(-1, 1, 1);
+  const auto pair = [](auto e, const Vec3d& m) { return std::vector<Emitter>{e, e.mirrored(m)}; };
+  const Vec3d flip(-1, 1, 1);
   for (const std::vector<Emitter>& emitters :
-       {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3::UnitZ(), 1e-3}}, std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
-        pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3(0.6, 0, 0.8), 1e-3}, flip), pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3(-0.6, 0, 0.8), 0.3e-3}, flip),
+       {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3d::UnitZ(), 1e-3}}, std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
+        pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3d(0.6, 0, 0.8), 1e-3}, flip), pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3d(-0.6, 0, 0.8), 0.3e-3}, flip),
         pair(PointEmitter{{1e-3, 0, 0}}, flip)}) {
     Model m = box({5e-3, 4e-3, 3e-3}, {1.41, 50.0}, 4);
     m.body.symmetry = m.mesh.symmetry = {true, true};
     m.body.emitters = emitters;
     m.body.regions = 1;
     for (std::size_t k : {0u, 2u}) m.body.patches[k].shape = m.body.patches[k + 1].shape;  // shapes are those of the sector x ≥ 0, y ≥ 0
-    m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : -1; };
+    m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : -1; };
     REQUIRE(symmetry_of(m.body, m.mesh) == Symmetry{true, true});
     const Tracer<BeerLambert> tracer(few_rays<BeerLambert, ExitPower>(1 << 10));
-    const Response quarter = tracer.trace(m.body, m.mesh), half = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, Symmetry{true, false}),
-                   full = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {});
+    const Response quarter = tracer.trace(m.body, m.mesh), half = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, false}),
+                   full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
     CHECK(quarter.power_W[0] == Approx(full.power_W[0]).epsilon(1e-6));
     CHECK(half.power_W[0] == Approx(full.power_W[0]).epsilon(1e-6));
     CHECK(quarter.rays * 3 < full.rays);
@@ -132,18 +132,18 @@ TEST_CASE("Colours: each has its own channels, and the sum of all is the light o
 TEST_CASE("Broken emitters are refused by name", "[emitter]") {
   const auto refused = [](const Emitter& e) { CHECK_THROWS_AS(validate(std::vector<Emitter>{e}), InvalidArgument); };
   const LobeTable lobe({0.0, 0.5}, {1.0, 0.0});
-  refused(DiscEmitter{Vec3::Zero(), Vec3::UnitZ(), 0.0});
-  refused(DiscEmitter{Vec3::Zero(), 2.0 * Vec3::UnitZ(), 1e-3});
-  refused(DiscEmitter{Vec3::Zero(), Vec3::UnitZ(), 1e-3, -1.0});
+  refused(DiscEmitter{Vec3d::Zero(), Vec3d::UnitZ(), 0.0});
+  refused(DiscEmitter{Vec3d::Zero(), 2.0 * Vec3d::UnitZ(), 1e-3});
+  refused(DiscEmitter{Vec3d::Zero(), Vec3d::UnitZ(), 1e-3, -1.0});
   refused(PointEmitter{{std::nan(""), 0, 0}});
-  refused(PointEmitter{Vec3::Zero(), 1.0, -1});
-  refused(MeasuredLobe{lobe, Vec3::Zero(), Vec3::UnitZ(), -1e-3});
+  refused(PointEmitter{Vec3d::Zero(), 1.0, -1});
+  refused(MeasuredLobe{lobe, Vec3d::Zero(), Vec3d::UnitZ(), -1e-3});
 }
 
 TEST_CASE("An emitter in air: what does not meet the body is lost to it, and what does goes in as Fresnel says", "[emitter]") {
   const double n = 1.41, half = 5e-3;
   Model m = box({half, half, half}, {n, 1e5}, 4);   // what goes in stays in
-  const auto run = [&](const Vec3& center, double side) {
+  const auto run = [&](const Vec3d& center, double side) {
     m.body.emitters = {RectangleEmitter{center, {1e-6, 0, 0}, {0, side * 1e-6, 0}, 1.0, 0, true}};
     return Tracer<BeerLambert>(few_rays<BeerLambert, ExitPower>(1 << 12)).trace(m.body, m.mesh, {}, {}, Symmetry{});
   };

@@ -36,20 +36,20 @@ TEST_CASE("Fresnel: total reflection begins at the critical angle, without a jum
 
 TEST_CASE("Fresnel: reciprocity, bounds, Snell's law", "[fresnel]") {
   const double n = 1.4348;
-  const Vec3 up = Vec3::UnitZ();
+  const Vec3d up = Vec3d::UnitZ();
   for (double c = 0.02; c <= 1.0; c += 0.02) {
     const FresnelSplit in = fresnel(c, 1.0 / n);
     CHECK((in.reflectance >= 0.0 && in.reflectance <= 1.0));
     const FresnelSplit back = fresnel(in.cosine_behind, n);
     CHECK(back.reflectance == Approx(in.reflectance).epsilon(1e-9));
     CHECK(back.cosine_behind == Approx(c).epsilon(1e-9));
-    const Vec3 d(std::sqrt(1.0 - c * c), 0.0, -c);
-    const Vec3 t = refract(d, up, 1.0 / n, in.cosine_behind);
+    const Vec3d d(std::sqrt(1.0 - c * c), 0.0, -c);
+    const Vec3d t = refract(d, up, 1.0 / n, in.cosine_behind);
     CHECK(t.norm() == Approx(1.0));
     CHECK(n * t.x() == Approx(d.x()).margin(1e-12));
     CHECK(t.z() < 0.0);
-    const Vec3 r = reflect(d, up);
-    CHECK((r - Vec3(d.x(), 0.0, -d.z())).norm() < 1e-12);
+    const Vec3d r = reflect(d, up);
+    CHECK((r - Vec3d(d.x(), 0.0, -d.z())).norm() < 1e-12);
   }
 }
 
@@ -65,25 +65,25 @@ TEST_CASE("Beer–Lambert: T(0) = 1, T(a+b) = T(a)T(b), units", "[beer-lambert]"
 
 TEST_CASE("Opaque surfaces: directions stay on the lit side, the cosine law holds, mirror images are images", "[surface]") {
   const OwenSobol s{3};
-  const Vec3 n = Vec3(0.3, -0.8, -0.5).normalized(), in = Vec3(-0.1, 0.9, 0.2).normalized();
+  const Vec3d n = Vec3d(0.3, -0.8, -0.5).normalized(), in = Vec3d(-0.1, 0.9, 0.2).normalized();
   double first = 0.0, second = 0.0;
-  Vec3 mean = Vec3::Zero();
+  Vec3d mean = Vec3d::Zero();
   const std::uint32_t count = 4096;
   for (std::uint32_t i = 0; i < count; ++i) {
-    const Vec3 d = reflected(Lambertian{}, in, n, s(i, 0), s(i, 1), Vec3::Ones());
+    const Vec3d d = reflected(Lambertian{}, in, n, s(i, 0), s(i, 1), Vec3d::Ones());
     CHECK(d.norm() == Approx(1.0));
     CHECK(d.dot(n) > 0.0);
     first += d.dot(n) / count;
     second += std::pow(d.dot(n), 2) / count;
     mean += d / count;
-    const Vec3 m(-1.0, 1.0, 1.0);
-    const Vec3 image = reflected(Lambertian{}, m.cwiseProduct(in), m.cwiseProduct(n), s(i, 0), s(i, 1), m);
+    const Vec3d m(-1.0, 1.0, 1.0);
+    const Vec3d image = reflected(Lambertian{}, m.cwiseProduct(in), m.cwiseProduct(n), s(i, 0), s(i, 1), m);
     CHECK((m.cwiseProduct(image) - d).norm() < 1e-14);
   }
   CHECK(first == Approx(2.0 / 3.0).margin(1e-3));
   CHECK(second == Approx(0.5).margin(1e-3));
   CHECK((mean - mean.dot(n) * n).norm() < 1e-3);
-  CHECK((reflected(Mirror{}, in, n, 0.5, 0.5, Vec3::Ones()) - reflect(in, n)).norm() < 1e-15);
+  CHECK((reflected(Mirror{}, in, n, 0.5, 0.5, Vec3d::Ones()) - reflect(in, n)).norm() < 1e-15);
   CHECK(reflectance(Absorber{}) == 0.0);
   CHECK_THROWS_AS(validate(SurfaceOptics(Lambertian{1.1})), InvalidArgument);
   CHECK_THROWS_AS(validate(SurfaceOptics(Mirror{std::nan("")})), InvalidArgument);
@@ -91,8 +91,8 @@ TEST_CASE("Opaque surfaces: directions stay on the lit side, the cosine law hold
 
 TEST_CASE("Emitters: broken ones are refused", "[emitter]") {
   CHECK_THROWS_AS(validate(std::vector<Emitter>{}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX(), 1.0, 0}}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY(), 0.0, 0}}), InvalidArgument);
-  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3(0, std::nan(""), 0), Vec3::UnitX(), Vec3::UnitY(), 1.0, 0}}),
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3d::Zero(), Vec3d::UnitX(), Vec3d::UnitX(), 1.0, 0}}), InvalidArgument);
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3d::Zero(), Vec3d::UnitX(), Vec3d::UnitY(), 0.0, 0}}), InvalidArgument);
+  CHECK_THROWS_AS(validate(std::vector<Emitter>{RectangleEmitter{Vec3d(0, std::nan(""), 0), Vec3d::UnitX(), Vec3d::UnitY(), 1.0, 0}}),
                   InvalidArgument);
 }

@@ -37,7 +37,7 @@ Model slab(double h, const lumo::Medium& medium, const SurfaceOptics& bottom) {
   m.body.patches[4].optics = bottom;
   m.body.emitters = {RectangleEmitter{{1e-4, 2e-4, -0.5 * h}, {1e-4, 0, 0}, {0, 1e-4, 0}, 2.0, 0}};
   m.body.regions = 1;
-  m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : -1; };
+  m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : -1; };
   return m;
 }
 
@@ -74,7 +74,7 @@ TEST_CASE("Slab on a perfect mirror: everything in the escape cone comes out in 
 TEST_CASE("Sphere with a source in its centre: every ray is normal, passes sum up in closed form", "[light]") {
   const double radius = 5e-3, n = 1.4348, mu = 71.38;
   Model m = sphere(radius, {n, mu});
-  m.body.emitters = {RectangleEmitter{Vec3::Zero(), {1e-7, 0, 0}, {0, 1e-7, 0}, 1.0, 0}};
+  m.body.emitters = {RectangleEmitter{Vec3d::Zero(), {1e-7, 0, 0}, {0, 1e-7, 0}, 1.0, 0}};
   const Response r = Tracer<BeerLambert>(config(1 << 10, 0.0)).trace(m.body, m.mesh);
   const double r0 = fresnel(1.0, n).reflectance, t = std::exp(-mu * radius);
   const double exact = (1.0 - r0) * t / (1.0 - r0 * t * t);
@@ -106,7 +106,7 @@ TEST_CASE("Integrating sphere: the port takes f/(1 − a(1 − f))", "[light]") 
   for (BoundaryFace& f : m.mesh.faces) {
     const auto p = [&](std::size_t k) { return m.mesh.nodes[std::size_t(f.nodes[k])]; };
     const double a = (p(1) - p(0)).cross(p(2) - p(0)).norm();
-    const Vec3 mean = (p(0) + p(1) + p(2)) / 3.0;
+    const Vec3d mean = (p(0) + p(1) + p(2)) / 3.0;
     if (mean.z() > 0.75 * radius) f.patch = 1, open += a;
     all += a;
   }

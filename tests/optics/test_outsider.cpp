@@ -4,22 +4,22 @@
 // What somebody else would write, who does not touch lumo: an emitter, a medium and a readout.
 namespace outsider {
 
-using lumo::Vec3;
+using lumo::Vec3d;
 
 /// A ring of light, brightest along its axis: intensity 3 cos²/(2π).
 struct RingLight {
-  Vec3 center = Vec3::Zero();
+  Vec3d center = Vec3d::Zero();
   double radius_m = 1e-3, power_W = 1.0;
   int channel = 0;
 
-  Vec3 axis() const { return Vec3::UnitZ(); }
-  Vec3 point(double u, double) const { return center + radius_m * Vec3(std::cos(2.0 * lumo::pi * u), std::sin(2.0 * lumo::pi * u), 0.0); }
+  Vec3d axis() const { return Vec3d::UnitZ(); }
+  Vec3d point(double u, double) const { return center + radius_m * Vec3d(std::cos(2.0 * lumo::pi * u), std::sin(2.0 * lumo::pi * u), 0.0); }
   lumo::Polar polar(double u) const {
     const double c = std::cbrt(1.0 - u);
     return {std::sqrt(1.0 - c * c), c};
   }
   double intensity(double c) const { return c > 0.0 ? 1.5 / lumo::pi * power_W * c * c : 0.0; }
-  RingLight mirrored(const Vec3& m) const { return {m.cwiseProduct(center), radius_m, power_W, channel}; }
+  RingLight mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), radius_m, power_W, channel}; }
 };
 
 /// A medium that loses 2 dB/cm, whatever the body's data say.
@@ -49,7 +49,7 @@ TEST_CASE("An outsider's emitter, medium and readout work together, forwards and
   Model m = box({0.1, 0.1, 0.5 * h}, {1.4, 99.0}, 4);
   m.body.emitters = {outsider::RingLight{{0, 0, -0.5 * h}, 1e-3, 2.0}};
   m.body.regions = 1;
-  m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : -1; };
+  m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : -1; };
   using Light = Tracer<outsider::TwoDecibels, outsider::Steep>;
   Light::Config c;
   c.rays_per_emitter = 1 << 14;

@@ -21,7 +21,7 @@ double chi_square(const Response& a, const Response& b) {
   return sum / double(a.power_W.size());
 }
 
-const Vec3 inside{-1e-3, 0.5e-3, -1.5e-3};
+const Vec3d inside{-1e-3, 0.5e-3, -1.5e-3};
 
 }  // namespace
 
@@ -83,17 +83,17 @@ TEST_CASE("Gathering and forward tracing agree for every emitter, medium and rea
 }
 
 TEST_CASE("Reciprocity: a flat source and a flat detector of equal area may change places", "[policies]") {
-  const Vec3 low{-2e-3, 1e-3, -3e-3}, high{2.5e-3, -1e-3, 3e-3};
-  const auto power = [&](const Vec3& from, const Vec3& to, const SurfaceOptics& optics, bool round, auto tag, const lumo::Medium& medium) {
+  const Vec3d low{-2e-3, 1e-3, -3e-3}, high{2.5e-3, -1e-3, 3e-3};
+  const auto power = [&](const Vec3d& from, const Vec3d& to, const SurfaceOptics& optics, bool round, auto tag, const lumo::Medium& medium) {
     const double up = from.z() < to.z() ? 1.0 : -1.0;
-    const Vec3 u(1.2e-3, 0, 0), v(0, 1.2e-3, 0);
+    const Vec3d u(1.2e-3, 0, 0), v(0, 1.2e-3, 0);
     Model m = box({5e-3, 4e-3, 3e-3}, medium, 2);
     m.body.patches[0].optics = m.body.patches[1].optics = m.body.patches[2].optics = optics;
     if (round)
       m.body.emitters = {DiscEmitter{from, {0, 0, up}, 1.2e-3, 1.0, 0}};
     else
       m.body.emitters = {RectangleEmitter{from, u, up * v, 1.0, 0}};
-    const Photodiodes diode({{to + Vec3(0, 0, 1e-7 * up), u, -up * v, round}});
+    const Photodiodes diode({{to + Vec3d(0, 0, 1e-7 * up), u, -up * v, round}});
     auto config = few_rays<typename decltype(tag)::type, Photodiodes>(1 << 15);
     config.roulette_below = 0.2;
     const Response r = Tracer<typename decltype(tag)::type, Photodiodes>(config, diode).trace(m.body, m.mesh);

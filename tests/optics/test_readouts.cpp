@@ -17,7 +17,7 @@ Model lit_floor(double albedo, double half = 4e-3, double height = 1e-3) {
   for (std::size_t k : {0u, 1u, 2u, 3u}) m.body.patches[k].optics = Absorber{};
   m.body.patches[4].optics = Lambertian{albedo};
   m.body.regions = 1;
-  m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : -1; };
+  m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : -1; };
   return m;
 }
 
@@ -35,7 +35,7 @@ TEST_CASE("Photodiodes that cover everything see all the light that leaves", "[r
     for (int axis = 0; axis < 3; ++axis)
       for (double side : {-1.0, 1.0}) {
         const int a = (axis + 1) % 3, b = (axis + 2) % 3;
-        walls.push_back({side * 8e-3 * Vec3::Unit(axis), 8e-3 * Vec3::Unit(a), -side * 8e-3 * Vec3::Unit(b)});
+        walls.push_back({side * 8e-3 * Vec3d::Unit(axis), 8e-3 * Vec3d::Unit(a), -side * 8e-3 * Vec3d::Unit(b)});
       }
     const Response seen = traced(m, Photodiodes(walls)), all = traced(m, ExitPower{});
     INFO(s.name);
@@ -48,7 +48,7 @@ TEST_CASE("Photodiodes that cover everything see all the light that leaves", "[r
 
 TEST_CASE("A round photodiode on the axis of a small Lambertian source takes the share R²/(R² + d²)", "[readout]") {
   Model m = box({20e-3, 20e-3, 1e-3}, {1.0, 0.0}, 4, {0, 0, 1e-3});
-  m.body.emitters = {DiscEmitter{{0, 0, 0}, Vec3::UnitZ(), 1e-6, 2.0}};
+  m.body.emitters = {DiscEmitter{{0, 0, 0}, Vec3d::UnitZ(), 1e-6, 2.0}};
   for (double radius : {1e-3, 4e-3, 12e-3}) {
     const double d = 5e-3;
     const Response r = traced(m, Photodiodes({{{0, 0, d}, {radius, 0, 0}, {0, -radius, 0}, true}}), 1 << 16);
@@ -66,7 +66,7 @@ TEST_CASE("A round photodiode on the axis of a small Lambertian source takes the
 }
 
 TEST_CASE("Connections carry the solid angle of their opening", "[readout]") {
-  const Vec3 from{1e-3, -0.5e-3, 0.0};
+  const Vec3d from{1e-3, -0.5e-3, 0.0};
   const OwenSobol s{9};
   const auto mean = [&](const auto& readout, int opening, auto&& f) {
     double sum = 0.0;
@@ -78,11 +78,11 @@ TEST_CASE("Connections carry the solid angle of their opening", "[readout]") {
     return sum;
   };
   // Rectangle of half edges a, b whose foot is a corner: Ω = atan(ab/(d √(a² + b² + d²))).
-  const Photodiodes corner({{from + Vec3(2e-3, 1e-3, 3e-3), {2e-3, 0, 0}, {0, -1e-3, 0}}});
-  CHECK(mean(corner, 0, [](const Vec3&) { return 1.0; }) == Approx(std::atan(4.0 * 2.0 / (3.0 * std::sqrt(16.0 + 4.0 + 9.0)))).epsilon(1e-4));
+  const Photodiodes corner({{from + Vec3d(2e-3, 1e-3, 3e-3), {2e-3, 0, 0}, {0, -1e-3, 0}}});
+  CHECK(mean(corner, 0, [](const Vec3d&) { return 1.0; }) == Approx(std::atan(4.0 * 2.0 / (3.0 * std::sqrt(16.0 + 4.0 + 9.0)))).epsilon(1e-4));
   // Disc seen from its axis: projected solid angle π R²/(R² + d²).
-  const PinholeCamera camera({.position = from + Vec3(0, 0, 4e-3), .view = -Vec3::UnitZ(), .field_of_view_rad = 2.9, .aperture_m = 2e-3, .focus_m = 4e-3});
-  CHECK(mean(camera, 0, [](const Vec3& d) { return d.z(); }) == Approx(pi * 4.0 / 20.0).epsilon(1e-4));
+  const PinholeCamera camera({.position = from + Vec3d(0, 0, 4e-3), .view = -Vec3d::UnitZ(), .field_of_view_rad = 2.9, .aperture_m = 2e-3, .focus_m = 4e-3});
+  CHECK(mean(camera, 0, [](const Vec3d& d) { return d.z(); }) == Approx(pi * 4.0 / 20.0).epsilon(1e-4));
 }
 
 TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴", "[readout]") {
@@ -93,12 +93,12 @@ TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴
   black.optics = Absorber{};
   m.body.patches.push_back(black);
   for (BoundaryFace& f : m.mesh.faces) {
-    Vec3 middle = Vec3::Zero();
+    Vec3d middle = Vec3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) middle += m.mesh.nodes[std::size_t(f.nodes[k])] / 3.0;
     if (f.patch == 4 && (middle.x() < 0.0 || middle.y() < 0.0)) f.patch = 6;  // what stays white is the quadrant x > 0, y > 0
   }
-  m.body.emitters = {DiscEmitter{{2e-3, 2e-3, -0.01e-3}, -Vec3::UnitZ(), 1e-3}};
-  const PinholeCamera camera({.position = {0, 0, d}, .view = -Vec3::UnitZ(), .up = Vec3::UnitY(), .field_of_view_rad = 2.0 * std::atan(8e-3 / d), .columns = 16,
+  m.body.emitters = {DiscEmitter{{2e-3, 2e-3, -0.01e-3}, -Vec3d::UnitZ(), 1e-3}};
+  const PinholeCamera camera({.position = {0, 0, d}, .view = -Vec3d::UnitZ(), .up = Vec3d::UnitY(), .field_of_view_rad = 2.0 * std::atan(8e-3 / d), .columns = 16,
                               .rows = 16, .aperture_m = radius, .focus_m = d});
   const Response r = traced(m, camera, 1 << 14);
   // Cells of 1 mm at the top face: columns 8 … 11 are x in (0, 4) mm, rows 4 … 7 are y in (4, 0) mm.
@@ -127,7 +127,7 @@ TEST_CASE("Brightness: a Lambertian floor looks as bright from twice as far", "[
   m.body.emitters = {RectangleEmitter{{0, 0, -0.01e-3}, {5e-3, 0, 0}, {0, -5e-3, 0}}};  // looks down
   // One pixel, an opening small against the distance: power = π L Ω_pixel-area … = L · A_opening · Ω_pixel, whatever the distance.
   const auto look = [&](double distance, double fov_rad) {
-    return traced(m, PinholeCamera({.position = {0, 0, distance}, .view = -Vec3::UnitZ(), .field_of_view_rad = fov_rad, .columns = 1, .rows = 1,
+    return traced(m, PinholeCamera({.position = {0, 0, distance}, .view = -Vec3d::UnitZ(), .field_of_view_rad = fov_rad, .columns = 1, .rows = 1,
                                     .aperture_m = 0.2e-3, .focus_m = distance + 1e-3}), 1 << 15).power_W[0];
   };
   const double fov = 2.0 * std::atan(1e-3 / 21e-3);
@@ -141,10 +141,10 @@ TEST_CASE("A camera sees a symmetric state's both halves, though only one is tra
   Model m = lit_floor(0.9, 4e-3, 1e-3);
   m.body.symmetry = m.mesh.symmetry = {true, true};
   for (std::size_t k : {0u, 2u}) m.body.patches[k].shape = m.body.patches[k + 1].shape;
-  m.body.emitters = {DiscEmitter{{0, 0, -0.1e-3}, -Vec3::UnitZ(), 1e-3}};
+  m.body.emitters = {DiscEmitter{{0, 0, -0.1e-3}, -Vec3d::UnitZ(), 1e-3}};
   const PinholeCamera camera({.position = {2e-3, 1e-3, 10e-3}, .view = {-0.2, -0.1, -1.0}, .columns = 6, .rows = 6, .aperture_m = 0.3e-3, .focus_m = 10e-3});
   const Tracer<BeerLambert, PinholeCamera> tracer(few_rays<BeerLambert, PinholeCamera>(1 << 14), camera);
-  const Response quarter = tracer.trace(m.body, m.mesh), full = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {});
+  const Response quarter = tracer.trace(m.body, m.mesh), full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
   CHECK(total(quarter) == Approx(total(full)).epsilon(0.01));
   for (std::size_t k = 0; k < 36; ++k)
     CHECK(quarter.power_W[k] == Approx(full.power_W[k]).margin(5.0 * std::hypot(quarter.error_W[k], full.error_W[k]) + 1e-3 * total(full)));
@@ -154,12 +154,12 @@ TEST_CASE("A camera sees a symmetric state's both halves, though only one is tra
 }
 
 TEST_CASE("Broken cameras and photodiodes are refused by name", "[readout]") {
-  CHECK_THROWS_AS(PinholeCamera({.view = Vec3::UnitZ(), .up = Vec3::UnitZ()}), InvalidArgument);
+  CHECK_THROWS_AS(PinholeCamera({.view = Vec3d::UnitZ(), .up = Vec3d::UnitZ()}), InvalidArgument);
   CHECK_THROWS_AS(PinholeCamera({.columns = 0}), InvalidArgument);
   CHECK_THROWS_AS(PinholeCamera({.aperture_m = 0.0}), InvalidArgument);
   CHECK_THROWS_AS(PinholeCamera({.focus_m = -1.0}), InvalidArgument);
   CHECK_THROWS_AS(PinholeCamera({.field_of_view_rad = 3.5}), InvalidArgument);
   CHECK_THROWS_AS(Photodiodes({}), InvalidArgument);
-  CHECK_THROWS_AS(Photodiodes({{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitX()}}), InvalidArgument);
-  CHECK_THROWS_AS(Photodiodes({{Vec3::Zero(), Vec3::UnitX(), Vec3::UnitY(), false, 0.0}}), InvalidArgument);
+  CHECK_THROWS_AS(Photodiodes({{Vec3d::Zero(), Vec3d::UnitX(), Vec3d::UnitX()}}), InvalidArgument);
+  CHECK_THROWS_AS(Photodiodes({{Vec3d::Zero(), Vec3d::UnitX(), Vec3d::UnitY(), false, 0.0}}), InvalidArgument);
 }

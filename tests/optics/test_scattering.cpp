@@ -10,15 +10,15 @@ namespace {
 
 /// A collimated beam, as a user would write it: no density of directions, so its light is traced forward.
 struct Pencil {
-  Vec3 center = Vec3::Zero();
-  Vec3 direction = -Vec3::UnitZ();
+  Vec3d center = Vec3d::Zero();
+  Vec3d direction = -Vec3d::UnitZ();
   double power_W = 1.0;
   int channel = 0;
 
-  Vec3 axis() const { return direction; }
-  Vec3 point(double, double) const { return center; }
+  Vec3d axis() const { return direction; }
+  Vec3d point(double, double) const { return center; }
   Polar polar(double) const { return {0.0, 1.0}; }
-  Pencil mirrored(const Vec3& m) const { return {m.cwiseProduct(center), m.cwiseProduct(direction), power_W, channel}; }
+  Pencil mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), m.cwiseProduct(direction), power_W, channel}; }
 };
 static_assert(EmitterModel<Pencil>);
 
@@ -27,7 +27,7 @@ Model slab(double thickness, const lumo::Medium& medium) {
   Model m = box({0.1, 0.1, 0.5 * thickness}, medium, 2);
   m.body.emitters = {Pencil{{1e-4, 2e-4, 0.5 * thickness}}};  // off the middle: images of a path share their random numbers
   m.body.regions = 2;
-  m.body.region = [](const Vec3&, const Vec3& n) { return n.z() > 0.5 ? 0 : n.z() < -0.5 ? 1 : -1; };
+  m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : n.z() < -0.5 ? 1 : -1; };
   return m;
 }
 
@@ -136,8 +136,8 @@ TEST_CASE("Mitsuba 3 sees the same light leave a scattering box", "[scattering]"
     Model m = box({5e-3, 4e-3, 3e-3}, medium, 2);
     m.body.emitters = {RectangleEmitter{{-1e-3, 0.5e-3, -2.5e-3}, {1e-3, 0, 0}, {0, 1e-3, 0}, 1.0, 0}};
     m.body.regions = 1;
-    const Vec3 seen = face == "top" ? Vec3(0, 0, 1) : face == "side" ? Vec3(1, 0, 0) : Vec3(0, 0, -1);
-    m.body.region = [seen](const Vec3&, const Vec3& n) { return n.dot(seen) > 0.5 ? 0 : -1; };
+    const Vec3d seen = face == "top" ? Vec3d(0, 0, 1) : face == "side" ? Vec3d(1, 0, 0) : Vec3d(0, 0, -1);
+    m.body.region = [seen](const Vec3d&, const Vec3d& n) { return n.dot(seen) > 0.5 ? 0 : -1; };
     const Response r = Tracer<ScatteringMedium>(few_rays<ScatteringMedium, ExitPower>(1 << 14)).trace(m.body, m.mesh);
     INFO(line << ": " << r.power_W[0] << " ± " << r.error_W[0]);
     CHECK(r.power_W[0] == Approx(power).margin(4.0 * std::hypot(error, r.error_W[0]) + 1e-3 * power));

@@ -61,8 +61,8 @@ TEST_CASE("The unloaded response is symmetric: patterns from a quarter, a half a
   const Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
   const Response quarter = tracer.trace(m.body, m.mesh);
-  const Response full = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {});
-  const Response half = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, Symmetry{true, false});
+  const Response full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
+  const Response half = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, false});
   CHECK(distance(full.power_W, reversed(full.power_W)) < 1e-6);
   CHECK(distance(full.power_W, quarter.power_W) < 1e-6);
   CHECK(distance(full.power_W, half.power_W) < 1e-6);
@@ -174,7 +174,7 @@ TEST_CASE("Common rays: neighbouring states differ by far less noise than indepe
 TEST_CASE("Rays focussed on a dent know its change better, and it is the same change", "[tracer]") {
   const PadShape s = coarse(0.0);
   const Model m = pad(s);
-  std::vector<Vec3> dent = Dent{0.3e-3, 0, 16e-3, 4e-3, 0}.displacement(s, m.mesh);
+  std::vector<Vec3d> dent = Dent{0.3e-3, 0, 16e-3, 4e-3, 0}.displacement(s, m.mesh);
   for (std::size_t i = 0; i < dent.size(); ++i) dent[i] *= std::exp(-std::abs(m.mesh.nodes[i].y() - 16e-3) / 4e-3);  // a bonded pad is still a thickness away
   const Symmetry across{true, false};
   double noise[2] = {0.0, 0.0}, rays[2] = {0.0, 0.0};
@@ -186,7 +186,7 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
       c.seed = seed;
       const Tracer<BeerLambert> tracer(c);
       const RayFocus focus{16e-3, focussed ? 10e-3 : 0.0};
-      const Response rest = tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, across, focus), loaded = tracer.trace(m.body, m.mesh, dent, {}, across, focus);
+      const Response rest = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, across, focus), loaded = tracer.trace(m.body, m.mesh, dent, {}, across, focus);
       CHECK(loaded.ledger.emitted == Approx(1.0));
       CHECK(loaded.ledger.imbalance() < 1e-9);
       const Eigen::MatrixXd change = loaded.replicates - rest.replicates;
@@ -204,7 +204,7 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
   const Tracer<BeerLambert> tracer(quick());
   const RayFocus focus{16e-3, 10e-3};
   CHECK(distance(tracer.trace(m.body, m.mesh, dent, {}, {}, focus).power_W, tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
-  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, std::vector<Vec3>{}, {}, Symmetry{true, true}, focus), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, true}, focus), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {std::nan(""), 10e-3}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {0.0, -1e-3}), InvalidArgument);
 }
@@ -214,15 +214,15 @@ TEST_CASE("A scene far from the origin gives the same response", "[tracer]") {
   Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
   const Response near = tracer.trace(m.body, m.mesh);
-  const Vec3 far(0.0, 0.0, 64.0);
-  for (Vec3& p : m.mesh.nodes) p += far;
+  const Vec3d far(0.0, 0.0, 64.0);
+  for (Vec3d& p : m.mesh.nodes) p += far;
   for (Emitter& e : m.body.emitters) {
     RectangleEmitter moved = *e.as<RectangleEmitter>();
     moved.center += far;
     e = moved;
   }
   for (RigidFace& f : m.body.rigid_faces)
-    for (Vec3& p : f.corners) p += far;
+    for (Vec3d& p : f.corners) p += far;
   for (Patch& p : m.body.patches) {
     if (auto* plane = std::get_if<Plane>(&p.shape)) plane->point += far;
     if (auto* cylinder = std::get_if<EllipticCylinder>(&p.shape)) cylinder->center += far;
@@ -236,9 +236,9 @@ TEST_CASE("Silicone pressed into the carrier is accounted for", "[tracer]") {
   const PadShape s = coarse(4e-3);
   const Model m = pad(s);
   for (double overlap : {5e-6, 100e-6}) {
-    std::vector<Vec3> u(m.mesh.nodes.size(), Vec3::Zero());
+    std::vector<Vec3d> u(m.mesh.nodes.size(), Vec3d::Zero());
     for (std::size_t i = 0; i < u.size(); ++i) {  // the roof's middle comes down through the floor
-      const Vec3& p = m.mesh.nodes[i];
+      const Vec3d& p = m.mesh.nodes[i];
       const double t = (std::abs(p.x()) - 4e-3) / 4e-3;
       if (t > 0.0 && t < 1.0 && std::abs(p.z() - s.stem_height) < 1e-9) u[i].z() = -(s.stem_height + overlap) * 4.0 * t * (1.0 - t);
     }
@@ -280,11 +280,11 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   const PadShape s = coarse();
   const Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
-  const std::vector<Vec3> still(m.mesh.nodes.size(), Vec3::Zero());
-  std::vector<Vec3> broken = still;
+  const std::vector<Vec3d> still(m.mesh.nodes.size(), Vec3d::Zero());
+  std::vector<Vec3d> broken = still;
   broken[std::size_t(m.mesh.faces[0].nodes[0])].y() = std::nan("");
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, broken, {}), InvalidArgument);
-  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {Vec3::Zero()}, {}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {Vec3d::Zero()}, {}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, still, {1.0}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))), InvalidArgument);
   Config c = quick();
@@ -299,7 +299,7 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
   Model lopsided = pad(s);
   lopsided.body.emitters.pop_back();
-  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3>{}, {}, Symmetry{false, true}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}), InvalidArgument);
   CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
 }
 
@@ -340,8 +340,8 @@ TEST_CASE("Regions in space stay where they are when the pad is moved, regions o
   const PadShape s = coarse(0.0);
   Model m = pad(s);
   m.body.symmetry = m.mesh.symmetry = {};
-  for (Patch& p : m.body.patches) p.shape = Plane{Vec3::Zero(), Vec3::UnitX()};   // all of it may lie in a region
-  m.body.region = [](const Vec3& p, const Vec3&) { return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3)); };
+  for (Patch& p : m.body.patches) p.shape = Plane{Vec3d::Zero(), Vec3d::UnitX()};   // all of it may lie in a region
+  m.body.region = [](const Vec3d& p, const Vec3d&) { return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3)); };
   const Tracer<BeerLambert> tracer(quick());
   const Response rest = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
   std::vector<Emitter> moved;
@@ -351,7 +351,7 @@ TEST_CASE("Regions in space stay where they are when the pad is moved, regions o
     moved.push_back(r);
   }
   m.body.emitters = moved;
-  const std::vector<Vec3> away(m.mesh.nodes.size(), Vec3(0, 5e-3, 0));
+  const std::vector<Vec3d> away(m.mesh.nodes.size(), Vec3d(0, 5e-3, 0));
   const Response material = tracer.trace(m.body, m.mesh, away, {}, Symmetry{});
   m.body.regions_in_space = true;
   const Response space = tracer.trace(m.body, m.mesh, away, {}, Symmetry{});
@@ -367,7 +367,7 @@ TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
   Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
   const Response both = tracer.trace(m.body, m.mesh);
-  m.body.region = [region = m.body.region](const Vec3& p, const Vec3& n) { return n.x() > 0.0 ? region(p, n) : -1; };
+  m.body.region = [region = m.body.region](const Vec3d& p, const Vec3d& n) { return n.x() > 0.0 ? region(p, n) : -1; };
   m.body.region_image_x.reset();
   const Response one = tracer.trace(m.body, m.mesh);
   for (std::size_t k = 0; k < 11; ++k) CHECK(2.0 * one.power_W[k] == Approx(both.power_W[k]).epsilon(1e-9));
@@ -394,9 +394,9 @@ TEST_CASE("LEDs in the air of the gaps: a quarter, a half and the whole pad agre
   for (std::size_t k = 0; k < 11; ++k) CHECK(whole.power_W[k] > 0.0);
 
   // The walls of the gaps lie 20 µm behind the stem's face, and with them all LEDs inside.
-  std::vector<Vec3> shut(m.mesh.nodes.size(), Vec3::Zero());
+  std::vector<Vec3d> shut(m.mesh.nodes.size(), Vec3d::Zero());
   for (std::size_t n = 0; n < shut.size(); ++n)
-    if (const Vec3& p = m.mesh.nodes[n]; std::abs(std::abs(p.x()) - 6e-3) < 1e-9 && p.z() < 5e-3 - 1e-9) shut[n].x() = p.x() > 0.0 ? -2.02e-3 : 2.02e-3;
+    if (const Vec3d& p = m.mesh.nodes[n]; std::abs(std::abs(p.x()) - 6e-3) < 1e-9 && p.z() < 5e-3 - 1e-9) shut[n].x() = p.x() > 0.0 ? -2.02e-3 : 2.02e-3;
   const Response pressed = tracer.trace(m.body, m.mesh, shut, {});
   CHECK(pressed.ledger.imbalance() < 1e-9);
   CHECK(pressed.ledger.absorbed_in_medium > whole.ledger.absorbed_in_medium);   // no wall of the gap turns light back

@@ -12,7 +12,7 @@ namespace {
 Eigen::MatrixXd cloud(Eigen::Index m, Eigen::Index n, std::uint64_t seed) {
   Eigen::MatrixXd y(m, n);
   for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index j = 0; j < m; ++j) y(j, i) = detail::uniform(detail::combine(detail::combine(seed, std::uint64_t(i)), std::uint64_t(j)));
+    for (Eigen::Index j = 0; j < m; ++j) y(j, i) = uniform(combine(combine(seed, std::uint64_t(i)), std::uint64_t(j)));
   return y;
 }
 

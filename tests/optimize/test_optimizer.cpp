@@ -121,7 +121,7 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
     o.tell(t->id, measure(t->x));
   }
   const auto pool = DesignSampler(o.problem().space).fresh(64, 9, {});
-  const Eigen::MatrixXd x = detail::columns(pool, 3);
+  const Eigen::MatrixXd x = columns(pool, 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd exact = LogNehvi{.draws = 256, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 1)(x);
     const Eigen::VectorXd sampled = QLogNehvi{.draws = 4096, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
@@ -146,7 +146,7 @@ TEST_CASE("what a design promises is told however far the reference point lies f
     const auto t = o.ask();
     o.tell(t->id, measure(t->x));
   }
-  const Eigen::MatrixXd x = detail::columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
+  const Eigen::MatrixXd x = columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd promise = QLogNehvi{.noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
     CHECK(promise.allFinite());

@@ -25,7 +25,7 @@ TEST_CASE("a user's material has its closed form in tension, and is Neo-Hookean 
   for (const double stretch : {0.7, 1.2, 1.6}) {
     // Volume is kept, and the sides are free: what pressure adds at the sides is taken off along the axis (Demiray 1972).
     const double side = 1.0 / std::sqrt(stretch);
-    const Mat3 F = Vec3(stretch, side, side).asDiagonal(), P = skin.distortion_stress(F);
+    const Mat3d F = Vec3d(stretch, side, side).asDiagonal(), P = skin.distortion_stress(F);
     const double nominal = P(0, 0) - P(1, 1) * side / stretch;
     const double closed = 1.0e5 * std::exp(0.7 * (stretch * stretch + 2.0 / stretch - 3.0)) * (stretch - 1.0 / (stretch * stretch));
     CHECK(nominal == Approx(closed).epsilon(1e-12));
@@ -34,7 +34,7 @@ TEST_CASE("a user's material has its closed form in tension, and is Neo-Hookean 
   const NeoHookean neo{.mu = 1.0e5, .lambda = 1.0e6};
   std::mt19937 random(3);
   for (int k = 0; k < 10; ++k) {
-    const Mat3 F = test::random_deformation(random, 0.3);
+    const Mat3d F = test::random_deformation(random, 0.3);
     CHECK((first_piola(plain, F) - first_piola(neo, F)).norm() < 1e-4 * 1.0e5);
   }
 }
@@ -110,7 +110,7 @@ TEST_CASE("a user's camera gives each picture once, ends, and fails on what is n
 }
 
 TEST_CASE("a user's actuator gives each sample once, ends, and fails on what is no sample") {
-  std::istringstream text("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
+  std::istringstream message("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
   own::TextActuator actuator(text), bad(broken);
   CHECK(actuator.next()->effort[0] == 0.3);
   const auto second = actuator.next();

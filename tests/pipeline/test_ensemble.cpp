@@ -40,8 +40,8 @@ TEST_CASE("contacts tilted along the finger are mirrored together with their pla
     CHECK_FALSE(p.images[k].mirror.x);
     CHECK(mirrored(p.solves[p.images[k].solve].scenario, p.images[k].mirror) == scenarios[k]);
     CHECK(symmetry_of(scenarios[k]) == Symmetry{true, scenarios[k].y_m == 0.0 && scenarios[k].angle_rad == 0.0});
-    const Vec3 image = mirrored(scenarios[k], {false, true}).direction(), given = scenarios[k].direction();
-    CHECK(image == given.cwiseProduct(Vec3(1, -1, 1)));
+    const Vec3d image = mirrored(scenarios[k], {false, true}).direction(), given = scenarios[k].direction();
+    CHECK(image == given.cwiseProduct(Vec3d(1, -1, 1)));
   }
   CHECK(plan_contacts(scenarios, {true, false}).solves.size() == 9);
 }

@@ -36,7 +36,7 @@ TetMesh square(int n, int order) {
 /// Distance [m] inside two discs of radius 4 and 2 mm about (x, y) = (0, −5) and (0, 5) mm.
 std::vector<double> two_discs(const TetMesh& mesh) {
   std::vector<double> field;
-  for (const Vec3& p : mesh.nodes) field.push_back(std::max(4e-3 - (p - Vec3(0, -5e-3, 0)).norm(), 2e-3 - (p - Vec3(0, 5e-3, 0)).norm()));
+  for (const Vec3d& p : mesh.nodes) field.push_back(std::max(4e-3 - (p - Vec3d(0, -5e-3, 0)).norm(), 2e-3 - (p - Vec3d(0, 5e-3, 0)).norm()));
   return field;
 }
 
@@ -60,7 +60,7 @@ PressOutcome press_of(std::vector<MechanicalState> states) {
   outcome.press->mesh = square(4, 2);
   const std::size_t n = outcome.press->mesh.nodes.size();
   for (MechanicalState& s : states) {
-    s.displacement.assign(n, Vec3(1.4e-6, 0.0, -2.6e-6));
+    s.displacement.assign(n, Vec3d(1.4e-6, 0.0, -2.6e-6));
     s.pressure_Pa.assign(n, 5e3);
     s.contact_field.assign(n, -std::numeric_limits<double>::infinity());
   }

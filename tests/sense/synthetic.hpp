@@ -18,7 +18,7 @@ inline constexpr std::int64_t ms = 1'000'000;   // in nanoseconds
 class Normal {
  public:
   explicit Normal(std::uint64_t seed) : seed_(seed) {}
-  double uniform() { return double(lumo::detail::combine(seed_, ++count_) >> 11) * 0x1p-53 + 0x1p-54; }
+  double uniform() { return double(lumo::combine(seed_, ++count_) >> 11) * 0x1p-53 + 0x1p-54; }
   double operator()() {
     const double u = uniform(), v = uniform();
     return std::sqrt(-2.0 * std::log(u)) * std::cos(6.283185307179586 * v);

@@ -61,7 +61,7 @@ class CampaignState {
   O optimizer_;
   std::size_t known_ = 1;   // entry 0 is the problem
   std::vector<std::int64_t> asked_;
-  std::vector<Dependent<std::optional<std::int64_t>, O>> answered_;
+  std::vector<std::optional<std::int64_t>> answered_;
 };
 
 /// How a campaign goes on when things go wrong.
@@ -82,20 +82,20 @@ void CampaignState<O>::read(const std::vector<LogEntry>& entries) {
   for (; known_ < entries.size(); ++known_) {
     const LogEntry& e = entries[known_];
     try {
-      const detail::TrialEntry t = detail::parse_trial(e);
-      if (t.kind == detail::TrialEntry::Kind::ask) {
+      const TrialEntry t = parse_trial(e);
+      if (t.kind == TrialEntry::Kind::ask) {
         optimizer_.restore(t.id, t.values);
         asked_.push_back(e.number);
         answered_.emplace_back();
         continue;
       }
-      if (t.kind == detail::TrialEntry::Kind::tell) optimizer_.tell(t.id, t.values);
+      if (t.kind == TrialEntry::Kind::tell) optimizer_.tell(t.id, t.values);
       else optimizer_.fail(t.id, t.retry, t.why);
       answered_[std::size_t(t.id)] = e.number;
     } catch (const StoreError&) {
       throw;
     } catch (const Error& error) {
-      throw StoreError(StoreError::Reason::corrupt, detail::text("entry ", e.number, " does not fit those before it: ", error.what()));
+      throw StoreError(StoreError::Reason::corrupt, message("entry ", e.number, " does not fit those before it: ", error.what()));
     }
   }
 }
@@ -109,7 +109,7 @@ std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entri
     optimizer_ = std::move(next);   // knows why there is none
     return std::nullopt;
   }
-  return detail::ask_entry(trial->id, trial->x);
+  return ask_entry(trial->id, trial->x);
 }
 
 template <class O>
@@ -135,8 +135,6 @@ std::string CampaignState<O>::last_failure() const {
     if (t.state == Trial::State::failed) why = t.why;
   return why;
 }
-
-namespace detail {
 
 /// A trial for this process: one whose worker died, or a new one. `state` has read the log.
 template <CampaignLog Log, class O>
@@ -164,12 +162,10 @@ Verdict acceptable(O probe, int id, Verdict verdict) {
   } catch (const InvalidArgument& e) {
     verdict.outputs.clear();
     verdict.retry = false;
-    verdict.why = text("objective: ", e.what());
+    verdict.why = message("objective: ", e.what());
   }
   return verdict;
 }
-
-}  // namespace detail
 
 template <CampaignLog Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch, const CampaignConfig& config) {
@@ -179,20 +175,20 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
     state.read(log.entries());
     for (const auto& [failed, ended] : {state.designs(), state.machine(own)})
       if (failed >= config.failures_at_least && failed > config.failures_above * ended)
-        throw CampaignError(detail::text("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
+        throw CampaignError(message("campaign stops: ", failed, " of ", ended, " evaluations failed, the limit is ", 100 * config.failures_above,
                                          " % once ", config.failures_at_least, " have; the last: ", state.last_failure()));
-    const std::optional<int> id = detail::take(log, state);
+    const std::optional<int> id = take(log, state);
     if (!id) {
       if (state.optimizer().status() != OptimizerStatus::waiting) return state.optimizer().status();
-      detail::pause_for(config.poll_s);
+      pause_for(config.poll_s);
       continue;
     }
     Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
     const auto answer = log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
       state.read(entries);
       if (state.answered(*id)) return std::nullopt;
-      verdict = detail::acceptable(state.optimizer(), *id, std::move(verdict));
-      LogEntry e = verdict.outputs.empty() ? detail::fail_entry(*id, verdict.retry, verdict.why) : detail::tell_entry(*id, verdict.outputs);
+      verdict = acceptable(state.optimizer(), *id, std::move(verdict));
+      LogEntry e = verdict.outputs.empty() ? fail_entry(*id, verdict.retry, verdict.why) : tell_entry(*id, verdict.outputs);
       e.record = verdict.record;
       e.notes = verdict.notes;
       return e;

@@ -11,7 +11,6 @@
 namespace lumo {
 
 /// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs. Source: paper §III-D.
-template <class = void>
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   Problem p;
   p.space = finger_space();
@@ -27,17 +26,15 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
 }
 
 /// The first scenario that failed, and how; empty when all converged, or were held where that is accepted.
-template <class = void>
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
-      return detail::text("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
+      return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
                           " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
 /// Why an evaluation has no objectives: the stage and the first scenario that failed. Empty when it has both.
-template <class = void>
 inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
   if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
@@ -45,7 +42,6 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 }
 
 /// Was it the machine's limits, not the body's, that ended a solve?
-template <class = void>
 inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
   return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
@@ -53,7 +49,6 @@ inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
 inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
 
 /// What a campaign keeps of an evaluation; what the machine ended may be tried again.
-template <class = void>
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
   Verdict v;
   v.why = failure_of(e, accept_held);
@@ -65,7 +60,7 @@ inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
 /// The same of a mesh that could not be made.
 inline Verdict verdict_of(const MeshError& e) {
   Verdict v;
-  v.why = detail::text("mesh: ", e.what());
+  v.why = message("mesh: ", e.what());
   v.retry = of_the_machine(e);
   return v;
 }

@@ -52,11 +52,9 @@ concept CampaignLog = requires(L& log, const L& view, std::function<std::optiona
 /// A log that lives as long as its process.
 class MemoryLog {
  public:
-  template <class = void>
   explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
 
   /// All entries, without their records.
-  template <class LogEntry = LogEntry>
   std::vector<LogEntry> entries() const {
     std::vector<LogEntry> list = entries_;
     for (LogEntry& e : list) e.record.clear();

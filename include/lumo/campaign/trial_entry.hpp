@@ -9,7 +9,7 @@
 #include <system_error>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// What the log of a campaign says about a trial: "<id> <design>", "<id> <outputs>" or "<id> retry|final <why>".
 struct TrialEntry {
@@ -22,32 +22,26 @@ struct TrialEntry {
 };
 
 /// The shortest text that reads back as the same number.
-template <class = void>
 inline std::string exact_text(double value) {
   char text[32];
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
-template <class = void>
 inline std::string trial_text(int id, const std::vector<double>& values) {
   std::string s = std::to_string(id);
   for (const double v : values) s += ' ' + exact_text(v);
   return s;
 }
 
-template <class = void>
 inline LogEntry ask_entry(int id, const std::vector<double>& design) { return {0, "ask", trial_text(id, design), "", ""}; }
-template <class = void>
 inline LogEntry tell_entry(int id, const std::vector<double>& outputs) { return {0, "tell", trial_text(id, outputs), "", ""}; }
-template <class = void>
 inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, "fail", std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
 }
 
 /// Throws StoreError for an entry that is none of these.
-template <class = void>
 inline TrialEntry parse_trial(const LogEntry& entry) {
-  const auto refuse = [&] { throw StoreError(StoreError::Reason::corrupt, text("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content)); };
+  const auto refuse = [&] { throw StoreError(StoreError::Reason::corrupt, message("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content)); };
   std::string_view rest = entry.content;
   const auto take = [&](auto& value) {
     const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);
@@ -70,4 +64,4 @@ inline TrialEntry parse_trial(const LogEntry& entry) {
   return t;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -3,10 +3,9 @@
 #include <array>
 #include <string>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// "#rrggbb" of red, green and blue, each 0 … 255.
-template <class = void>
 inline std::string hex_colour(const std::array<int, 3>& rgb) {
   std::string colour = "#";
   for (const int c : rgb)
@@ -14,4 +13,4 @@ inline std::string hex_colour(const std::array<int, 3>& rgb) {
   return colour;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -37,14 +37,12 @@ struct LinearConstraint {
   double upper = std::numeric_limits<double>::infinity();
   std::string unit;
 
-  template <class = void>
   double sum(std::span<const double> x) const {
     double total = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) total += coefficients[i] * x[i];
     return total;
   }
   /// By how much rounding may have moved the sum: 0.1 + 0.2 must not break a limit of 0.3.
-  template <class = void>
   double rounding(std::span<const double> x) const {
     double size = 0.0;
     for (std::size_t i = 0; i < x.size(); ++i) size += std::abs(coefficients[i] * x[i]);
@@ -65,48 +63,44 @@ struct DesignSpace {
   std::vector<DesignRule> rules;
 
   /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
-  template <class = void>
   void check(std::span<const double> x) const;
 
   /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
-  template <class = void>
   bool contains(std::span<const double> x) const;
 };
 
-template <class>
 inline void DesignSpace::check(std::span<const double> x) const {
   if (x.size() != variables.size())
-    throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {
     const Variable& v = variables[i];
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
-      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             detail::text("infeasible design: ", v.name, " = ", detail::exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(c.name, sum, c.upper, c.unit, detail::text("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
+      throw InfeasibleDesign(c.name, sum, c.upper, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(c.name, sum, c.lower, c.unit, detail::text("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
+      throw InfeasibleDesign(c.name, sum, c.lower, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)
     if (!r.holds(x)) throw r.refusal(x);
 }
 
-template <class>
 inline bool DesignSpace::contains(std::span<const double> x) const {
-  if (x.size() != variables.size()) throw InvalidArgument(detail::text("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  if (x.size() != variables.size()) throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {
     const Variable& v = variables[i];
     if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;

@@ -84,8 +84,6 @@ class InputError : public Error {
   using Error::Error;
 };
 
-namespace detail {
-
 /// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
 inline std::string exact(double value) {
   if (std::isnan(value)) return "nan";
@@ -102,19 +100,17 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
 
 /// Joins its arguments into one line of text.
 template <class... Args>
-std::string text(const Args&... args) {
+std::string message(const Args&... args) {
   std::ostringstream out;
   out.precision(10);
   (out << ... << args);
   return out.str();
 }
 
-}  // namespace detail
-
 /// Throws InvalidArgument unless `value` is finite and lies in [low, high].
 inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
   if (std::isfinite(value) && value >= low && value <= high) return;
-  throw InvalidArgument(detail::text(what, " is ", detail::exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
 }
 
 /// What a quantity may be, ends included.
@@ -127,7 +123,7 @@ inline void require_in_range(const char* what, double value, const Limits& limit
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {
   if (std::isfinite(value) && value > 0.0) return;
-  throw InvalidArgument(detail::text(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
+  throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
 }
 
 }  // namespace lumo

@@ -9,8 +9,6 @@
 
 namespace lumo {
 
-namespace detail {
-
 /// Mixes 64 bits; a bijection (Steele, Lea & Flood, "Fast Splittable Pseudorandom Number Generators", 2014).
 constexpr std::uint64_t mix64(std::uint64_t x) {
   x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ull;
@@ -118,21 +116,17 @@ constexpr SobolTable make_sobol_table() {
 }
 
 /// Made by the compiler, and so only where it is used.
-template <class Table = SobolTable>
-inline constexpr Table sobol_table = make_sobol_table();
-
-}  // namespace detail
+inline constexpr SobolTable sobol_table = make_sobol_table();
 
 /// Sobol's low-discrepancy sequence in up to 32 dimensions, in natural order: the first 2^m points are a digital net.
 struct Sobol {
   static constexpr int dimensions = 32;
 
   /// Coordinate `dimension` of point `index` as a 32-bit binary fraction.
-  template <class Table = detail::SobolTable>
   static std::uint32_t bits(std::uint32_t index, int dimension) {
     std::uint32_t x = 0;
     for (std::size_t k = 0; index != 0; ++k, index >>= 1)
-      if (index & 1u) x ^= detail::sobol_table<Table>.number[dimension][k];
+      if (index & 1u) x ^= sobol_table.number[dimension][k];
     return x;
   }
 };
@@ -143,10 +137,9 @@ struct OwenSobol {
   std::uint64_t seed = 0;
 
   /// In (0, 1): the middle of a cell of width 2^−32. Unchecked: dimension in [0, 32).
-  template <class = void>
   double operator()(std::uint32_t index, int dimension) const {
-    const std::uint32_t key = std::uint32_t(detail::combine(seed, std::uint64_t(dimension)) >> 32);
-    return (double(detail::owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
+    const std::uint32_t key = std::uint32_t(combine(seed, std::uint64_t(dimension)) >> 32);
+    return (double(owen_scramble(Sobol::bits(index, dimension), key)) + 0.5) * 0x1p-32;
   }
 };
 

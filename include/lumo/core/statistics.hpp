@@ -19,7 +19,6 @@ struct Interval {
 };
 
 /// Middle one of the numbers, mean of the middle two for an even count. Throws InvalidArgument for none.
-template <class = void>
 inline double median(std::vector<double> v) {
   if (v.empty()) throw InvalidArgument("median of no numbers");
   const auto half = v.begin() + std::ptrdiff_t(v.size() / 2);
@@ -28,7 +27,6 @@ inline double median(std::vector<double> v) {
 }
 
 /// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for none.
-template <class = void>
 inline double quantile(std::vector<double> v, double p) {
   if (v.empty()) throw InvalidArgument("quantile of no numbers");
   require_in_range("quantile", p, 0.0, 1.0, "");
@@ -39,30 +37,25 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
-template <class VectorXd = Eigen::VectorXd>
-inline double rms(In<Eigen::Ref<const VectorXd>> v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
 
 /// Median of each row.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline Eigen::VectorXd pointwise_median(In<MatrixXd> m) {
-  VectorXd r(m.rows());
+inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
+  Eigen::VectorXd r(m.rows());
   for (Eigen::Index i = 0; i < m.rows(); ++i) {
-    const VectorXd row = m.row(i);
+    const Eigen::VectorXd row = m.row(i);
     r[i] = median({row.data(), row.data() + row.size()});
   }
   return r;
 }
 
 /// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
-template <class = void>
 inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
-  if (all < 1 || right < 0 || right > all) throw InvalidArgument(detail::text("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  if (all < 1 || right < 0 || right > all) throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
   const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
   const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
   return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
 }
-
-namespace detail {
 
 /// Standard normal numbers from a counter; a pure function of (seed, number of calls). Source: Box & Muller 1958.
 class CountedNormals {
@@ -77,7 +70,5 @@ class CountedNormals {
  private:
   std::uint64_t seed_, count_ = 0;
 };
-
-}  // namespace detail
 
 }  // namespace lumo

@@ -10,18 +10,14 @@
 namespace lumo {
 
 /// The clock on which Video4Linux2 and SocketCAN's adapter stamp (CLOCK_MONOTONIC).
-template <class = void>
-std::int64_t steady_ns() {
+inline std::int64_t steady_ns() {
   timespec now{};
   ::clock_gettime(CLOCK_MONOTONIC, &now);
   return std::int64_t(now.tv_sec) * 1'000'000'000 + now.tv_nsec;
 }
 
-namespace detail {
-
 /// Lets others run; a signal ends it early.
-template <class = void>
-void pause_for(double seconds) {
+inline void pause_for(double seconds) {
   const double whole = std::floor(seconds);
   const timespec span{time_t(whole), long(1e9 * (seconds - whole))};
   ::nanosleep(&span, nullptr);
@@ -36,5 +32,4 @@ class Stopwatch {
   std::int64_t start_ = steady_ns();
 };
 
-}  // namespace detail
 }  // namespace lumo

@@ -10,14 +10,13 @@
 #include <string_view>
 #include <system_error>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
 /// line, and leaves what was there.
-template <class = void>
 inline void write_whole(const std::string& path, std::string_view bytes) {
   // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
-  const std::string part = text(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
+  const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));
   errno = 0;
   std::ofstream out(part, std::ios::binary);
   out.write(bytes.data(), std::streamsize(bytes.size()));
@@ -25,7 +24,7 @@ inline void write_whole(const std::string& path, std::string_view bytes) {
   if (out && std::rename(part.c_str(), path.c_str()) == 0) return;
   const std::string why = std::error_code(errno != 0 ? errno : EIO, std::generic_category()).message();
   std::remove(part.c_str());
-  throw InputError(text(path, ": cannot be written: ", why));
+  throw InputError(message(path, ": cannot be written: ", why));
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -10,20 +10,16 @@
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-template <class Drawing = Drawing, class CastSection = CastSection>
-Drawing section_drawing(In<CastSection> section, const CastingOptions& options = {});
+inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-template <class Drawing = Drawing, class CastSection = CastSection>
-Drawing strip_drawing(In<CastSection> section, const CastingOptions& options = {});
+inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
 /// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-template <class Drawing = Drawing, class CastSection = CastSection>
-Drawing core_drawing(In<CastSection> section, const CastingOptions& options = {});
+inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
 
 namespace detail {
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
-template <class Drawing>
-void add_caption(Drawing& d, const std::string& words) {
+inline void add_caption(Drawing& d, const std::string& words) {
   const int layer = int(d.layers.size());
   d.layers.push_back({"NOTES", 8, "#666666"});
   const auto box = d.box();
@@ -34,12 +30,10 @@ void add_caption(Drawing& d, const std::string& words) {
   d.title = words;
 }
 
-template <class Line = Drawing::Line>
-inline Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
+inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
 
 /// A half outline at x > 0 and its mirror image in one loop.
-template <class Point = Drawing::Point>
-inline std::vector<Point> mirrored(std::type_identity_t<std::vector<Point>> half) {
+inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
   for (std::size_t i = half.size(); i-- > 0;)
     if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
   return half;
@@ -47,15 +41,14 @@ inline std::vector<Point> mirrored(std::type_identity_t<std::vector<Point>> half
 
 }  // namespace detail
 
-template <class Drawing, class CastSection>
-inline Drawing section_drawing(In<CastSection> s, const CastingOptions& o) {
+inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
   Drawing d;
   d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
   if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<typename Drawing::Point> pad{{ridge, s.ridge_height}};
+  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
   if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
   else pad.push_back({ridge, 0.0});
   pad.insert(pad.end(), s.outline.begin(), s.outline.end());
@@ -65,7 +58,7 @@ inline Drawing section_drawing(In<CastSection> s, const CastingOptions& o) {
   d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
   d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
   for (const double side : {1.0, -1.0}) {
-    std::vector<typename Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
                                      {0.0, at.mould_top}};
     half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
@@ -80,8 +73,7 @@ inline Drawing section_drawing(In<CastSection> s, const CastingOptions& o) {
   return d;
 }
 
-template <class Drawing, class CastSection>
-inline Drawing strip_drawing(In<CastSection> s, const CastingOptions& o) {
+inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   Drawing d;
@@ -91,18 +83,17 @@ inline Drawing strip_drawing(In<CastSection> s, const CastingOptions& o) {
     const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
     d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x, 0.5 * s.leds.width_x));
   }
-  detail::add_caption(d, detail::text("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width, " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+  detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width, " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
   return d;
 }
 
-template <class Drawing, class CastSection>
-inline Drawing core_drawing(In<CastSection> s, const CastingOptions& o) {
+inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}};
   d.lines.push_back({0, core_outline(s, o)});
-  detail::add_caption(d, detail::text("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
   return d;
 }
 

@@ -18,7 +18,7 @@ struct CastingPart {
   TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
   double volume_m3 = 0.0;         ///< of one
-  Vec3 box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
+  Vec3d box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
 };
 
 /// Silicone that a cast takes [m³].
@@ -30,41 +30,35 @@ struct CastVolume {
 };
 
 /// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
-template <class Mat3 = Mat3>
-std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
 
-template <class = void>
-CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+inline CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
 /// Faces of the half that lie within the pad's box are such.
-template <class Vec3 = Vec3>
-double least_draft(const TriangleSurface& half, const CastSection& section, In<Vec3> direction);
+inline double least_draft(const TriangleSurface& half, const CastSection& section, const Vec3d& direction);
 
 /// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft of the pad's ends.
-template <class = void>
-inline Vec3 opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
+inline Vec3d opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
 
 namespace detail {
 
 /// Turned by a rotation and moved to the corner of the printer's bed.
-template <class Mat3 = Mat3>
-inline CastingPart print_part(std::string name, TriangleSurface surface, In<Mat3> turn, int copies = 1) {
+inline CastingPart print_part(std::string name, TriangleSurface surface, const Mat3d& turn, int copies = 1) {
   CastingPart part{std::move(name), surface, std::move(surface), copies};
-  for (Vec3& v : part.printed.vertices) v = turn * v;
+  for (Vec3d& v : part.printed.vertices) v = turn * v;
   const SurfaceReport report = validate_surface(part.printed);
-  for (Vec3& v : part.printed.vertices) v -= report.low;
+  for (Vec3d& v : part.printed.vertices) v -= report.low;
   part.volume_m3 = report.volume, part.box = report.high - report.low;
   return part;
 }
 
 }  // namespace detail
 
-template <class Mat3>
 inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
   // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
-  const Mat3 flat = Mat3::Identity(), on_far_end = (Mat3() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
-             on_side = (Mat3() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
+  const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
+             on_side = (Mat3d() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
   std::vector<CastingPart> kit;
   kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
   kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
@@ -73,7 +67,6 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
   return kit;
 }
 
-template <class>
 inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
@@ -82,15 +75,14 @@ inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
   return v;
 }
 
-template <class Vec3>
-inline double least_draft(const TriangleSurface& half, const CastSection& s, In<Vec3> direction) {
+inline double least_draft(const TriangleSurface& half, const CastSection& s, const Vec3d& direction) {
   const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
   double least = 0.5 * pi;
   for (const auto& t : half.triangles) {
-    const Vec3 &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
-    const Vec3 middle = (a + b + c) / 3.0;
+    const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
+    const Vec3d middle = (a + b + c) / 3.0;
     if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
-    const Vec3 normal = (b - a).cross(c - a).normalized();
+    const Vec3d normal = (b - a).cross(c - a).normalized();
     least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
   }
   return least;

@@ -34,8 +34,7 @@ inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
 }
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
-template <class = void>
-void validate(const CastingOptions& options, const CastSection& section);
+inline void validate(const CastingOptions& options, const CastSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
 struct CastingLayout {
@@ -47,7 +46,6 @@ struct CastingLayout {
   double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
   double strip_y;                                 ///< half the LED strip
 
-  template <class = void>
   CastingLayout(const CastSection& s, const CastingOptions& o) {
     const double c = o.clearance;
     half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
@@ -63,7 +61,6 @@ struct CastingLayout {
   static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
 };
 
-template <class>
 inline void validate(const CastingOptions& o, const CastSection& s) {
   namespace limits = casting_limits;
   require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
@@ -82,12 +79,12 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
   const CastingLayout at(s, o);
   const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
   if (o.strip_width * 1e3 > widest + 1e-9)
-    throw InvalidArgument(detail::text("LED strip width is ", detail::exact(o.strip_width * 1e3), " mm, must be at most ", widest,
+    throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
                                        " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
-    throw InvalidArgument(detail::text("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
+    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
   if (at.notch_outer > at.half_width - 4.55e-3)
-    throw InvalidArgument(detail::text("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
+    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
                                        4.55 + 1e3 * o.clearance, " mm"));
 }
 

@@ -10,7 +10,6 @@ namespace lumo {
 
 /// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
 /// other, a handle behind it, and a step that stops at the mould.
-template <class = void>
 inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
   const CastingLayout at(s, o);
   constexpr double handle = 10.0e-3;
@@ -20,17 +19,16 @@ inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, con
 
 /// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along +y.
 /// Throws InvalidArgument where there is no gap, MeshError.
-template <class Vec3 = Vec3>
 inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o = {}) {
   validate(o, s);
   require_positive("gap width", s.gap_width * 1e3, "mm");
   const auto side = [&](double x) {
-    std::vector<Vec3> loop;
+    std::vector<Vec3d> loop;
     for (const auto& p : core_outline(s, o)) loop.emplace_back(x, p[0], p[1]);
     return loop;
   };
   const auto inner = side(0.5 * s.ridge_width), outer = side(0.5 * s.ridge_width + s.gap_width);
-  FacetedSolidOf<Vec3> solid;
+  FacetedSolid solid;
   solid.band(inner, outer);
   solid.face(reversed(inner));
   solid.face(outer);

@@ -34,7 +34,6 @@ struct Drawing {
   std::vector<Label> labels;
 
   /// Lower left and upper right corner of all lines.
-  template <class = void>
   std::array<Point, 2> box() const {
     constexpr double far = std::numeric_limits<double>::infinity();
     Point low{far, far}, high{-far, -far};

@@ -11,10 +11,9 @@ namespace lumo {
 
 /// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
 /// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
-template <class = void>
 inline void write_dxf(std::ostream& out, const Drawing& drawing) {
   const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
-  const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, detail::in_mm(p[0])), pair(code + 10, detail::in_mm(p[1])), pair(code + 20, "0"); };
+  const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, in_mm(p[0])), pair(code + 10, in_mm(p[1])), pair(code + 20, "0"); };
   const auto begin = [&pair](const char* section) { pair(0, "SECTION"), pair(2, section); };
   const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
   const auto box = drawing.box();
@@ -40,7 +39,7 @@ inline void write_dxf(std::ostream& out, const Drawing& drawing) {
     pair(0, "SEQEND"), pair(8, name(line.layer));
   }
   for (const Drawing::Label& label : drawing.labels)
-    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, detail::in_mm(label.height)), pair(1, label.words);
+    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, in_mm(label.height)), pair(1, label.words);
   pair(0, "ENDSEC"), pair(0, "EOF");
   if (!out) throw InputError("writing a .dxf file failed");
 }

@@ -14,11 +14,9 @@ namespace lumo {
 /// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
 /// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
 /// told is what is made, and surface() checks that it bounds a solid.
-template <class Vec3 = Vec3>
-class FacetedSolidOf {
+class FacetedSolid {
  public:
-  using TriangleSurface = Dependent<lumo::TriangleSurface, Vec3>;
-  using Loop = std::vector<Vec3>;
+  using Loop = std::vector<Vec3d>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
@@ -35,58 +33,50 @@ class FacetedSolidOf {
     std::vector<std::vector<int>> holes;
   };
 
-  int vertex(const Vec3& p);
+  int vertex(const Vec3d& p);
   std::vector<int> numbers(const Loop& loop);
   std::vector<int> with_corners_between(const std::vector<int>& loop) const;
 
-  std::vector<Vec3> vertices_;
-  std::map<std::array<typename Vec3::Scalar, 3>, int> known_;
+  std::vector<Vec3d> vertices_;
+  std::map<std::array<double, 3>, int> known_;
   std::vector<Face> faces_;
 };
 
-using FacetedSolid = FacetedSolidOf<>;
-
 /// The loop the other way round.
-template <class Vec3 = Vec3>
-inline std::vector<Vec3> reversed(std::type_identity_t<std::vector<Vec3>> loop) {
+inline std::vector<Vec3d> reversed(std::type_identity_t<std::vector<Vec3d>> loop) {
   std::reverse(loop.begin(), loop.end());
   return loop;
 }
 
-template <class Vec3>
-inline int FacetedSolidOf<Vec3>::vertex(const Vec3& p) {
+inline int FacetedSolid::vertex(const Vec3d& p) {
   const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
 
-template <class Vec3>
-inline std::vector<int> FacetedSolidOf<Vec3>::numbers(const Loop& loop) {
+inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
   std::vector<int> n;
-  for (const Vec3& p : loop) n.push_back(vertex(p));
+  for (const Vec3d& p : loop) n.push_back(vertex(p));
   return n;
 }
 
-template <class Vec3>
-inline void FacetedSolidOf<Vec3>::face(const Loop& outline, const std::vector<Loop>& holes) {
+inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
   Face f{numbers(outline), {}};
   for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
   faces_.push_back(std::move(f));
 }
 
-template <class Vec3>
-inline void FacetedSolidOf<Vec3>::band(const Loop& from, const Loop& to, bool closed) {
+inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
   const std::size_t n = from.size();
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
 }
 
 /// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
-template <class Vec3>
-inline std::vector<int> FacetedSolidOf<Vec3>::with_corners_between(const std::vector<int>& loop) const {
+inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
   std::vector<int> full;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int from = loop[i], to = loop[(i + 1) % loop.size()];
-    const Vec3 &a = vertices_[std::size_t(from)], &b = vertices_[std::size_t(to)];
+    const Vec3d &a = vertices_[std::size_t(from)], &b = vertices_[std::size_t(to)];
     full.push_back(from);
     for (int axis = 0; axis < 3; ++axis) {
       const int u = (axis + 1) % 3, v = (axis + 2) % 3;
@@ -98,7 +88,7 @@ inline std::vector<int> FacetedSolidOf<Vec3>::with_corners_between(const std::ve
       };
       std::vector<Corner> between;
       for (std::size_t k = 0; k < vertices_.size(); ++k) {
-        const Vec3& p = vertices_[k];
+        const Vec3d& p = vertices_[k];
         if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
       }
       std::sort(between.begin(), between.end());
@@ -108,20 +98,19 @@ inline std::vector<int> FacetedSolidOf<Vec3>::with_corners_between(const std::ve
   return full;
 }
 
-template <class Vec3>
-inline auto FacetedSolidOf<Vec3>::surface() const -> TriangleSurface {
+inline auto FacetedSolid::surface() const -> TriangleSurface {
   TriangleSurface s{vertices_, {}};
   for (const Face& f : faces_) {
     const std::vector<int> outline = with_corners_between(f.outline);
     std::vector<std::vector<int>> holes;
     for (const auto& hole : f.holes) holes.push_back(with_corners_between(hole));
-    const Vec3 normal = detail::polygon_normal(vertices_, f.outline);
+    const Vec3d normal = polygon_normal(vertices_, f.outline);
     // Numbers of the corners alone: the projection of thousands of others would cost more than the cut.
     std::vector<int> of = outline;
     for (const auto& hole : holes) of.insert(of.end(), hole.begin(), hole.end());
     std::sort(of.begin(), of.end());
     of.erase(std::unique(of.begin(), of.end()), of.end());
-    std::vector<Vec3> corners;
+    std::vector<Vec3d> corners;
     for (const int vertex : of) corners.push_back(vertices_[std::size_t(vertex)]);
     const auto local = [&](std::vector<int> loop) {
       for (int& vertex : loop) vertex = int(std::lower_bound(of.begin(), of.end(), vertex) - of.begin());
@@ -129,7 +118,7 @@ inline auto FacetedSolidOf<Vec3>::surface() const -> TriangleSurface {
     };
     std::vector<std::vector<int>> local_holes;
     for (const auto& hole : holes) local_holes.push_back(local(hole));
-    const auto triangles = detail::PolygonTrianglesOf<Vec3>(corners, normal).cut(local(outline), std::move(local_holes));
+    const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
     if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
     for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }

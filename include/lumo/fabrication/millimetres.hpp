@@ -3,10 +3,9 @@
 #include <charconv>
 #include <string>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A length in mm with at most six digits after the point: nanometres. The same in every locale.
-template <class = void>
 inline std::string in_mm(double length_m) {
   char digits[400];
   std::string s(digits, std::to_chars(digits, digits + sizeof digits, 1e3 * length_m, std::chars_format::fixed, 6).ptr);
@@ -15,4 +14,4 @@ inline std::string in_mm(double length_m) {
   return s == "-0" ? "0" : s;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

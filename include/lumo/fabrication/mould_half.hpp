@@ -23,19 +23,15 @@ struct Opening {
 };
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
-template <class Opening = Opening>
-std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
 /// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
 /// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
 /// Throws InvalidArgument, MeshError.
-template <class Vec3 = Vec3>
-TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
-template <class Vec3 = Vec3>
-TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
-template <class Opening>
 inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
@@ -51,13 +47,10 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
 namespace detail {
 
 /// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
-template <class Vec3 = Vec3>
-class MouldHalfOf {
+class MouldHalf {
  public:
-  using CastSection = Dependent<lumo::CastSection, Vec3>;
-  using FacetedSolid = Dependent<lumo::FacetedSolid, Vec3>;
 
-  MouldHalfOf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
     if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
@@ -117,15 +110,14 @@ class MouldHalfOf {
   const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
-  std::vector<Dependent<Opening, Vec3>> openings_;
+  std::vector<Opening> openings_;
   std::vector<Notch> notches_;
   double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::cavity() {
+inline void MouldHalf::cavity() {
   solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
   const Corners crown(s_.outline.rbegin(), s_.outline.rend());
   Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
@@ -137,16 +129,15 @@ inline void MouldHalfOf<Vec3>::cavity() {
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   for (const Opening& opening : openings_)
-    holes.push_back(reversed(ring(Vec3(opening.at_pad[0], end_, opening.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.radius)));
+    holes.push_back(reversed(ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
 /// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::parting() {
+inline void MouldHalf::parting() {
   constexpr double radius = 2.5e-3, height = 3.0e-3;
   const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
-  const auto around = [&](double x, double place, double r) { return ring(Vec3(x, place, z), Vec3::UnitZ(), Vec3::UnitY(), r); };   // seen from −x
+  const auto around = [&](double x, double place, double r) { return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r); };   // seen from −x
   solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
               {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
   solid_.band(around(0.0, y, radius), around(-height, y, tip));
@@ -156,8 +147,7 @@ inline void MouldHalfOf<Vec3>::parting() {
 }
 
 /// The ledge that lies on the carrier's plate, and the rim round it.
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::underside() {
+inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
   solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
   if (!notches_.empty())
@@ -172,8 +162,7 @@ inline void MouldHalfOf<Vec3>::underside() {
   solid_.face(upright(inner, at_.rim_y));
 }
 
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::outside() {
+inline void MouldHalf::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
@@ -181,13 +170,12 @@ inline void MouldHalfOf<Vec3>::outside() {
   std::vector<Loop> holes;
   for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
   for (const Opening& opening : openings_)
-    holes.push_back(ring(Vec3(opening.outside[0], far, opening.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), opening.outer_radius));
+    holes.push_back(ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
 /// Through the end wall, open to the plate; the rim below it is a clearance lower, so that the core lies on the plate.
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::notches() {
+inline void MouldHalf::notches() {
   const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
   const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
   for (const auto& [a, b] : notches_) {
@@ -198,28 +186,25 @@ inline void MouldHalfOf<Vec3>::notches() {
   }
 }
 
-template <class Vec3>
-inline void MouldHalfOf<Vec3>::openings() {
+inline void MouldHalf::openings() {
   for (const Opening& o : openings_) {
-    const Loop inner = ring(Vec3(o.at_pad[0], end_, o.at_pad[1]), Vec3::UnitX(), Vec3::UnitZ(), o.radius);
-    const Loop outer = ring(Vec3(o.outside[0], at_.mould_y, o.outside[1]), Vec3::UnitX(), Vec3::UnitZ(), o.outer_radius);
+    const Loop inner = ring(Vec3d(o.at_pad[0], end_, o.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.radius);
+    const Loop outer = ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
     solid_.band(reversed(outer), reversed(inner));
   }
 }
 
 }  // namespace detail
 
-template <class Vec3>
 inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  return detail::MouldHalfOf<Vec3>(s, o, true).surface();
+  return detail::MouldHalf(s, o, true).surface();
 }
 
-template <class Vec3>
 inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
   validate(o, s);
-  TriangleSurface half = detail::MouldHalfOf<Vec3>(s, o, false).surface();
-  for (Vec3& v : half.vertices) v = Vec3(-v.x(), -v.y(), v.z());
+  TriangleSurface half = detail::MouldHalf(s, o, false).surface();
+  for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), -v.y(), v.z());
   return half;
 }
 

@@ -11,9 +11,7 @@
 namespace lumo {
 
 /// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group. Throws InputError when the stream fails.
-template <class = void>
 inline void write_svg(std::ostream& out, const Drawing& drawing) {
-  using detail::in_mm;
   constexpr double margin = 5.0e-3;
   auto [low, high] = drawing.box();
   for (const Drawing::Label& label : drawing.labels) {   // letters are at most as wide as high, but for few

@@ -35,8 +35,7 @@ struct PrintItem {
 
 /// The files of a 3MF package in mm: one object each, the copies beside each other, `spacing` [m] apart. Throws InvalidArgument for a name with other characters.
 /// Source: 3MF Consortium, 3D Manufacturing Format Core Specification 1.3; ECMA-376 part 2 (open packaging).
-template <class Vec3 = Vec3>
-std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing = 5.0e-3);
+inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing = 5.0e-3);
 
 /// The package in one. Throws InputError when the stream fails.
 template <Archiver A>
@@ -46,20 +45,18 @@ void write_3mf(std::ostream& out, std::span<const PrintItem> items, const A& arc
   if (!out) throw InputError("writing a .3mf file failed");
 }
 
-template <class Vec3>
 inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing) {
-  using detail::in_mm;
   std::string objects, build;
   double x = 0.0;
   for (std::size_t k = 0; k < items.size(); ++k) {
     const PrintItem& item = items[k];
     for (const char c : item.name)
       if (!((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == ' ' || c == '_'))
-        throw InvalidArgument(detail::text("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
+        throw InvalidArgument(message("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
     const std::string id = std::to_string(k + 1);
     objects += "<object id=\"" + id + "\" type=\"model\" name=\"" + item.name + "\"><mesh><vertices>\n";
     double width = 0.0;
-    for (const Vec3& v : item.surface.vertices) {
+    for (const Vec3d& v : item.surface.vertices) {
       objects += "<vertex x=\"" + in_mm(v.x()) + "\" y=\"" + in_mm(v.y()) + "\" z=\"" + in_mm(v.z()) + "\"/>\n";
       width = std::max(width, v.x());
     }

@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A triangle of a surface, by vertex numbers, and the facet that it is part of.
 struct SurfaceTriangle {
@@ -19,10 +19,9 @@ struct SurfaceTriangle {
 };
 
 /// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
-template <class Vec3 = Vec3>
-inline Vec3 polygon_normal(In<std::vector<Vec3>> vertices, const std::vector<int>& loop) {
-  const Vec3& origin = vertices[static_cast<std::size_t>(loop[0])];
-  Vec3 sum = Vec3::Zero();
+inline Vec3d polygon_normal(const std::vector<Vec3d>& vertices, const std::vector<int>& loop) {
+  const Vec3d& origin = vertices[static_cast<std::size_t>(loop[0])];
+  Vec3d sum = Vec3d::Zero();
   for (std::size_t i = 1; i + 1 < loop.size(); ++i)
     sum += (vertices[static_cast<std::size_t>(loop[i])] - origin).cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
   return sum;
@@ -33,15 +32,14 @@ struct Projection {
   std::size_t first = 0;
   std::size_t second = 1;
 
-  template <class Vec3 = Vec3>
-  explicit Projection(In<Vec3> normal) {
+  explicit Projection(const Vec3d& normal) {
     int axis = 0;
     normal.cwiseAbs().maxCoeff(&axis);
     first = static_cast<std::size_t>((axis + 1) % 3);
     second = static_cast<std::size_t>((axis + 2) % 3);
     if (normal[axis] < 0.0) std::swap(first, second);
   }
-  Point2 operator()(const Vec3& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
+  Point2 operator()(const Vec3d& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
 };
 
 /// Whether p, known to be on the line through a and b, is between them or at an end.
@@ -61,8 +59,7 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
 }
 
 /// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
-template <class Point2 = Point2>
-inline bool outline_crosses(In<std::vector<Point2>> points) {
+inline bool outline_crosses(const std::vector<Point2>& points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
     const Point2& a = points[i];
@@ -86,8 +83,7 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
 /// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
 /// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-template <class Vec3 = Vec3, class SurfaceTriangle = SurfaceTriangle, class Point2 = Point2>
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vector<Vec3>> vertices, const std::vector<int>& loop, In<Vec3> normal,
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
@@ -133,4 +129,4 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(In<std::vecto
   return triangles;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

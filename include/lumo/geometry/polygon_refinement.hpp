@@ -13,14 +13,12 @@
 #include <utility>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of areas are exact, so that every state is
 /// a valid triangulation; whether a circle holds a point is rounded, which costs at most quality. Same input, same bits.
-template <class Point2 = Point2>
-class PolygonRefinementOf {
+class PolygonRefinement {
  public:
-  using Vec3 = Dependent<lumo::Vec3, Point2>;
   static constexpr std::size_t most_points = 200'000;
   struct Triangle {
     std::array<int, 3> corners;   ///< counter-clockwise
@@ -32,7 +30,7 @@ class PolygonRefinementOf {
   };
 
   /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where it is not simple.
-  static std::optional<PolygonRefinementOf> of(const std::vector<Point2>& polygon);
+  static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
 
   /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
   /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
@@ -79,12 +77,9 @@ class PolygonRefinementOf {
   double shortest_given_ = 0.0;
 };
 
-using PolygonRefinement = PolygonRefinementOf<>;
-
-template <class Point2>
-inline auto PolygonRefinementOf<Point2>::of(const std::vector<Point2>& polygon) -> std::optional<PolygonRefinementOf> {
+inline auto PolygonRefinement::of(const std::vector<Point2>& polygon) -> std::optional<PolygonRefinement> {
   if (polygon.size() < 3 || outline_crosses(polygon)) return std::nullopt;
-  PolygonRefinementOf r;
+  PolygonRefinement r;
   r.points_ = polygon;
   std::vector<int> loop;
   const int n = int(polygon.size());
@@ -94,9 +89,9 @@ inline auto PolygonRefinementOf<Point2>::of(const std::vector<Point2>& polygon) 
     r.edge_of_[key(i, (i + 1) % n)] = i;
     r.shortest_given_ = std::min(r.shortest_given_, distance(r.at(i), r.at((i + 1) % n)));
   }
-  std::vector<Vec3> corners;
+  std::vector<Vec3d> corners;
   for (const Point2& p : polygon) corners.emplace_back(p[0], p[1], 0.0);
-  const auto cut = PolygonTriangles(corners, Vec3(0, 0, 1)).cut(loop, {});
+  const auto cut = PolygonTriangles(corners, Vec3d(0, 0, 1)).cut(loop, {});
   if (!cut) return std::nullopt;
   std::map<std::pair<int, int>, std::pair<int, int>> waiting;   // directed edge → triangle and corner opposite
   for (const auto& ear : *cut) {
@@ -119,8 +114,7 @@ inline auto PolygonRefinementOf<Point2>::of(const std::vector<Point2>& polygon) 
   return r;
 }
 
-template <class Point2>
-inline auto PolygonRefinementOf<Point2>::circle(const Triangle& t) const -> Circle {
+inline auto PolygonRefinement::circle(const Triangle& t) const -> Circle {
   const Point2 &a = at(t.corners[0]), &b = at(t.corners[1]), &c = at(t.corners[2]);
   const double bx = b[0] - a[0], by = b[1] - a[1], cx = c[0] - a[0], cy = c[1] - a[1];
   const double bb = bx * bx + by * by, cc = cx * cx + cy * cy, twice = 2.0 * (bx * cy - by * cx);
@@ -129,8 +123,7 @@ inline auto PolygonRefinementOf<Point2>::circle(const Triangle& t) const -> Circ
 }
 
 /// Clearly inside, so that two triangles on one circle stay as they are.
-template <class Point2>
-inline bool PolygonRefinementOf<Point2>::in_circle(const Triangle& t, const Point2& p) const {
+inline bool PolygonRefinement::in_circle(const Triangle& t, const Point2& p) const {
   double rows[3][3];
   double size = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -143,8 +136,7 @@ inline bool PolygonRefinementOf<Point2>::in_circle(const Triangle& t, const Poin
 }
 
 /// From triangle to triangle towards a point, as far as the outline allows.
-template <class Point2>
-inline auto PolygonRefinementOf<Point2>::walk(int t, const Point2& p) const -> Place {
+inline auto PolygonRefinement::walk(int t, const Point2& p) const -> Place {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
     for (int k = 0; k < 3 && next == -2; ++k)
@@ -156,16 +148,14 @@ inline auto PolygonRefinementOf<Point2>::walk(int t, const Point2& p) const -> P
   return {-1, false, 0};   // rounded circles may let a walk turn about
 }
 
-template <class Point2>
-inline void PolygonRefinementOf<Point2>::reconnect(int neighbour, int before, int now) {
+inline void PolygonRefinement::reconnect(int neighbour, int before, int now) {
   if (neighbour < 0) return;
   Triangle& n = triangle(neighbour);
   n.across[std::size_t(corner_of(n, before))] = now;
 }
 
 /// Exchanges the diagonal of the two triangles at the edge opposite to corner k, where that is better.
-template <class Point2>
-inline bool PolygonRefinementOf<Point2>::flip(int t, int k) {
+inline bool PolygonRefinement::flip(int t, int k) {
   const int other = triangle(t).across[std::size_t(k)];
   if (other < 0) return false;
   const int j = corner_of(triangle(other), t);
@@ -183,8 +173,7 @@ inline bool PolygonRefinementOf<Point2>::flip(int t, int k) {
 }
 
 /// Lawson's flips around a new point.
-template <class Point2>
-inline void PolygonRefinementOf<Point2>::settle(int point, std::vector<int>& changed) {
+inline void PolygonRefinement::settle(int point, std::vector<int>& changed) {
   for (std::size_t i = 0; i < changed.size(); ++i) {
     const auto& corners = triangle(changed[i]).corners;
     const auto found = std::find(corners.begin(), corners.end(), point);
@@ -196,8 +185,7 @@ inline void PolygonRefinementOf<Point2>::settle(int point, std::vector<int>& cha
   }
 }
 
-template <class Point2>
-inline void PolygonRefinementOf<Point2>::split_inside(int t, const Point2& p, std::vector<int>& changed) {
+inline void PolygonRefinement::split_inside(int t, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), second = int(triangles_.size()), third = second + 1;
   points_.push_back(p);
   const Triangle old = triangle(t);
@@ -212,8 +200,7 @@ inline void PolygonRefinementOf<Point2>::split_inside(int t, const Point2& p, st
 }
 
 /// A point on the edge opposite to corner k; on the outline, too.
-template <class Point2>
-inline void PolygonRefinementOf<Point2>::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
+inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::vector<int>& changed) {
   const int point = int(points_.size()), new_t = int(triangles_.size());
   points_.push_back(p);
   const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
@@ -241,8 +228,7 @@ inline void PolygonRefinementOf<Point2>::split_edge(int t, int k, const Point2& 
 }
 
 /// Halves the piece of the outline opposite to corner k, unless that brings points too close.
-template <class Point2>
-inline bool PolygonRefinementOf<Point2>::split_outline(int t, int k, double closest, std::vector<int>& changed) {
+inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::vector<int>& changed) {
   const auto [from, to] = ends(t, k);
   const Point2 a = at(from), b = at(to), apex = at(triangle(t).corners[std::size_t(k)]);
   if (0.5 * distance(a, b) < closest) return false;
@@ -255,8 +241,7 @@ inline bool PolygonRefinementOf<Point2>::split_outline(int t, int k, double clos
 
 /// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
 /// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
-template <class Point2>
-inline std::optional<std::pair<int, int>> PolygonRefinementOf<Point2>::encroached(int t, const Point2& p) const {
+inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
     for (int k = 0; k < 3; ++k) {
@@ -272,15 +257,13 @@ inline std::optional<std::pair<int, int>> PolygonRefinementOf<Point2>::encroache
 }
 
 /// A point of the closed triangle.
-template <class Point2>
-inline void PolygonRefinementOf<Point2>::insert(int t, const Point2& p, std::vector<int>& changed) {
+inline void PolygonRefinement::insert(int t, const Point2& p, std::vector<int>& changed) {
   for (int k = 0; k < 3; ++k)
     if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) == 0) return split_edge(t, k, p, changed);
   split_inside(t, p, changed);
 }
 
-template <class Point2>
-inline bool PolygonRefinementOf<Point2>::refine(const std::function<double(const Point2&)>& edge_length) {
+inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>& edge_length) {
   std::vector<int> todo;
   for (int t = int(triangles_.size()); t-- > 0;) todo.push_back(t);
   std::vector<int> changed;
@@ -310,8 +293,7 @@ inline bool PolygonRefinementOf<Point2>::refine(const std::function<double(const
   return true;
 }
 
-template <class Point2>
-inline auto PolygonRefinementOf<Point2>::outline() const -> std::vector<Piece> {
+inline auto PolygonRefinement::outline() const -> std::vector<Piece> {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)
     for (int k = 0; k < 3; ++k)
@@ -319,4 +301,4 @@ inline auto PolygonRefinementOf<Point2>::outline() const -> std::vector<Piece> {
   return pieces;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -9,21 +9,19 @@
 #include <utility>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
 /// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
 /// are exact. Corners on straight edges are allowed.
-template <class Vec3 = Vec3>
-class PolygonTrianglesOf {
+class PolygonTriangles {
  public:
-  using Point2 = Dependent<lumo::Point2, Vec3>;
-  using Triangle = Dependent<std::array<int, 3>, Vec3>;
-  using Loop = Dependent<std::vector<int>, Vec3>;
+  using Triangle = std::array<int, 3>;
+  using Loop = std::vector<int>;
 
-  PolygonTrianglesOf(const std::vector<Vec3>& vertices, const Vec3& normal) {
+  PolygonTriangles(const std::vector<Vec3d>& vertices, const Vec3d& normal) {
     const Projection project(normal);
-    for (const Vec3& v : vertices) points_.push_back(project(v));
+    for (const Vec3d& v : vertices) points_.push_back(project(v));
   }
 
   /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
@@ -40,11 +38,8 @@ class PolygonTrianglesOf {
   std::vector<Point2> points_;
 };
 
-using PolygonTriangles = PolygonTrianglesOf<>;
-
 /// Whether the segment a b meets an edge of the loop that does not end in a or b.
-template <class Vec3>
-inline bool PolygonTrianglesOf<Vec3>::crosses(int a, int b, const std::vector<int>& loop) const {
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const int p = loop[i], q = loop[(i + 1) % loop.size()];
     const bool shared = p == a || p == b || q == a || q == b;
@@ -54,15 +49,13 @@ inline bool PolygonTrianglesOf<Vec3>::crosses(int a, int b, const std::vector<in
 }
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
-template <class Vec3>
-inline bool PolygonTrianglesOf<Vec3>::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
   const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-template <class Vec3>
-inline bool PolygonTrianglesOf<Vec3>::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
   const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
   struct Candidate {
@@ -90,8 +83,7 @@ inline bool PolygonTrianglesOf<Vec3>::bridge(Loop& loop, const std::vector<int>&
 }
 
 /// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
-template <class Vec3>
-inline double PolygonTrianglesOf<Vec3>::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
   const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
   if (a == c || turn(a, b, c) <= 0) return 0.0;
   for (const int p : loop)
@@ -101,8 +93,7 @@ inline double PolygonTrianglesOf<Vec3>::shape_of_ear(const std::vector<int>& loo
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
-template <class Vec3>
-inline auto PolygonTrianglesOf<Vec3>::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
+inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
   const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
   while (!holes.empty()) {
@@ -129,4 +120,4 @@ inline auto PolygonTrianglesOf<Vec3>::cut(std::vector<int> loop, std::vector<std
   return triangles;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

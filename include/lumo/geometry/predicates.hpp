@@ -20,10 +20,7 @@ using Point2 = std::array<double, 2>;
 int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
 /// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
-template <class Vec3 = Vec3>
-int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d);
-
-namespace detail {
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 
 inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
 
@@ -36,11 +33,10 @@ inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
 }
 
 /// The sign where rounding errors cannot change it, else 0.
-template <class Vec3 = Vec3>
-inline int sure_orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
-  const Vec3 u = b - a;
-  const Vec3 v = c - a;
-  const Vec3 w = d - a;
+inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  const Vec3d u = b - a;
+  const Vec3d v = c - a;
+  const Vec3d w = d - a;
   double value = 0.0;
   double size = 0.0;
   for (int i = 0; i < 3; ++i) {
@@ -125,28 +121,24 @@ inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a 
 /// a d − b c of differences.
 inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) { return a * d + (b * c) * -1.0; }
 
-}  // namespace detail
-
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
-  if (const int sure = detail::sure_orient2d(a, b, c); sure != 0) return sure;
-  using detail::difference;
-  return detail::minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
+  if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
+  return minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
 }
 
-template <class Vec3>
-inline int orient3d(In<Vec3> a, In<Vec3> b, In<Vec3> c, In<Vec3> d) {
-  if (const int sure = detail::sure_orient3d(a, b, c, d); sure != 0) return sure;
-  std::array<std::array<detail::Expansion, 3>, 3> rows;
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  if (const int sure = sure_orient3d(a, b, c, d); sure != 0) return sure;
+  std::array<std::array<Expansion, 3>, 3> rows;
   for (int k = 0; k < 3; ++k) {
-    rows[0][static_cast<std::size_t>(k)] = detail::difference(b[k], a[k]);
-    rows[1][static_cast<std::size_t>(k)] = detail::difference(c[k], a[k]);
-    rows[2][static_cast<std::size_t>(k)] = detail::difference(d[k], a[k]);
+    rows[0][static_cast<std::size_t>(k)] = difference(b[k], a[k]);
+    rows[1][static_cast<std::size_t>(k)] = difference(c[k], a[k]);
+    rows[2][static_cast<std::size_t>(k)] = difference(d[k], a[k]);
   }
-  detail::Expansion sum;
+  Expansion sum;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::size_t j = (i + 1) % 3;
     const std::size_t k = (i + 2) % 3;
-    sum = sum + detail::minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
+    sum = sum + minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
   }
   return sum.sign();
 }

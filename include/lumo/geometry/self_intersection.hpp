@@ -11,51 +11,42 @@
 #include <utility>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Two triangles that meet elsewhere than in corners that they share, or come closer than `gap` without sharing any.
 /// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the candidates.
 class SelfIntersection {
  public:
-  SelfIntersection(const std::vector<Vec3>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
+  SelfIntersection(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
   /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
-  template <class Vec3 = Vec3>
   std::optional<std::pair<int, int>> find() const;
 
  private:
   using Corners = std::array<int, 3>;
 
-  const Vec3& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
+  const Vec3d& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
   static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
-  template <class Vec3 = Vec3>
-  Vec3 normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
+  Vec3d normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
 
-  template <class Vec3 = Vec3>
   bool clash(const Corners& a, const Corners& b) const;
-  template <class = void>
   bool surely_apart(const Corners& a, const Corners& b) const;
-  template <class = void>
   bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
-  template <class Vec3 = Vec3>
   bool folded(const Corners& a, const Corners& b) const;
-  template <class = void>
   bool meets(int p, int q, const Corners& t) const;
-  template <class Vec3 = Vec3>
   bool close(const Corners& a, const Corners& b) const;
 
-  const std::vector<Vec3>& vertices_;
+  const std::vector<Vec3d>& vertices_;
   const std::vector<SurfaceTriangle>& triangles_;
   double gap_;
 };
 
 /// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
-template <class Vec3 = Vec3>
-inline double segment_distance2(In<Vec3> p1, In<Vec3> q1, In<Vec3> p2, In<Vec3> q2) {
-  const Vec3 d1 = q1 - p1;
-  const Vec3 d2 = q2 - p2;
-  const Vec3 r = p1 - p2;
+inline double segment_distance2(const Vec3d& p1, const Vec3d& q1, const Vec3d& p2, const Vec3d& q2) {
+  const Vec3d d1 = q1 - p1;
+  const Vec3d d2 = q2 - p2;
+  const Vec3d r = p1 - p2;
   const double a = d1.squaredNorm();
   const double e = d2.squaredNorm();
   const double b = d1.dot(d2);
@@ -69,7 +60,6 @@ inline double segment_distance2(In<Vec3> p1, In<Vec3> q1, In<Vec3> p2, In<Vec3> 
 }
 
 /// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
-template <class>
 inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
   int side = 0;
   for (int vertex : b) {
@@ -83,7 +73,6 @@ inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) c
 
 /// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
 /// projection is disjoint in space.
-template <class>
 inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
   for (std::size_t i = 0; i < 3; ++i) {
     const int p = a[i];
@@ -99,7 +88,6 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
 }
 
 /// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
-template <class Vec3>
 inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   int apex_a = 0, apex_b = 0;
   std::array<int, 2> edge{};
@@ -110,14 +98,13 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
-  const Vec3 along = at(edge[1]) - at(edge[0]);
-  const Vec3 u = along.cross(at(apex_a) - at(edge[0]));
-  const Vec3 v = along.cross(at(apex_b) - at(edge[0]));
+  const Vec3d along = at(edge[1]) - at(edge[0]);
+  const Vec3d u = along.cross(at(apex_a) - at(edge[0]));
+  const Vec3d v = along.cross(at(apex_b) - at(edge[0]));
   return u.dot(v) > 0.0 && u.cross(v).norm() < 1e-6 * u.norm() * v.norm();
 }
 
 /// Whether the closed segment p q meets the closed triangle t. Exact.
-template <class>
 inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   const int side_p = orient3d(at(t[0]), at(t[1]), at(t[2]), at(p));
   const int side_q = orient3d(at(t[0]), at(t[1]), at(t[2]), at(q));
@@ -143,10 +130,9 @@ inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
   return inside;
 }
 
-template <class Vec3>
 inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
-    const Vec3 n = normal(*t).normalized();
+    const Vec3d n = normal(*t).normalized();
     int above = 0, below = 0;
     for (int vertex : *other) {
       const double height = n.dot(at(vertex) - at((*t)[0]));
@@ -155,7 +141,7 @@ inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
       if (std::abs(height) > gap_) continue;
       bool inside = true;  // of the prism over the triangle
       for (std::size_t i = 0; i < 3; ++i) {
-        const Vec3& corner = at((*t)[i]);
+        const Vec3d& corner = at((*t)[i]);
         inside = inside && n.dot((at((*t)[(i + 1) % 3]) - corner).cross(at(vertex) - corner)) >= 0.0;
       }
       if (inside) return true;
@@ -168,7 +154,6 @@ inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class Vec3>
 inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
   if (shared == 3) return true;
@@ -176,7 +161,7 @@ inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   if (shared == 0 && close(a, b)) return true;
   if (surely_apart(a, b) || surely_apart(b, a)) return false;
   for (int axis = 0; axis < 3; ++axis) {
-    const Projection project(Vec3::Unit(axis));
+    const Projection project(Vec3d::Unit(axis));
     if (surely_beside(a, b, project) || surely_beside(b, a, project)) return false;
   }
   // One shared corner: whatever else they share reaches an edge opposite to it.
@@ -190,18 +175,17 @@ inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
   return false;
 }
 
-template <class Vec3>
 inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
-  struct Box {
-    Vec3 low, high;
+  struct TriangleBox {
+    Vec3d low, high;
     int triangle;
   };
-  std::vector<Box> boxes;
-  const Vec3 margin = Vec3::Constant(0.5 * gap_);
-  Vec3 low = Vec3::Constant(HUGE_VAL), high = Vec3::Constant(-HUGE_VAL);
+  std::vector<TriangleBox> boxes;
+  const Vec3d margin = Vec3d::Constant(0.5 * gap_);
+  Vec3d low = Vec3d::Constant(HUGE_VAL), high = Vec3d::Constant(-HUGE_VAL);
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
-    const Vec3 &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
+    const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
     boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin, elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
@@ -209,7 +193,7 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   int axis = 0;
   (high - low).maxCoeff(&axis);
   std::sort(boxes.begin(), boxes.end(),
-            [axis](const Box& a, const Box& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
+            [axis](const TriangleBox& a, const TriangleBox& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
   for (std::size_t i = 0; i < boxes.size(); ++i)
     for (std::size_t j = i + 1; j < boxes.size() && boxes[j].low[axis] <= boxes[i].high[axis]; ++j) {
       if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any()) continue;
@@ -220,4 +204,4 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   return std::nullopt;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

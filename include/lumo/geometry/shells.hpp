@@ -14,7 +14,7 @@
 #include <tuple>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A connected part of a surface. Faces outwards (volume > 0, a solid) or inwards (a cavity).
 struct Shell {
@@ -40,7 +40,6 @@ class Groups {
 
 /// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
 /// Throws MeshError (open, not_manifold).
-template <class = void>
 inline void check_edges(const MeshInput& input) {
   using Reason = MeshError::Reason;
   struct Side {
@@ -67,12 +66,12 @@ inline void check_edges(const MeshInput& input) {
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge = text("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
-    if (end - i == 1) throw MeshError(Reason::open, text("surface: ", edge, " has 1 facet, must have 2"));
-    if (end - i > 2) throw MeshError(Reason::not_manifold, text("surface: ", edge, " has ", end - i, " facets, must have 2"));
+    const auto edge = message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
+    if (end - i > 2) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
-    if (a.up == b.up) throw MeshError(Reason::not_manifold, text("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+    if (a.up == b.up) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -82,13 +81,12 @@ inline void check_edges(const MeshInput& input) {
     int& known = fan_of[static_cast<std::size_t>(vertex_of[corner])];
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
-      throw MeshError(Reason::not_manifold, text("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+      throw MeshError(Reason::not_manifold, message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
 
 /// The connected parts of a surface, with areas and enclosed volumes.
-template <class Vec3 = Vec3>
 inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
   Groups groups(input.vertices.size());
   for (const SurfaceTriangle& t : triangles) {
@@ -105,12 +103,12 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
     }
     shells[static_cast<std::size_t>(shell)].triangles.push_back(static_cast<int>(i));
   }
-  const auto at = [&](int vertex) -> const Vec3& { return input.vertices[static_cast<std::size_t>(vertex)]; };
+  const auto at = [&](int vertex) -> const Vec3d& { return input.vertices[static_cast<std::size_t>(vertex)]; };
   for (Shell& shell : shells) {
-    const Vec3 origin = at(triangles[static_cast<std::size_t>(shell.triangles[0])].corners[0]);
+    const Vec3d origin = at(triangles[static_cast<std::size_t>(shell.triangles[0])].corners[0]);
     for (int i : shell.triangles) {
       const auto& [a, b, c] = triangles[static_cast<std::size_t>(i)].corners;
-      const Vec3 doubled = (at(b) - at(a)).cross(at(c) - at(a));
+      const Vec3d doubled = (at(b) - at(a)).cross(at(c) - at(a));
       shell.area += 0.5 * doubled.norm();
       shell.volume += doubled.dot(at(a) - origin) / 6.0;
     }
@@ -119,16 +117,14 @@ inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<
 }
 
 /// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
-template <class Vec3 = Vec3>
-inline double solid_angle(In<Vec3> from_a, In<Vec3> from_b, In<Vec3> from_c, In<Vec3> point) {
-  const Vec3 a = from_a - point, b = from_b - point, c = from_c - point;
+inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d& from_c, const Vec3d& point) {
+  const Vec3d a = from_a - point, b = from_b - point, c = from_c - point;
   const double la = a.norm(), lb = b.norm(), lc = c.norm();
   return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
-template <class Vec3 = Vec3>
-inline double winding(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, In<Vec3> point) {
+inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
@@ -140,9 +136,8 @@ inline double winding(In<std::vector<Vec3>> vertices, const std::vector<SurfaceT
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-template <class Vec3 = Vec3>
 inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
-  const auto total = [&](const Vec3& point, const Shell* without) {
+  const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
       if (&shell != without) sum += winding(input.vertices, triangles, shell, point);
@@ -153,7 +148,7 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
     const double around = total(input.vertices[static_cast<std::size_t>(first.corners[0])], &shells[i]);
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
-      throw MeshError(MeshError::Reason::not_manifold, text("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
+      throw MeshError(MeshError::Reason::not_manifold, message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
                                                             around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
@@ -161,27 +156,26 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
     for (int vertex : t.corners) used[static_cast<std::size_t>(vertex)] = 1;
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
-      throw MeshError(MeshError::Reason::bad_index, text("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+      throw MeshError(MeshError::Reason::bad_index, message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
-template <class Vec3 = Vec3>
-inline std::vector<Vec3> cavity_points(In<std::vector<Vec3>> vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
-  std::vector<Vec3> points;
-  const auto at = [&](int vertex) -> const Vec3& { return vertices[static_cast<std::size_t>(vertex)]; };
+inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+  std::vector<Vec3d> points;
+  const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {
     if (shell.volume > 0.0) continue;
     const auto& [a, b, c] = triangles[static_cast<std::size_t>(shell.triangles[0])].corners;
-    const Vec3 from = (at(a) + at(b) + at(c)) / 3.0;
-    const Vec3 ray = (at(b) - at(a)).cross(at(c) - at(a)).normalized();  // out of the material
+    const Vec3d from = (at(a) + at(b) + at(c)) / 3.0;
+    const Vec3d ray = (at(b) - at(a)).cross(at(c) - at(a)).normalized();  // out of the material
     double nearest = HUGE_VAL;
     for (std::size_t i = 0; i < triangles.size(); ++i) {
       if (static_cast<int>(i) == shell.triangles[0]) continue;
       const auto& [p, q, r] = triangles[i].corners;
-      const Vec3 normal = (at(q) - at(p)).cross(at(r) - at(p));
+      const Vec3d normal = (at(q) - at(p)).cross(at(r) - at(p));
       const double distance = normal.dot(at(p) - from) / normal.dot(ray);
       if (!(distance > 0.0 && distance < nearest)) continue;
-      const Vec3 hit = from + distance * ray;
+      const Vec3d hit = from + distance * ray;
       const double slack = -1e-9 * normal.squaredNorm();
       const auto left = [&](int v, int w) { return normal.dot((at(w) - at(v)).cross(hit - at(v))) >= slack; };
       if (left(p, q) && left(q, r) && left(r, p)) nearest = distance;
@@ -191,4 +185,4 @@ inline std::vector<Vec3> cavity_points(In<std::vector<Vec3>> vertices, const std
   return points;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

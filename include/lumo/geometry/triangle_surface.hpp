@@ -10,12 +10,11 @@ namespace lumo {
 
 /// A surface of triangles, counter-clockwise seen from outside.
 struct TriangleSurface {
-  std::vector<Vec3> vertices;                  ///< [m]
+  std::vector<Vec3d> vertices;                  ///< [m]
   std::vector<std::array<int, 3>> triangles;
 };
 
 /// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
-template <class MeshInput = MeshInput>
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
   MeshInput input;
   input.vertices = surface.vertices;
@@ -24,11 +23,10 @@ inline SurfaceReport validate_surface(const TriangleSurface& surface) {
 }
 
 /// How often the surface winds around a point: 1 inside, 0 outside.
-template <class Vec3 = Vec3>
-inline double winding_number(const TriangleSurface& surface, In<Vec3> point) {
+inline double winding_number(const TriangleSurface& surface, const Vec3d& point) {
   double angle = 0.0;
-  const auto at = [&](int vertex) -> const Vec3& { return surface.vertices[std::size_t(vertex)]; };
-  for (const auto& t : surface.triangles) angle += detail::solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
+  const auto at = [&](int vertex) -> const Vec3d& { return surface.vertices[std::size_t(vertex)]; };
+  for (const auto& t : surface.triangles) angle += solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
   return angle / (4.0 * std::numbers::pi);
 }
 

@@ -13,23 +13,22 @@ namespace lumo {
 
 /// Where on a triangle abc a point is nearest to another, and on what of it.
 struct TrianglePoint {
-  Vec3 point{0.0, 0.0, 0.0};
+  Vec3d point{0.0, 0.0, 0.0};
   int feature = inside;   ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
   static constexpr int inside = 6;
 };
 
 /// Point of the triangle abc nearest to p. Source: Ericson 2005, §5.1.5.
-template <class Vec3 = Vec3>
-inline TrianglePoint closest_point(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) {
-  const Vec3 ab = b - a, ac = c - a, ap = p - a;
+inline TrianglePoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  const Vec3d ab = b - a, ac = c - a, ap = p - a;
   const double d1 = ab.dot(ap), d2 = ac.dot(ap);
   if (d1 <= 0.0 && d2 <= 0.0) return {a, 0};
-  const Vec3 bp = p - b;
+  const Vec3d bp = p - b;
   const double d3 = ab.dot(bp), d4 = ac.dot(bp);
   if (d3 >= 0.0 && d4 <= d3) return {b, 1};
   const double vc = d1 * d4 - d3 * d2;
   if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) return {a + d1 / (d1 - d3) * ab, 3};
-  const Vec3 cp = p - c;
+  const Vec3d cp = p - c;
   const double d5 = ab.dot(cp), d6 = ac.dot(cp);
   if (d6 >= 0.0 && d5 <= d6) return {c, 2};
   const double vb = d5 * d2 - d1 * d6;
@@ -40,13 +39,11 @@ inline TrianglePoint closest_point(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
-template <class Vec3 = Vec3>
-inline Vec3 closest_on_triangle(In<Vec3> p, In<Vec3> a, In<Vec3> b, In<Vec3> c) { return closest_point(p, a, b, c).point; }
+inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) { return closest_point(p, a, b, c).point; }
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
  public:
-  template <class = void>
   explicit TriangleTree(const TriangleSurface& surface) : surface_(&surface), order_(surface.triangles.size()) {
     std::iota(order_.begin(), order_.end(), 0);
     if (!order_.empty()) build(0, int(order_.size()));
@@ -60,8 +57,7 @@ class TriangleTree {
   };
 
   /// Looks no farther than `near` [m] from p.
-  template <class Vec3 = Vec3>
-  Nearest nearest(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const {
+  Nearest nearest(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
     Nearest best;
     double least = near * near;
     if (!nodes_.empty()) search(0, p, least, best);
@@ -70,23 +66,21 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
+  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
 
  private:
   struct Node {
-    Vec3 low, high;     ///< corners of its box
+    Vec3d low, high;     ///< corners of its box
     int first, count;   ///< triangles of a leaf; count 0: the children are at `first` and `second`
     int second;
   };
 
-  const Vec3& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
+  const Vec3d& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
 
-  template <class AlignedBox3d = Eigen::AlignedBox3d>
   int build(int begin, int end) {
     const int self = int(nodes_.size());
     nodes_.push_back({{}, {}, begin, end - begin, -1});
-    AlignedBox3d box;
+    Eigen::AlignedBox3d box;
     for (int i = begin; i < end; ++i)
       for (std::size_t k = 0; k < 3; ++k) box.extend(corner(order_[std::size_t(i)], k));
     nodes_[std::size_t(self)].low = box.min(), nodes_[std::size_t(self)].high = box.max();
@@ -106,8 +100,7 @@ class TriangleTree {
     return self;
   }
 
-  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
-  void search(int at, In<Vec3> p, double& least, Nearest& best) const {
+  void search(int at, const Vec3d& p, double& least, Nearest& best) const {
     const Node& n = nodes_[std::size_t(at)];
     if (n.count > 0) {
       for (int i = n.first; i < n.first + n.count; ++i) {
@@ -118,7 +111,7 @@ class TriangleTree {
       return;
     }
     int near = n.first, far = n.second;
-    const auto away = [&](const Node& child) { return AlignedBox3d(child.low, child.high).squaredExteriorDistance(p); };
+    const auto away = [&](const Node& child) { return Eigen::AlignedBox3d(child.low, child.high).squaredExteriorDistance(p); };
     double to_near = away(nodes_[std::size_t(near)]), to_far = away(nodes_[std::size_t(far)]);
     if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
     if (to_near < least) search(near, p, least, best);

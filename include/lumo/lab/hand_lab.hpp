@@ -40,23 +40,11 @@ struct HandRig {
 
 /// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
 /// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
-template <class PadLight = PadLight>
-class HandLabOf {
+class HandLab {
  public:
-  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
-  using Vector2d = Dependent<Eigen::Vector2d, PadLight>;
-  using LinkMap = Dependent<lumo::LinkMap, PadLight>;
-  using HandPlan = Dependent<lumo::HandPlan, PadLight>;
-  using Session = Dependent<lumo::Session, PadLight>;
-  using SessionLink = Dependent<lumo::SessionLink, PadLight>;
-  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
-  using JointSample = Dependent<lumo::JointSample, PadLight>;
-  using JointVector = Dependent<lumo::JointVector, PadLight>;
-  using HandTruth = Dependent<lumo::HandTruth, PadLight>;
-  using HandTouch = Dependent<lumo::HandTouch, PadLight>;
 
   /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
-  HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -87,7 +75,7 @@ class HandLabOf {
         for (const double z : {-hand_.carrier_m, side_.high_m}) {
           const auto p = map(l, joints).pixel(y, z);
           if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
-            throw InvalidArgument(detail::text("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
+            throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
         }
   }
 
@@ -106,19 +94,16 @@ class HandLabOf {
   std::vector<double> lamps_, room_DN_;
 };
 
-using HandLab = HandLabOf<>;
-
-template <class PadLight>
-inline auto HandLabOf<PadLight>::map(int link, const HandJoints& joints) const -> LinkMap {
+inline auto HandLab::map(int link, const HandJoints& joints) const -> LinkMap {
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
-  Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+  Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
   double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];   // image rows run down: −90° points up
   if (link % 2 == 1) {
-    at += length * Vector2d(std::cos(turn), std::sin(turn));
+    at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
     turn += inwards * joints[std::size_t(link)];
   }
-  const Vector2d along(std::cos(turn), std::sin(turn));
+  const Eigen::Vector2d along(std::cos(turn), std::sin(turn));
   LinkMap m;
   m.origin_px = at + 0.5 * length * along;
   m.along_px_per_m = along / hand_.scale_m_per_px;
@@ -126,8 +111,7 @@ inline auto HandLabOf<PadLight>::map(int link, const HandJoints& joints) const -
   return m;
 }
 
-template <class PadLight>
-inline HandLabOf<PadLight>::HandLabOf(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -221,8 +205,7 @@ inline HandLabOf<PadLight>::HandLabOf(const PadLight& light, HandPlan plan, std:
   }
 }
 
-template <class PadLight>
-inline auto HandLabOf<PadLight>::at(double t_s) const -> HandTruth {
+inline auto HandLab::at(double t_s) const -> HandTruth {
   std::size_t k = 0;
   while (k + 2 < keys_.size() && keys_[k + 1].t_s <= t_s) ++k;
   const Key &a = keys_[k], &b = keys_[k + 1];
@@ -235,24 +218,23 @@ inline auto HandLabOf<PadLight>::at(double t_s) const -> HandTruth {
   return truth;
 }
 
-template <class PadLight>
-inline Image HandLabOf<PadLight>::image(std::size_t k) const {
+inline Image HandLab::image(std::size_t k) const {
   struct Seen {
     LinkMap map;
     double c, s;      ///< cosine and sine of its turn
-    VectorXd light;
+    Eigen::VectorXd light;
   };
   const HandTruth& truth = truth_.at(k);
   std::vector<Seen> links;
   for (int l = 0; l < 4; ++l) {
-    VectorXd light = light_->responses().unloaded;
+    Eigen::VectorXd light = light_->responses().unloaded;
     for (const HandTouch& c : truth.touches)
       if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
     const LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
     links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
-  const VectorXd& position = light_->responses().position_m;
+  const Eigen::VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
   const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
   Image image = Image::black(hand_.width, hand_.height, PixelFormat::grey);
@@ -282,7 +264,7 @@ inline Image HandLabOf<PadLight>::image(std::size_t k) const {
         }
       }
       signal *= 1.0 + noise_ * rig_.camera.pixel_gain * sensitivity.normal();
-      row[u] = detail::sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
+      row[u] = sensed(rig_.camera, signal, noise_, draws.normal(), row_offset);
     }
   }
   return image;

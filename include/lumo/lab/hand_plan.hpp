@@ -40,7 +40,6 @@ struct HandPlan {
 };
 
 /// `count` grasps with one to four links touched, drawn from a seed; loads of 5 to 15 N, places within ±22 mm; where `step_m` is not 0, at its nearest multiple.
-template <class HandPlan = HandPlan, class HandGrasp = HandGrasp, class HandTouch = HandTouch>
 inline HandPlan hand_plan(std::uint64_t seed, int count = 12, double step_m = 0.0) {
   require_in_range("number of grasps", count, 1, 1000, "");
   require_in_range("step of the touched places", 1e3 * step_m, 0.0, 22.0, "mm");
@@ -68,7 +67,6 @@ struct HandTruth {
 };
 
 /// truth.csv of a hand: stamp_ns, link, y_mm, force_N; a row for each touch of each frame.
-template <class = void>
 inline std::string truth_text(const std::vector<HandTruth>& truth) {
   std::string t = "stamp_ns,link,y_mm,force_N\n";
   for (const HandTruth& s : truth)

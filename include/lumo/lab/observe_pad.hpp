@@ -24,7 +24,7 @@ struct PadGrid {
 
 /// Presses the pad at all places of the grid and traces its light: mechanics and optics as everywhere else, read out as `sight` says. The pipeline's tracer must
 /// have `sight` for its readout; `body` must be symmetric. Throws InvalidArgument, MeshError, and PressFailure when a press does not converge.
-template <class P, Executor E, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd, class StateRecord = StateRecord, class PadResponses = PadResponses>
+template <class P, Executor E>
 PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid& grid, const P& pipeline, const E& executor, const ProgressReport& progress = {}) {
   if (!body.symmetry.x || !body.symmetry.y) throw InvalidArgument("virtual lab: the pad must be symmetric in x and y");
   require_in_range("places of the virtual lab", grid.places, 2, 1000, "");
@@ -35,27 +35,27 @@ PadResponses observe_pad(const Body& body, const SideSight& sight, const PadGrid
   for (const double y : grid.tilt_place_m) scenarios.push_back({Sphere{grid.diameter_m}, grid.tilt_rad, y, grid.load_N});
   const Observations seen = observe(seen_from_sides(body, sight), scenarios, pipeline, executor, progress);
   for (const ScenarioRecord& s : seen.scenarios)
-    if (s.status != Status::converged) throw PressFailure(detail::text("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
+    if (s.status != Status::converged) throw PressFailure(message("virtual lab: no equilibrium at ", s.states.back().load_N, " N, y = ", 1e3 * s.y_m, " mm (", to_string(s.status), ")"));
 
   const Eigen::Index bins = sight.bins, loads = Eigen::Index(grid.load_N.size());
   PadResponses r;
   r.diameter_m = grid.diameter_m;
   const std::vector<double> at = sight.positions_m();
-  r.position_m = Eigen::Map<const VectorXd>(at.data(), bins);
-  const Eigen::Map<const VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
+  r.position_m = Eigen::Map<const Eigen::VectorXd>(at.data(), bins);
+  const Eigen::Map<const Eigen::VectorXd> rest(seen.unloaded_response.data(), 2 * bins);
   r.unloaded = 0.5 * (rest.head(bins) + rest.tail(bins));
   r.unloaded = 0.5 * (r.unloaded + r.unloaded.reverse().eval());
-  r.load_N = Eigen::Map<const VectorXd>(grid.load_N.data(), loads);
+  r.load_N = Eigen::Map<const Eigen::VectorXd>(grid.load_N.data(), loads);
   r.place_m.resize(grid.places);
   r.depth_m.resize(loads, grid.places);
-  r.tilt_place_m = Eigen::Map<const VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
-  r.error = VectorXd::Zero(loads);
+  r.tilt_place_m = Eigen::Map<const Eigen::VectorXd>(grid.tilt_place_m.data(), Eigen::Index(grid.tilt_place_m.size()));
+  r.error = Eigen::VectorXd::Zero(loads);
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     const bool straight = k < std::size_t(grid.places);
-    MatrixXd part(bins, loads);
+    Eigen::MatrixXd part(bins, loads);
     for (Eigen::Index l = 0; l < loads; ++l) {
       const StateRecord& s = seen.scenarios[k].states[std::size_t(l)];
-      const MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? MatrixXd(0.5 * (right + left)) : MatrixXd(0.5 * (right - left) / grid.tilt_rad);
+      const Eigen::MatrixXd right = s.change.leftCols(bins), left = s.change.rightCols(bins), wanted = straight ? Eigen::MatrixXd(0.5 * (right + left)) : Eigen::MatrixXd(0.5 * (right - left) / grid.tilt_rad);
       part.col(l) = wanted.colwise().mean().transpose();
       if (!straight) continue;
       double squares = 0.0;

@@ -31,15 +31,14 @@ struct PadResponses {
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
-    if (!good) throw InputError(detail::text(name, ": responses of a pad: ", what));
+    if (!good) throw InputError(message(name, ": responses of a pad: ", what));
   };
   const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
-  const auto ascend = [](const VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
+  const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
   require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
-  const VectorXd& position_m = r.position_m;
+  const Eigen::VectorXd& position_m = r.position_m;
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
   require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
   require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
@@ -47,21 +46,18 @@ inline void validate(const PadResponses& r, const std::string& name) {
   require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
   require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
-    for (const MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
 }
 
 /// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
-template <class VectorXd = Eigen::VectorXd>
-class PadLightOf {
+class PadLight {
  public:
-  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
-  using PadResponses = Dependent<lumo::PadResponses, VectorXd>;
 
   /// Throws InputError for responses that do not fit together.
-  explicit PadLightOf(PadResponses responses) : r_(std::move(responses)) {
+  explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
-    for (const MatrixXd& m : r_.change) slope_.push_back(slopes(m));
-    for (const MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
+    for (const Eigen::MatrixXd& m : r_.change) slope_.push_back(slopes(m));
+    for (const Eigen::MatrixXd& m : r_.tilt) tilt_slope_.push_back(slopes(m));
     depth_slope_ = slopes(r_.depth_m.transpose());
   }
 
@@ -79,20 +75,20 @@ class PadLightOf {
 
   /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
   /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
-  VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
+  Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
+    Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
       add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
       if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
-    return y_m < 0.0 ? VectorXd(v.reverse()) : v;
+    return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
   double depth_m(double y_m, double load_N) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
-    const VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
+    const Eigen::VectorXd all = at_load(r_.depth_m.transpose(), depth_slope_, load_N);
     return (1.0 - t) * all[Eigen::Index(k)] + (t > 0.0 ? t * all[Eigen::Index(k) + 1] : 0.0);
   }
   /// Load that gives a depth, the inverse of the above; beyond the last load with the last slope, 0 for none.
@@ -110,7 +106,7 @@ class PadLightOf {
 
  private:
   /// Interval of ascending `x` and the share of it; clamped.
-  static std::pair<std::size_t, double> between(const VectorXd& x, double at) {
+  static std::pair<std::size_t, double> between(const Eigen::VectorXd& x, double at) {
     if (x.size() == 1 || at <= x[0]) return {0, 0.0};
     const Eigen::Index last = x.size() - 1;
     if (at >= x[last]) return {std::size_t(last), 0.0};
@@ -121,10 +117,10 @@ class PadLightOf {
   double load(Eigen::Index k) const { return k == 0 ? 0.0 : r_.load_N[k - 1]; }
 
   /// Derivatives over the load of rows that are 0 at 0 N; columns 0 N and all loads.
-  MatrixXd slopes(const MatrixXd& value) const {
+  Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
     const Eigen::Index n = value.cols();
-    MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
-    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? VectorXd(value.col(k - 1)) : VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
+    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
     slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
@@ -135,19 +131,19 @@ class PadLightOf {
     }
     return slope;
   }
-  VectorXd at_load(const MatrixXd& value, const MatrixXd& slope, double at) const {
+  Eigen::VectorXd at_load(const Eigen::MatrixXd& value, const Eigen::MatrixXd& slope, double at) const {
     const Eigen::Index n = value.cols();
-    if (!(at > 0.0)) return VectorXd::Zero(value.rows());
+    if (!(at > 0.0)) return Eigen::VectorXd::Zero(value.rows());
     if (at >= load(n)) return value.col(n - 1);
     Eigen::Index k = 0;
     while (at >= load(k + 1)) ++k;
     const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
-    VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
     if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
     return v;
   }
   /// v += share · f(y − shift), f linear between bins and 0 beyond.
-  void add_moved(VectorXd& v, double share, const VectorXd& f, double shift_m) const {
+  void add_moved(Eigen::VectorXd& v, double share, const Eigen::VectorXd& f, double shift_m) const {
     const double width = r_.position_m[1] - r_.position_m[0];
     const Eigen::Index n = v.size();
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -159,10 +155,8 @@ class PadLightOf {
   }
 
   PadResponses r_;
-  std::vector<MatrixXd> slope_, tilt_slope_;
-  MatrixXd depth_slope_;
+  std::vector<Eigen::MatrixXd> slope_, tilt_slope_;
+  Eigen::MatrixXd depth_slope_;
 };
-
-using PadLight = PadLightOf<>;
 
 }  // namespace lumo

@@ -46,64 +46,55 @@ struct LabPlan {
   std::vector<LabView> views{LabView{}};
 };
 
-namespace detail {
-
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
 /// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
 inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
-template <class LoadStep = LoadStep>
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
   std::vector<LoadStep> steps;
   for (const double f : loads_N) steps.push_back({f, ramp_s, hold_s});
   return steps;
 }
 
-}  // namespace detail
-
 /// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between (paper, re-contact evaluation).
-template <class LabPlan = LabPlan>
 inline LabPlan recontact_plan(int repetitions = 5) {
   require_in_range("repetitions", repetitions, 1, 1000, "");
   LabPlan plan{"re-contacts at six places", 0.0, {}};
   for (int r = 0; r < repetitions; ++r)
-    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], r, detail::lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
+    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], r, lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
   return plan;
 }
 
 /// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics (paper, contact cycling).
-template <class LabPlan = LabPlan, class LabContact = LabContact>
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
   for (int r = 0; r < runs; ++r)
     for (int p = 0; p < 3; ++p) {
-      const double y = detail::lab_odd_places_m[std::size_t(p)];
+      const double y = lab_odd_places_m[std::size_t(p)];
       LabContact c{p, y, r, {}};
       for (int k = 0; k < 5; ++k)
         for (const double f : {2.0, 15.0}) c.steps.push_back({f, 0.5, 0.5, "cycle", k});
       plan.contacts.push_back(std::move(c));
       // The same contact anew: one hold at each load, for W_recontact and D_neighbor of these runs.
-      plan.contacts.push_back({p, y, r, detail::lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
+      plan.contacts.push_back({p, y, r, lab_holds({2, 5, 10, 15}, 0.3, 0.5)});
     }
   return plan;
 }
 
 /// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper, imaging variation).
-template <class LabPlan = LabPlan>
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
   plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
-    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, detail::lab_odd_places_m[std::size_t(p)], v, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, lab_odd_places_m[std::size_t(p)], v, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
   return plan;
 }
 
 /// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force estimation).
-template <class LabPlan = LabPlan>
 inline LabPlan force_plan() {
   LabPlan plan{"location and force at six places", 9.0, {}};
-  for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, detail::lab_places_m[std::size_t(p)], 0, detail::lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
+  for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
   return plan;
 }
 

@@ -13,9 +13,9 @@ namespace lumo {
 /// up to its mathematical functions' last bit.
 class Draws {
  public:
-  Draws(std::uint64_t seed, std::uint64_t stream) : key_(detail::combine(detail::combine(0x1ab0ull, seed), stream)) {}
+  Draws(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
 
-  double uniform() { return detail::uniform(detail::combine(key_, count_++)); }
+  double uniform() { return lumo::uniform(combine(key_, count_++)); }
   /// Standard normal (Box & Muller 1958); each pair of uniforms gives two.
   double normal() {
     if (spare_) return spare_ = false, second_;

@@ -19,7 +19,6 @@ class Relaxation {
   }
 
   /// Goes on by `dt_s` to the load [N] that is then there; e changes linearly within the step, for which the branches are exact. Returns e, never below 0.
-  template <class = void>
   double step(double load_N, double dt_s) {
     double lag = 0.0, whole = 1.0;
     std::array<double, 3> keep{}, gain{};

@@ -108,7 +108,6 @@ struct Rig {
 inline std::int64_t lab_stamp(double t_s) { return std::llround(1e9 * t_s); }
 
 /// Throws InvalidArgument for numbers that make no sense.
-template <class = void>
 inline void validate(const Rig& r) {
   require_in_range("stiffness of the specimen", r.specimen.stiffness, 0.5, 2.0, "times the computed pad's");
   require_in_range("power of the specimen's LEDs", r.specimen.lamps, 0.1, 3.0, "times the computed pad's");

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// What a pixel says of the light on it [DN before gamma]: shot and read noise (`normal`, a standard normal number, times `noise`), the row's offset, black level, full
 /// well, gamma, 8 bits (EMVA 1288's linear model).
@@ -19,4 +19,4 @@ inline std::uint8_t sensed(const CameraRig& camera, double signal, double noise,
   return std::uint8_t(std::lround(value));
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -22,17 +22,16 @@ struct SideGeometry {
 
 /// Of a body that is symmetric in x and y: its visible surface reaches as high as its regions do, found to 1 % of the pad's height. Throws InvalidArgument for a body
 /// without LEDs or visible surface.
-template <class Vec3 = Vec3>
 inline SideGeometry side_geometry(const Body& body) {
   if (body.emitters.empty() || body.vertices.empty()) throw InvalidArgument("virtual lab: the pad has no LEDs or no surface");
   SideGeometry g{0.0, 0.0, 1e300, -1e300, body.emitters.front().center().z(), body.medium.refractive_index, {}};
-  for (const Vec3& v : body.vertices) g.half_width_m = std::max(g.half_width_m, v.x()), g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
+  for (const Vec3d& v : body.vertices) g.half_width_m = std::max(g.half_width_m, v.x()), g.half_length_m = std::max(g.half_length_m, std::abs(v.y()));
   for (const Facet& f : body.facets) {
     if (f.patch < 0 || !body.patches[std::size_t(f.patch)].contactable) continue;
     for (std::size_t k = 0; k < f.loop.size(); ++k)
       for (int part = 0; part <= 64; ++part) {
-        const Vec3 &a = body.vertices[std::size_t(f.loop[k])], &b = body.vertices[std::size_t(f.loop[(k + 1) % f.loop.size()])];
-        Vec3 p = a + part / 64.0 * (b - a);
+        const Vec3d &a = body.vertices[std::size_t(f.loop[k])], &b = body.vertices[std::size_t(f.loop[(k + 1) % f.loop.size()])];
+        Vec3d p = a + part / 64.0 * (b - a);
         p.y() = 0.0;
         p = closest_point(body.patches[std::size_t(f.patch)].shape, p);
         if (body.region(p, outward_normal(body, f.patch, p)) < 0) continue;

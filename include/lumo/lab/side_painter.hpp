@@ -20,12 +20,10 @@ namespace lumo {
 class SidePainter {
  public:
   /// `position_m`: middles of the light's bins, evenly spaced. Throws InvalidArgument when the side does not lie in the window.
-  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Vector3d = Eigen::Vector3d>
-  SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed);
+  SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  template <class VectorXd = Eigen::VectorXd>
-  Image paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const;
+  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -41,15 +39,14 @@ class SidePainter {
   std::vector<Pixel> pixels_;
 };
 
-template <class VectorXd, class Vector2d, class Vector3d>
-inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, In<VectorXd> position_m, std::uint64_t seed) : view_(view) {
+inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed) : view_(view) {
   const CameraRig& camera = view_.camera();
   const SideGeometry& side = view_.side();
   for (const double y : {-side.half_length_m, side.half_length_m})
     for (const double z : {side.low_m, side.high_m})
       if (!view_.shows(y, z)) {
-        const Vector2d corner = view_.pixel(y, z);
-        throw InvalidArgument(detail::text("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
+        const Eigen::Vector2d corner = view_.pixel(y, z);
+        throw InvalidArgument(message("virtual camera: the pad's corner is seen at (", corner.x(), ", ", corner.y(), "), outside the window of ", camera.width, " x ", camera.height, " px"));
       }
   const double spacing = position_m[1] - position_m[0], scale = camera.distance_m / camera.focal_px, blur = camera.blur_px * scale;
   const auto edge = [&](double distance) { return 0.5 * std::erfc(-distance / (std::sqrt(2.0) * blur)); };
@@ -59,8 +56,8 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, I
   for (int v = 0; v < camera.height; ++v)
     for (int u = 0; u < camera.width; ++u) {
       Pixel& p = pixels_[std::size_t(v) * std::size_t(camera.width) + std::size_t(u)];
-      const Vector2d off = view_.off_axis(u, v);
-      const Vector3d at = view_.on_side(u, v);
+      const Eigen::Vector2d off = view_.off_axis(u, v);
+      const Eigen::Vector3d at = view_.on_side(u, v);
       const double cover = edge(at.y() + side.half_length_m) * edge(side.half_length_m - at.y()) * edge(at.z() - side.low_m) * edge(side.high_m - at.z());
       const double place_in_bins = std::clamp((at.y() - position_m[0]) / spacing, 0.0, double(bins - 1) - 1e-9);
       p.bin = cover > 1e-4 ? int(place_in_bins) : -1;
@@ -68,7 +65,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, I
       p.side = float(cover);
       double spot = 0.0;
       for (const double y : side.lamp_m) {
-        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
+        const double sigma = std::hypot(light.spot_sigma_m / scale, camera.blur_px), d = (Eigen::Vector2d(u, v) - view_.lamp_pixel(y)).norm() / sigma;
         spot += light.spot_DN * std::exp(-0.5 * d * d);
       }
       p.spot = float(spot);
@@ -79,8 +76,7 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, I
     }
 }
 
-template <class VectorXd>
-inline Image SidePainter::paint(In<VectorXd> light, double lamps, double room_DN, double noise, Draws draws) const {
+inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
   const CameraRig& camera = view_.camera();
   Image image = Image::black(camera.width, camera.height, PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
@@ -91,7 +87,7 @@ inline Image SidePainter::paint(In<VectorXd> light, double lamps, double room_DN
       double signal = room_DN * p.room + lamps * p.spot;
       if (p.bin >= 0) signal += p.side * ((1.0 - p.share) * light[p.bin] + p.share * light[p.bin + 1]);
       signal *= p.vignette * (1.0 + noise * camera.pixel_gain * p.gain);
-      row[u] = detail::sensed(camera, signal, noise, draws.normal(), row_offset);
+      row[u] = sensed(camera, signal, noise, draws.normal(), row_offset);
     }
   }
   return image;

@@ -32,7 +32,6 @@ struct SideSight {
     return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
   }
   /// Middles of the bins of one side [m].
-  template <class = void>
   std::vector<double> positions_m() const {
     std::vector<double> y;
     for (int b = 0; b < bins; ++b) y.push_back(half_range_m * ((2 * b + 1.0) / bins - 1.0));
@@ -44,7 +43,6 @@ static_assert(ExitReadout<SideSight>);
 
 /// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
 /// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
-template <class Body = Body>
 inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
   require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
   require_positive("range of the side's sight", sight.half_range_m, "m");
@@ -58,7 +56,7 @@ inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& si
   }
   body.region_image_x = other_side;
   body.region_image_y = other_end;
-  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3& p, const Vec3& normal) {
+  body.region = [n, half = sight.half_range_m, min_abs_nx](const Vec3d& p, const Vec3d& normal) {
     if (std::abs(normal.x()) < min_abs_nx || std::abs(p.y()) > half) return -1;
     const int b = std::clamp(int((p.y() + half) / (2.0 * half) * n), 0, n - 1);
     return p.x() > 0.0 ? b : b + n;

@@ -32,7 +32,6 @@ struct TruthSample {
 };
 
 /// truth.csv: stamp_ns, contact, y_mm, force_N, tilt_deg, equivalent_N, depth_mm.
-template <class = void>
 inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
@@ -45,22 +44,11 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
 
 /// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
 /// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
-template <class PadLight = PadLight>
-class VirtualRigOf {
+class VirtualRig {
  public:
-  using VectorXd = Dependent<Eigen::VectorXd, PadLight>;
-  using SideCamera = Dependent<lumo::SideCamera, PadLight>;
-  using SidePainter = Dependent<lumo::SidePainter, PadLight>;
-  using Session = Dependent<lumo::Session, PadLight>;
-  using LabPlan = Dependent<lumo::LabPlan, PadLight>;
-  using FrameRecord = Dependent<lumo::FrameRecord, PadLight>;
-  using JointSample = Dependent<lumo::JointSample, PadLight>;
-  using WrenchSample = Dependent<lumo::WrenchSample, PadLight>;
-  using MarkerSample = Dependent<lumo::MarkerSample, PadLight>;
-  using TruthSample = Dependent<lumo::TruthSample, PadLight>;
 
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
-  VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
   const Session& session() const { return session_; }
   const std::vector<FrameRecord>& frames() const { return frames_; }
@@ -118,14 +106,11 @@ class VirtualRigOf {
   double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
-using VirtualRig = VirtualRigOf<>;
-
 /// The rig's camera as frames come from it. The rig stays the caller's.
 class VirtualCamera {
  public:
   explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
 
-  template <class = void>
   std::optional<Frame> next() {
     if (next_ == rig_->frames().size()) return std::nullopt;
     image_ = rig_->image(next_);
@@ -142,8 +127,7 @@ class VirtualCamera {
 
 static_assert(Camera<VirtualCamera>);
 
-template <class PadLight>
-inline VirtualRigOf<PadLight>::VirtualRigOf(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -175,8 +159,7 @@ inline VirtualRigOf<PadLight>::VirtualRigOf(const PadLight& light, LabPlan plan,
   record_frames();
 }
 
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::draw_contacts() {
+inline void VirtualRig::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
@@ -186,8 +169,7 @@ inline void VirtualRigOf<PadLight>::draw_contacts() {
   }
 }
 
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::lay_out_time() {
+inline void VirtualRig::lay_out_time() {
   double t = plan_.free_run_s;
   if (t > 0.0) add_segment(0.0, t, "free");
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
@@ -216,8 +198,7 @@ inline void VirtualRigOf<PadLight>::lay_out_time() {
   end_s_ = t + 1.0;
 }
 
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::deform() {
+inline void VirtualRig::deform() {
   int places = 1;
   for (const LabContact& c : plan_.contacts) places = std::max(places, c.place + 1);
   std::vector<Relaxation> pad(std::size_t(places), Relaxation(rig_.silicone));  // a place remembers its own contacts
@@ -237,8 +218,7 @@ inline void VirtualRigOf<PadLight>::deform() {
   }
 }
 
-template <class PadLight>
-inline auto VirtualRigOf<PadLight>::at(double t_s) const -> Sampled {
+inline auto VirtualRig::at(double t_s) const -> Sampled {
   const double index = std::clamp(t_s * rig_.motor.hz, 0.0, double(sampled_.size() - 1));
   const auto i = std::size_t(index), j = std::min(i + 1, sampled_.size() - 1);
   const Sampled &a = sampled_[i], &b = sampled_[j];
@@ -248,8 +228,7 @@ inline auto VirtualRigOf<PadLight>::at(double t_s) const -> Sampled {
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::record_joints() {
+inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
   for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
@@ -290,8 +269,7 @@ inline void VirtualRigOf<PadLight>::record_joints() {
   }
 }
 
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::record_forces() {
+inline void VirtualRig::record_forces() {
   const ContactRig& c = rig_.contact;
   Draws draws(seed_, 5);
   const double bias = noise_ * c.sensor_bias_N * draws.normal();
@@ -300,14 +278,13 @@ inline void VirtualRigOf<PadLight>::record_forces() {
     const double y = s.contact < 0 ? 0.0 : contacts_[std::size_t(s.contact)].y_m;
     const auto jitter = [&] { return noise_ * c.sensor_sigma_N * draws.normal(); };
     const double fx = jitter(), fy = jitter(), fz = -s.load_N + bias + jitter();
-    wrenches_.push_back({lab_stamp(t), Vec3(fx, fy, fz), Vec3(-y * s.load_N, 0.0, 0.0)});
+    wrenches_.push_back({lab_stamp(t), Vec3d(fx, fy, fz), Vec3d(-y * s.load_N, 0.0, 0.0)});
     const double sunk = s.contact < 0 ? 0.0 : light_->depth_m(y, s.equivalent_N);
     markers_.push_back({lab_stamp(t), sunk + noise_ * c.marker_sigma_m * draws.normal()});
   }
 }
 
-template <class PadLight>
-inline void VirtualRigOf<PadLight>::record_frames() {
+inline void VirtualRig::record_frames() {
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;
   Draws once(seed_, 6), jitter(seed_, 7);
@@ -346,10 +323,9 @@ inline void VirtualRigOf<PadLight>::record_frames() {
   }
 }
 
-template <class PadLight>
-inline Image VirtualRigOf<PadLight>::image(std::size_t k) const {
+inline Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
-  VectorXd light = light_->responses().unloaded;
+  Eigen::VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);
   light *= per_DN_ * lamps_[k];
   return painters_[std::size_t(view_[k])].paint(light, lamps_[k], room_DN_[k], noise_, Draws(seed_, 1000 + k));

@@ -11,7 +11,7 @@ namespace lumo {
 template <Mesher M, Indenter Tool>
 TetMesh mesh_for_contact(const Body& body, const TetMesh& coarse, const std::vector<Scenario<Tool>>& scenarios, const M& mesher, const Focus& focus = {},
                          int order = 2) {
-  std::vector<Vec3> touches;
+  std::vector<Vec3d> touches;
   for (const Scenario<Tool>& s : scenarios) touches.push_back(first_touch(body, coarse, s).point);
   return mesh_body(focused(body, touches, focus), mesher, order);
 }

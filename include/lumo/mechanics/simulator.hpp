@@ -57,8 +57,6 @@ class PreparedBody {
  public:
   using Model = typename SolverOf<Method>::template Model<Material, Contact, Element>;
   using Maker = Simulator<Material, Contact, Element, Method>;
-  using TetMesh = Dependent<lumo::TetMesh, Material>;
-  using Positions = Dependent<lumo::Positions, Material>;
 
   PreparedBody(const Maker& maker, const Body& body, const TetMesh& mesh) : maker_(maker), body_(body), mesh_(std::make_shared<const TetMesh>(mesh)) {}
 
@@ -102,7 +100,7 @@ std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Method>::p
   for (MechanicalState& s : states) {
     s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
     if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
-    const Vec3 origin = touch.origin + s.depth_m * scenario.direction();
+    const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
     Positions x = positions_of(*mesh_);
     for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
     const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};

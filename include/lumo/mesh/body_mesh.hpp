@@ -13,7 +13,7 @@ namespace lumo {
 /// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
 /// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
 /// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
-template <Mesher M, class TetMesh = TetMesh, class MeshInput = MeshInput>
+template <Mesher M>
 TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
@@ -21,8 +21,7 @@ namespace detail {
 // Patches that meet at each vertex or edge of the sector's boundary.
 using PatchSet = std::set<int>;
 
-template <class Vec3 = Vec3>
-inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3> p, double tiny) {
+inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identity_t<Vec3d> p, double tiny) {
   for (int round = 0; round < 2; ++round)
     for (int patch : patches)
       if (patch >= 0) p = closest_point(body.patches[std::size_t(patch)].shape, p);
@@ -31,15 +30,14 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identit
   return p;
 }
 
-template <class TetMesh, class Vec3 = Vec3>
-void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
     const auto [it, fresh] = middle.try_emplace(key, int(mesh.nodes.size()));
     if (fresh) {
-      const Vec3 &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
+      const Vec3d &from = mesh.nodes[std::size_t(a)], &to = mesh.nodes[std::size_t(b)], half = 0.5 * (from + to);
       const auto on_surface = boundary_edges.find(key);
       mesh.nodes.push_back(on_surface == boundary_edges.end() ? half : snapped(body, on_surface->second, half, tiny));
     }
@@ -54,30 +52,29 @@ void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<in
 
 }  // namespace detail
 
-template <Mesher M, class TetMesh, class MeshInput>
+template <Mesher M>
 TetMesh mesh_body(const Body& body, const M& mesher, int order) {
-  if (order != 1 && order != 2) throw InvalidArgument(detail::text("mesh order is ", order, ", must be 1 or 2"));
+  if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
   require_positive("mesh stretch along y", stretch, "");
   MeshInput input;
   input.facets = body.facets;
   // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away from zero.
-  for (const Vec3& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
+  for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3(p.x(), p.y() * stretch, p.z())); };
+    input.edge = [&body, stretch](const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
   const auto filled = mesher.fill(input);
 
   TetMesh mesh;
   mesh.order = 1;
-  for (const Vec3& v : filled.vertices) mesh.nodes.emplace_back(1e-3 * v.x(), 1e-3 * v.y() * stretch, 1e-3 * v.z());
+  for (const Vec3d& v : filled.vertices) mesh.nodes.emplace_back(1e-3 * v.x(), 1e-3 * v.y() * stretch, 1e-3 * v.z());
   double size = 0.0;
-  for (const Vec3& v : body.vertices) size = std::max(size, v.lpNorm<Eigen::Infinity>());
+  for (const Vec3d& v : body.vertices) size = std::max(size, v.lpNorm<Eigen::Infinity>());
   const double tiny = 1e-9 * size;
   for (const auto& t : filled.tets) mesh.tets.push_back({t[0], t[1], t[2], t[3], -1, -1, -1, -1, -1, -1});
 
-  using PatchSet = Dependent<detail::PatchSet, M>;
-  std::map<int, PatchSet> vertex_patches;
-  std::map<std::pair<int, int>, PatchSet> edge_patches;
+  std::map<int, detail::PatchSet> vertex_patches;
+  std::map<std::pair<int, int>, detail::PatchSet> edge_patches;
   for (std::size_t f = 0; f < filled.faces.size(); ++f) {
     const auto& face = filled.faces[f];
     const int patch = filled.patches[f];

@@ -8,11 +8,9 @@ namespace lumo {
 
 /// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that coordinate exactly 0 are
 /// shared; all other nodes lie on the positive side. Original nodes keep their numbers; images follow.
-template <class TetMesh = TetMesh>
-TetMesh mirrored(In<TetMesh> half, int axis);
+inline TetMesh mirrored(const TetMesh& half, int axis);
 
-template <class TetMesh>
-inline TetMesh mirrored(In<TetMesh> half, int axis) {
+inline TetMesh mirrored(const TetMesh& half, int axis) {
   TetMesh whole = half;
   const std::size_t n = half.nodes.size();
   std::vector<int> image(n);
@@ -22,7 +20,7 @@ inline TetMesh mirrored(In<TetMesh> half, int axis) {
       continue;
     }
     image[k] = int(whole.nodes.size());
-    Vec3 x = half.nodes[k];
+    Vec3d x = half.nodes[k];
     x[axis] = -x[axis];
     whole.nodes.push_back(x);
   }

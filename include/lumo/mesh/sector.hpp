@@ -18,18 +18,14 @@ struct Sector {
 };
 
 /// Throws InvalidArgument when the mesh is not symmetric in a wanted plane.
-template <class = void>
-Sector sector_of(const TetMesh& whole, Symmetry planes);
+inline Sector sector_of(const TetMesh& whole, Symmetry planes);
 
 /// A field of vectors on the sector's nodes, mirrored to the whole mesh.
-template <class = void>
-std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field);
+inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field);
 
 /// A field of numbers on the sector's nodes, mirrored to the whole mesh.
-template <class = void>
-std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
+inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
-template <class>
 inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
   if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y)) throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
   Sector s;
@@ -75,15 +71,13 @@ std::vector<T> unfolded(const TetMesh& whole, const Sector& sector, const std::v
 
 }  // namespace detail
 
-template <class>
-inline std::vector<Vec3> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3>& field) {
-  return detail::unfolded(whole, sector, field, [](Vec3 v, int axis) {
+inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, const std::vector<Vec3d>& field) {
+  return detail::unfolded(whole, sector, field, [](Vec3d v, int axis) {
     v[axis] = -v[axis];
     return v;
   });
 }
 
-template <class>
 inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field) {
   return detail::unfolded(whole, sector, field, [](double v, int) { return v; });
 }

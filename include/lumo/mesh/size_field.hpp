@@ -9,7 +9,7 @@
 #include <functional>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each leaf.
 /// Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance` (relative) and are
@@ -21,7 +21,7 @@ struct SizeField {
     int unused = 0;                 ///< keeps the bytes defined
   };
 
-  Vec3 low{0.0, 0.0, 0.0};
+  Vec3d low{0.0, 0.0, 0.0};
   double side = 0.0;                ///< of the root cube
   std::vector<Cell> cells;          ///< empty: no wish
 
@@ -30,12 +30,10 @@ struct SizeField {
   static constexpr std::size_t max_cells = 60000;
   static constexpr double tolerance = 0.05;
 
-  template <class Vec3 = Vec3>
-  static SizeField sample(In<std::function<double(const Vec3&)>> edge, In<Vec3> low, In<Vec3> high);
+  static SizeField sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high);
 
-  template <class Vec3 = Vec3>
-  double operator()(In<Vec3> point) const {
-    Vec3 local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
+  double operator()(const Vec3d& point) const {
+    Vec3d local = ((point - low) / side).cwiseMax(0.0).cwiseMin(1.0);
     int cell = 0;
     while (cells[static_cast<std::size_t>(cell)].child >= 0) {
       int octant = 0;
@@ -51,7 +49,7 @@ struct SizeField {
     return trilinear(cells[static_cast<std::size_t>(cell)].corners, local);
   }
 
-  static double trilinear(const std::array<double, 8>& c, const Vec3& t) {
+  static double trilinear(const std::array<double, 8>& c, const Vec3d& t) {
     const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
     return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()), mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
   }
@@ -59,26 +57,25 @@ struct SizeField {
 
 /// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
 /// what `edge` itself throws passes through.
-template <class Vec3>
-inline SizeField SizeField::sample(In<std::function<double(const Vec3&)>> edge, In<Vec3> low, In<Vec3> high) {
+inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high) {
   SizeField field;
   if (!edge) return field;
   field.side = (high - low).maxCoeff();
-  field.low = 0.5 * (low + high) - Vec3::Constant(0.5 * field.side);
-  const auto value = [&](const Vec3& at) {
-    const Vec3 point = elementwise_min(elementwise_max(at, low), high);
+  field.low = 0.5 * (low + high) - Vec3d::Constant(0.5 * field.side);
+  const auto value = [&](const Vec3d& at) {
+    const Vec3d point = elementwise_min(elementwise_max(at, low), high);
     const double length = edge(point);
     if (std::isfinite(length) && length > 0.0) return length;
-    throw MeshError(MeshError::Reason::not_finite, text("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+    throw MeshError(MeshError::Reason::not_finite, message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
                                                         ", must be finite and > 0, in the unit of the coordinates"));
   };
   struct Task {
     int cell;
     int depth;
-    Vec3 low;
+    Vec3d low;
     double side;
   };
-  const auto corner = [](int i) { return Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1); };
+  const auto corner = [](int i) { return Vec3d(i & 1, (i >> 1) & 1, (i >> 2) & 1); };
   Cell root;
   for (int i = 0; i < 8; ++i) root.corners[static_cast<std::size_t>(i)] = value(field.low + field.side * corner(i));
   field.cells.push_back(root);
@@ -92,7 +89,7 @@ inline SizeField SizeField::sample(In<std::function<double(const Vec3&)>> edge, 
     double error = 0.0;
     double least = corners[0];
     for (int i = 0; i < 27; ++i) {
-      const Vec3 local = 0.5 * Vec3(i % 3, (i / 3) % 3, i / 9);
+      const Vec3d local = 0.5 * Vec3d(i % 3, (i / 3) % 3, i / 9);
       const double exact = value(task.low + task.side * local);
       error = std::max(error, std::abs(exact - trilinear(corners, local)) / exact);
       least = std::min(least, exact);
@@ -116,4 +113,4 @@ inline SizeField SizeField::sample(In<std::function<double(const Vec3&)>> edge, 
   return field;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -20,14 +20,13 @@ struct Focus {
 };
 
 /// The body with its mesh sizing refined about the given points and their mirror images. Throws InvalidArgument.
-template <class Vec3 = Vec3>
-inline Body focused(Body body, In<std::vector<Vec3>> points, const Focus& focus = {}) {
+inline Body focused(Body body, const std::vector<Vec3d>& points, const Focus& focus = {}) {
   require_in_range("finest mesh edge", focus.finest * 1e3, 0.02, 30.0, "mm");
   require_in_range("mesh growth about the contact", focus.growth, 0.01, 10.0, "");
   const Symmetry symmetry = body.symmetry;
-  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3& p) {
+  body.sizing.edge = [coarse = body.sizing.edge, points, focus, symmetry](const Vec3d& p) {
     double edge = coarse(p);
-    for (Vec3 at : points) {
+    for (Vec3d at : points) {
       if (symmetry.x) at.x() = std::abs(at.x());
       if (symmetry.y) at.y() = std::abs(at.y());
       const double depth = std::max(0.0, (at - p).z());

@@ -15,7 +15,6 @@ namespace lumo {
 struct SweptMesher {
   /// The same input gives the same bits. Throws MeshError: degenerate for a surface that is no prism along y, with two flat ends and one quadrilateral for each
   /// edge of its section, or one with holes, interior points or `keep_surface`.
-  template <class Vec3 = Vec3, class Point2 = Point2>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -33,34 +32,33 @@ struct Prism {
 };
 
 [[noreturn]] inline void refuse_prism(const std::string& why) {
-  throw MeshError(MeshError::Reason::degenerate, text("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
+  throw MeshError(MeshError::Reason::degenerate, message("swept mesher: ", why, "; the surface must be a prism along y with one facet on each side"));
 }
 
-template <class Vec3 = Vec3>
 inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
   Prism p;
   p.low = surface.low.y(), p.high = surface.high.y();
-  const auto at = [&](int v) -> const Vec3& { return input.vertices[std::size_t(v)]; };
+  const auto at = [&](int v) -> const Vec3d& { return input.vertices[std::size_t(v)]; };
   const auto all_at = [&](const Facet& f, double y) { return std::all_of(f.loop.begin(), f.loop.end(), [&](int v) { return at(v).y() == y; }); };
   if (input.keep_surface) refuse_prism("facets are to be kept whole");
   for (int f = 0; f < int(input.facets.size()); ++f)
     for (int* end : {&p.low_end, &p.high_end})
       if (all_at(input.facets[std::size_t(f)], end == &p.low_end ? p.low : p.high)) {
-        if (*end >= 0) refuse_prism(text("facets ", *end, " and ", f, " lie in one end"));
+        if (*end >= 0) refuse_prism(message("facets ", *end, " and ", f, " lie in one end"));
         *end = f;
       }
   if (p.low_end < 0 || p.high_end < 0) refuse_prism("one of the ends is no facet");
   p.at_high = input.facets[std::size_t(p.high_end)].loop;
   const std::size_t n = p.at_high.size();
   if (input.facets.size() != n + 2 || input.vertices.size() != 2 * n)
-    refuse_prism(text("an end has ", n, " edges, there are ", input.facets.size() - 2, " other facets and ", input.vertices.size(), " vertices"));
+    refuse_prism(message("an end has ", n, " edges, there are ", input.facets.size() - 2, " other facets and ", input.vertices.size(), " vertices"));
   std::map<std::pair<double, double>, int> below;
   for (const int v : input.facets[std::size_t(p.low_end)].loop) below[{at(v).x(), at(v).z()}] = v;
   std::map<std::pair<int, int>, int> edge;   // of the high end, directed → number
   for (std::size_t i = 0; i < n; ++i) {
     const int v = p.at_high[i];
     const auto under = below.find({at(v).x(), at(v).z()});
-    if (under == below.end()) refuse_prism(text("vertex ", v, " has none opposite"));
+    if (under == below.end()) refuse_prism(message("vertex ", v, " has none opposite"));
     p.at_low.push_back(under->second);
     p.section.push_back({at(v).x(), -at(v).z()});
     edge[{v, p.at_high[(i + 1) % n]}] = int(i);
@@ -78,13 +76,12 @@ inline Prism prism_of(const MeshInput& input, const SurfaceReport& surface) {
 }
 
 /// Where layers meet, from 0 to 1: as thick as `thickness` wants at their place, evened out.
-template <class = void>
 inline std::vector<double> layer_places(const std::vector<double>& thickness) {
   const std::size_t steps = thickness.size();   // of equal width, thickness in units of the whole
   std::vector<double> layers(steps + 1, 0.0);
   for (std::size_t i = 0; i < steps; ++i) layers[i + 1] = layers[i] + 1.0 / (double(steps) * thickness[i]);
   const double count = std::max(1.0, std::ceil(layers.back() - 1e-9));
-  if (!(count <= 10'000.0)) throw MeshError(MeshError::Reason::out_of_memory, text("swept mesher: ", count, " layers are wanted, at most 10000"));
+  if (!(count <= 10'000.0)) throw MeshError(MeshError::Reason::out_of_memory, message("swept mesher: ", count, " layers are wanted, at most 10000"));
   std::vector<double> places{0.0};
   std::size_t i = 0;
   for (double k = 1.0; k < count; k += 1.0) {
@@ -98,18 +95,17 @@ inline std::vector<double> layer_places(const std::vector<double>& thickness) {
 
 }  // namespace detail
 
-template <class Vec3, class Point2>
 inline LinearTets SweptMesher::fill(const MeshInput& input) const {
   const SurfaceReport surface = validate_surface(input);
-  const detail::Prism prism = detail::prism_of<Vec3>(input, surface);
+  const detail::Prism prism = detail::prism_of(input, surface);
   const double length = prism.high - prism.low;
   const auto wanted = [&](const Point2& p, double y) {
-    const double edge = input.edge ? input.edge(Vec3(p[0], y, -p[1])) : std::numeric_limits<double>::infinity();
-    if (!(edge > 0.0)) throw MeshError(MeshError::Reason::not_finite, detail::text("swept mesher: wanted edge length at (", p[0], ", ", y, ", ", -p[1], ") is ", edge, ", must be > 0"));
+    const double edge = input.edge ? input.edge(Vec3d(p[0], y, -p[1])) : std::numeric_limits<double>::infinity();
+    if (!(edge > 0.0)) throw MeshError(MeshError::Reason::not_finite, message("swept mesher: wanted edge length at (", p[0], ", ", y, ", ", -p[1], ") is ", edge, ", must be > 0"));
     return edge;
   };
   constexpr int samples = 64;   // along y
-  auto section = detail::PolygonRefinementOf<Point2>::of(prism.section);
+  auto section = PolygonRefinement::of(prism.section);
   if (!section) detail::refuse_prism("the section is not simple");
   const bool filled = section->refine([&](const Point2& p) {
     double least = length;
@@ -129,8 +125,8 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
 
   // Given vertices come first, as they were.
   std::vector<double> coordinates;
-  const auto put = [&](const Vec3& v) { coordinates.insert(coordinates.end(), {v.x(), v.y(), v.z()}); };
-  for (const Vec3& v : input.vertices) put(v);
+  const auto put = [&](const Vec3d& v) { coordinates.insert(coordinates.end(), {v.x(), v.y(), v.z()}); };
+  for (const Vec3d& v : input.vertices) put(v);
   std::vector<std::int32_t> vertex(count * layers, -1);   // of each point in each layer
   for (std::size_t layer = 0; layer < layers; ++layer)
     for (std::size_t i = 0; i < count; ++i) {
@@ -140,7 +136,7 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
       else {
         v = std::int32_t(coordinates.size() / 3);
         const double y = layer + 1 == layers ? prism.high : prism.low + length * places[layer];
-        put(Vec3(section->points()[i][0], y, -section->points()[i][1]));
+        put(Vec3d(section->points()[i][0], y, -section->points()[i][1]));
       }
     }
   const auto at = [&](std::size_t layer, int point) { return vertex[layer * count + std::size_t(point)]; };
@@ -172,7 +168,7 @@ inline LinearTets SweptMesher::fill(const MeshInput& input) const {
     name({at(0, t.corners[0]), at(0, t.corners[1]), at(0, t.corners[2])}, prism.low_end);
     name({at(layers - 1, t.corners[0]), at(layers - 1, t.corners[1]), at(layers - 1, t.corners[2])}, prism.high_end);
   }
-  return detail::checked_fill(input, surface, coordinates, 1.0, tets, faces, facets);
+  return checked_fill(input, surface, coordinates, 1.0, tets, faces, facets);
 }
 
 }  // namespace lumo

@@ -18,7 +18,7 @@ struct BoundaryFace {
 /// Tet nodes: corners 0…3 (positive orientation), then the middles of edges 01, 12, 02, 03, 13, 23 (−1 in a linear mesh).
 struct TetMesh {
   int order = 2;                                 ///< 1 linear, 2 quadratic
-  std::vector<Vec3> nodes;                       ///< [m]
+  std::vector<Vec3d> nodes;                       ///< [m]
   std::vector<std::array<int, 10>> tets;
   std::vector<BoundaryFace> faces;               ///< the closed boundary, patch by patch
   Symmetry symmetry;                             ///< planes in which the mesh is its own exact mirror image

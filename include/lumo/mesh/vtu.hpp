@@ -30,25 +30,19 @@ struct SeriesEntry {
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
 /// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
-template <class TetMesh = TetMesh, class NodeField = NodeField>
-void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields = {});
+inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<const NodeField>& fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
-template <class SeriesEntry = SeriesEntry>
-void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries);
+inline void write_pvd(std::ostream& out, const std::span<const SeriesEntry>& entries);
 
 /// The field for write_vtu from one vector per node.
-template <class Vec3 = Vec3, class NodeField = NodeField>
-inline NodeField node_field(std::string name, In<std::span<const Vec3>> vectors) {
+inline NodeField node_field(std::string name, const std::span<const Vec3d>& vectors) {
   NodeField f{std::move(name), 3, {}};
   f.values.reserve(3 * vectors.size());
-  for (const Vec3& v : vectors) f.values.insert(f.values.end(), {v.x(), v.y(), v.z()});
+  for (const Vec3d& v : vectors) f.values.insert(f.values.end(), {v.x(), v.y(), v.z()});
   return f;
 }
 
-namespace detail {
-
-template <class = void>
 inline std::string base64(std::span<const unsigned char> bytes) {
   static constexpr std::string_view digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string s;
@@ -67,7 +61,7 @@ inline std::string base64(std::span<const unsigned char> bytes) {
 template <class T>
 void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components, const std::vector<T>& values) {
   const std::uint64_t size = values.size() * sizeof(T);
-  std::vector<Dependent<unsigned char, T>> bytes(sizeof size + size);
+  std::vector<unsigned char> bytes(sizeof size + size);
   std::memcpy(bytes.data(), &size, sizeof size);
   if (size > 0) std::memcpy(bytes.data() + sizeof size, values.data(), size);
   out << "<DataArray type=\"" << type << "\" Name=\"" << name << "\"";
@@ -75,7 +69,6 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
   out << " format=\"binary\">" << base64(bytes) << "</DataArray>\n";
 }
 
-template <class = void>
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
@@ -87,13 +80,10 @@ inline std::string xml_attribute(std::string_view s) {
   return out;
 }
 
-}  // namespace detail
-
-template <class TetMesh, class NodeField>
-inline void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const NodeField>> fields) {
+inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<const NodeField>& fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
-      throw InvalidArgument(detail::text("field '", f.name, "' has ", f.values.size(), " values of ", f.components, " components, the mesh has ", mesh.nodes.size(), " nodes"));
+      throw InvalidArgument(message("field '", f.name, "' has ", f.values.size(), " values of ", f.components, " components, the mesh has ", mesh.nodes.size(), " nodes"));
 
   const std::size_t per_tet = std::size_t(mesh.nodes_per_tet());
   std::vector<std::int64_t> connectivity, offsets;
@@ -108,22 +98,21 @@ inline void write_vtu(std::ostream& out, In<TetMesh> mesh, In<std::span<const No
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\""
       << (std::endian::native == std::endian::little ? "LittleEndian" : "BigEndian") << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n"
       << "<Piece NumberOfPoints=\"" << mesh.nodes.size() << "\" NumberOfCells=\"" << mesh.tets.size() << "\">\n<Points>\n";
-  detail::vtu_array(out, "Float64", "position_m", 3, node_field("", mesh.nodes).values);
+  vtu_array(out, "Float64", "position_m", 3, node_field("", mesh.nodes).values);
   out << "</Points>\n<Cells>\n";
-  detail::vtu_array(out, "Int64", "connectivity", 1, connectivity);
-  detail::vtu_array(out, "Int64", "offsets", 1, offsets);
-  detail::vtu_array(out, "UInt8", "types", 1, types);
+  vtu_array(out, "Int64", "connectivity", 1, connectivity);
+  vtu_array(out, "Int64", "offsets", 1, offsets);
+  vtu_array(out, "UInt8", "types", 1, types);
   out << "</Cells>\n<PointData>\n";
-  for (const NodeField& f : fields) detail::vtu_array(out, "Float64", detail::xml_attribute(f.name), f.components, f.values);
+  for (const NodeField& f : fields) vtu_array(out, "Float64", xml_attribute(f.name), f.components, f.values);
   out << "</PointData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n";
   if (!out) throw InputError("writing a .vtu file failed");
 }
 
-template <class SeriesEntry>
-inline void write_pvd(std::ostream& out, In<std::span<const SeriesEntry>> entries) {
+inline void write_pvd(std::ostream& out, const std::span<const SeriesEntry>& entries) {
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\">\n<Collection>\n";
   for (const SeriesEntry& e : entries)
-    out << "<DataSet timestep=\"" << detail::text(e.value) << "\" part=\"0\" file=\"" << detail::xml_attribute(e.file) << "\"/>\n";
+    out << "<DataSet timestep=\"" << message(e.value) << "\" part=\"0\" file=\"" << xml_attribute(e.file) << "\"/>\n";
   out << "</Collection>\n</VTKFile>\n";
   if (!out) throw InputError("writing a .pvd file failed");
 }

@@ -30,15 +30,14 @@ struct JitteredFactor {
 };
 
 /// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that is too little.
-template <class MatrixXd = Eigen::MatrixXd, class JitteredFactor = JitteredFactor>
-inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
+inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
   for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
-    MatrixXd a = covariance;
+    Eigen::MatrixXd a = covariance;
     a.diagonal().array() += jitter * top;
-    const Eigen::LLT<MatrixXd> factor(a);
+    const Eigen::LLT<Eigen::MatrixXd> factor(a);
     if (factor.info() == Eigen::Success && factor.matrixLLT().diagonal().minCoeff() > 0.0)
-      return JitteredFactor{MatrixXd(factor.matrixL()), jitter * top};
+      return JitteredFactor{Eigen::MatrixXd(factor.matrixL()), jitter * top};
   }
   return std::nullopt;
 }
@@ -47,12 +46,6 @@ inline std::optional<JitteredFactor> jittered_factor(In<MatrixXd> covariance) {
 /// bounds and outputs standardised (n − 1) inside; everything is told in the units of the data. Equal inputs and constant outputs are fine.
 template <CovarianceKernel Kernel = RbfKernel>
 class GaussianProcess {
-  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
-  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
-  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
-  using ArrayXd = Dependent<Eigen::ArrayXd, Kernel>;
-  using TrainingData = Dependent<lumo::TrainingData, Kernel>;
-  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Config {
@@ -80,50 +73,50 @@ class GaussianProcess {
 
   /// Mean and variance of the latent function (without observation noise) at the columns of `x`.
   struct Prediction {
-    VectorXd mean, variance;
+    Eigen::VectorXd mean, variance;
   };
-  Prediction predict(const MatrixXd& x) const;
-  Eigen::VectorXd mean(const MatrixXd& x) const;
+  Prediction predict(const Eigen::MatrixXd& x) const;
+  Eigen::VectorXd mean(const Eigen::MatrixXd& x) const;
   /// Posterior covariance of the latent function between two sets of points.
-  Eigen::MatrixXd covariance(const MatrixXd& a, const MatrixXd& b) const;
+  Eigen::MatrixXd covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const;
   /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. Empty when the covariance
   /// cannot be factorised.
-  std::optional<Eigen::MatrixXd> sample(const MatrixXd& x, const MatrixXd& normals) const;
+  std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const;
   /// What each observation would be predicted as without it, with its noise, from the fitted hyper-parameters.
   /// Source: Rasmussen & Williams 2006, eq. 5.12.
   Prediction leave_one_out() const;
 
   /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b). In standardised units.
-  Eigen::MatrixXd whitened(const MatrixXd& unit_x) const {
-    MatrixXd v = correlation(x_, unit_x);
+  Eigen::MatrixXd whitened(const Eigen::MatrixXd& unit_x) const {
+    Eigen::MatrixXd v = correlation(x_, unit_x);
     factor_.matrixL().solveInPlace(v);
     return v;
   }
-  Eigen::MatrixXd correlation(const MatrixXd& unit_a, const MatrixXd& unit_b) const;
-  Eigen::MatrixXd normalized(const MatrixXd& x) const { return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix(); }
-  const VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
+  Eigen::MatrixXd correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const;
+  Eigen::MatrixXd normalized(const Eigen::MatrixXd& x) const { return ((x.colwise() - lower_).array().colwise() * inverse_width_.array()).matrix(); }
+  const Eigen::VectorXd& weights() const { return whitened_y_; }  ///< L⁻¹(y − mean), standardised
   double output_mean() const { return output_mean_; }
   double output_scale() const { return output_scale_; }
 
  private:
-  MatrixXd x_;  ///< normalised
-  VectorXd y_;  ///< standardised
-  VectorXd lower_, inverse_width_;
+  Eigen::MatrixXd x_;  ///< normalised
+  Eigen::VectorXd y_;  ///< standardised
+  Eigen::VectorXd lower_, inverse_width_;
   double output_mean_ = 0.0, output_scale_ = 1.0;
   Hyperparameters hyperparameters_;
   Config config_;
-  Eigen::LLT<MatrixXd> factor_;
-  VectorXd whitened_y_;
+  Eigen::LLT<Eigen::MatrixXd> factor_;
+  Eigen::VectorXd whitened_y_;
   double jitter_ = 0.0;
   bool converged_ = true;
 
   explicit GaussianProcess(const TrainingData& data, const Config& config);
   void condition(const Hyperparameters& h);
   // The search for hyper-parameters is in their logarithms; it minimises −(log p(y) + log prior)/n.
-  static Hyperparameters unpack(const VectorXd& u);
-  static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& u, VectorXd* gradient);
+  static Hyperparameters unpack(const Eigen::VectorXd& u);
+  static double negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient);
   Eigen::VectorXd modes() const;
-  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& start, const std::optional<MatrixXd>& hessian = std::nullopt) const;
+  Minimum descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
   std::vector<Minimum> optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const;
   HyperparameterPrior prior() const { return config_.prior ? *config_.prior : HyperparameterPrior::for_dimension(x_.rows()); }
 };
@@ -131,9 +124,9 @@ class GaussianProcess {
 template <CovarianceKernel Kernel>
 GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Config& config) : lower_(data.lower), config_(config) {
   const Eigen::Index d = data.x.rows(), n = data.x.cols();
-  if (n < 1 || d < 1) throw InvalidArgument(detail::text("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
+  if (n < 1 || d < 1) throw InvalidArgument(message("Gaussian process has ", n, " observations of ", d, " inputs, must have at least 1 of each"));
   if (data.y.size() != n || data.lower.size() != d || data.upper.size() != d)
-    throw InvalidArgument(detail::text("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(), " outputs, ", data.lower.size(), " lower and ",
+    throw InvalidArgument(message("Gaussian process has ", n, " observations of ", d, " inputs, but ", data.y.size(), " outputs, ", data.lower.size(), " lower and ",
                                        data.upper.size(), " upper bounds"));
   if (!data.x.allFinite() || !data.y.allFinite() || !data.lower.allFinite() || !data.upper.allFinite())
     throw InvalidArgument("Gaussian process: observations and bounds must be finite numbers");
@@ -141,27 +134,27 @@ GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Config&
   x_ = normalized(data.x);
 
   const double size = std::max(data.y.cwiseAbs().maxCoeff(), std::numeric_limits<double>::min());  // so that squares neither overflow nor vanish
-  const VectorXd scaled = data.y / size;
+  const Eigen::VectorXd scaled = data.y / size;
   const double mean = scaled.mean();
   const double deviation = n > 1 ? std::sqrt((scaled.array() - mean).square().sum() / double(n - 1)) : 0.0;
   const bool constant = deviation < 1e-14;  // no more than rounding
   output_mean_ = mean * size;
   output_scale_ = constant ? 1.0 : deviation * size;
-  y_ = constant ? VectorXd::Zero(n) : VectorXd((scaled.array() - mean) / deviation);
+  y_ = constant ? Eigen::VectorXd::Zero(n) : Eigen::VectorXd((scaled.array() - mean) / deviation);
 }
 
 template <CovarianceKernel Kernel>
 GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config) : GaussianProcess(data, config) {
   if (h.length_scale.size() != x_.rows() || !(h.length_scale.minCoeff() > 0.0) || !(h.noise >= 0.0))
-    throw InvalidArgument(detail::text("Gaussian process: needs ", x_.rows(), " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
+    throw InvalidArgument(message("Gaussian process: needs ", x_.rows(), " length scales > 0 and a noise variance >= 0, has ", h.length_scale.size(), " and ", h.noise));
   condition(h);
 }
 
 template <CovarianceKernel Kernel>
-Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const MatrixXd& unit_a, const MatrixXd& unit_b) const {
-  const ArrayXd inverse = hyperparameters_.length_scale.array().inverse();
-  const MatrixXd a = (unit_a.array().colwise() * inverse).matrix(), b = (unit_b.array().colwise() * inverse).matrix();
-  ArrayXXd r2 = ArrayXXd::Zero(a.cols(), b.cols());
+Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const Eigen::MatrixXd& unit_a, const Eigen::MatrixXd& unit_b) const {
+  const Eigen::ArrayXd inverse = hyperparameters_.length_scale.array().inverse();
+  const Eigen::MatrixXd a = (unit_a.array().colwise() * inverse).matrix(), b = (unit_b.array().colwise() * inverse).matrix();
+  Eigen::ArrayXXd r2 = Eigen::ArrayXXd::Zero(a.cols(), b.cols());
   for (Eigen::Index i = 0; i < b.cols(); ++i)
     for (Eigen::Index j = 0; j < a.rows(); ++j) r2.col(i) += (a.row(j).array() - b(j, i)).square().transpose();
   return config_.kernel.correlation(r2);
@@ -170,11 +163,11 @@ Eigen::MatrixXd GaussianProcess<Kernel>::correlation(const MatrixXd& unit_a, con
 template <CovarianceKernel Kernel>
 void GaussianProcess<Kernel>::condition(const Hyperparameters& h) {
   hyperparameters_ = h;
-  MatrixXd covariance = correlation(x_, x_);
+  Eigen::MatrixXd covariance = correlation(x_, x_);
   covariance.diagonal().array() += h.noise;
   for (jitter_ = 0.0;; jitter_ = jitter_ == 0.0 ? 1e-12 : 10.0 * jitter_) {
     if (jitter_ > 2e-4) throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
-    MatrixXd a = covariance;
+    Eigen::MatrixXd a = covariance;
     a.diagonal().array() += jitter_;
     factor_.compute(a);
     if (factor_.info() == Eigen::Success && factor_.matrixLLT().diagonal().minCoeff() > 0.0) break;
@@ -214,13 +207,13 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
 }
 
 template <CovarianceKernel Kernel>
-typename GaussianProcess<Kernel>::Hyperparameters GaussianProcess<Kernel>::unpack(const VectorXd& u) {
+Hyperparameters GaussianProcess<Kernel>::unpack(const Eigen::VectorXd& u) {
   const Eigen::Index d = u.size() - 1;
   return {u.head(d).unaryExpr([](double v) { return std::exp(v); }), std::exp(u[d]), 0.0};
 }
 
 template <CovarianceKernel Kernel>
-double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& u, VectorXd* gradient) {
+double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& u, Eigen::VectorXd* gradient) {
   const auto value = likelihood(unpack(u), gradient != nullptr);
   if (!std::isfinite(value.log_likelihood)) return std::numeric_limits<double>::infinity();
   if (gradient) *gradient = -value.posterior_gradient / double(n);
@@ -229,20 +222,20 @@ double GaussianProcess<Kernel>::negative(const MarginalLikelihood<Kernel>& likel
 
 template <CovarianceKernel Kernel>
 Eigen::VectorXd GaussianProcess<Kernel>::modes() const {
-  VectorXd u = VectorXd::Constant(x_.rows() + 1, std::log(prior().length_scale.mode()));
+  Eigen::VectorXd u = Eigen::VectorXd::Constant(x_.rows() + 1, std::log(prior().length_scale.mode()));
   u[x_.rows()] = std::log(prior().noise.mode());
   return u;
 }
 
 template <CovarianceKernel Kernel>
-Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const VectorXd& start,
-                                         const std::optional<MatrixXd>& hessian) const {
+Minimum GaussianProcess<Kernel>::descend(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n, const Eigen::VectorXd& start,
+                                         const std::optional<Eigen::MatrixXd>& hessian) const {
   const Eigen::Index d = x_.rows();
   const HyperparameterPrior p = prior();
-  VectorXd lower = VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = VectorXd::Constant(d + 1, std::log(p.max_length_scale));
+  Eigen::VectorXd lower = Eigen::VectorXd::Constant(d + 1, std::log(p.min_length_scale)), upper = Eigen::VectorXd::Constant(d + 1, std::log(p.max_length_scale));
   lower[d] = std::log(p.min_noise);
   upper[d] = std::log(p.max_noise);
-  return config_.search.minimize([&](const VectorXd& u, VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper, hessian);
+  return config_.search.minimize([&](const Eigen::VectorXd& u, Eigen::VectorXd& gradient) { return negative(likelihood, n, u, &gradient); }, start, lower, upper, hessian);
 }
 
 /// One start stops in local optima: after the prior's modes come the most promising of some places spread between short and long length
@@ -251,11 +244,11 @@ template <CovarianceKernel Kernel>
 std::vector<Minimum> GaussianProcess<Kernel>::optima(const MarginalLikelihood<Kernel>& likelihood, Eigen::Index n) const {
   const Eigen::Index d = x_.rows();
   std::vector<Minimum> found = {descend(likelihood, n, modes())};
-  std::vector<std::pair<double, VectorXd>> probes;
+  std::vector<std::pair<double, Eigen::VectorXd>> probes;
   for (int k = 0; config_.starts > 1 && k < config_.probes; ++k) {
-    VectorXd u(d + 1);
+    Eigen::VectorXd u(d + 1);
     for (Eigen::Index j = 0; j <= d; ++j) {
-      const double t = OwenSobol{detail::combine(7, std::uint64_t(j / Sobol::dimensions))}(std::uint32_t(k), int(j % Sobol::dimensions));
+      const double t = OwenSobol{combine(7, std::uint64_t(j / Sobol::dimensions))}(std::uint32_t(k), int(j % Sobol::dimensions));
       u[j] = j < d ? std::log(0.1) + t * (std::log(100.0) + 0.5 * std::log(double(d))) : std::log(1e-4) + t * std::log(1e3);
     }
     if (const double value = negative(likelihood, n, u, nullptr); std::isfinite(value)) probes.emplace_back(value, u);
@@ -272,28 +265,28 @@ double GaussianProcess<Kernel>::objective() const {
 }
 
 template <CovarianceKernel Kernel>
-typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::predict(const MatrixXd& x) const {
-  const MatrixXd v = whitened(normalized(x));
-  const VectorXd standard = (v.transpose() * whitened_y_).array() + hyperparameters_.mean;
-  const VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).max(0.0).transpose();
+typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::predict(const Eigen::MatrixXd& x) const {
+  const Eigen::MatrixXd v = whitened(normalized(x));
+  const Eigen::VectorXd standard = (v.transpose() * whitened_y_).array() + hyperparameters_.mean;
+  const Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).max(0.0).transpose();
   return {(output_mean_ + output_scale_ * standard.array()).matrix(), output_scale_ * output_scale_ * variance};
 }
 
 template <CovarianceKernel Kernel>
-Eigen::VectorXd GaussianProcess<Kernel>::mean(const MatrixXd& x) const {
-  const VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+Eigen::VectorXd GaussianProcess<Kernel>::mean(const Eigen::MatrixXd& x) const {
+  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
   return (output_mean_ + output_scale_ * ((correlation(normalized(x), x_) * alpha).array() + hyperparameters_.mean)).matrix();
 }
 
 template <CovarianceKernel Kernel>
-Eigen::MatrixXd GaussianProcess<Kernel>::covariance(const MatrixXd& a, const MatrixXd& b) const {
-  const MatrixXd ua = normalized(a), ub = normalized(b);
+Eigen::MatrixXd GaussianProcess<Kernel>::covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const {
+  const Eigen::MatrixXd ua = normalized(a), ub = normalized(b);
   return output_scale_ * output_scale_ * (correlation(ua, ub) - whitened(ua).transpose() * whitened(ub));
 }
 
 template <CovarianceKernel Kernel>
-std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const MatrixXd& x, const MatrixXd& normals) const {
-  if (normals.rows() != x.cols()) throw InvalidArgument(detail::text("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const {
+  if (normals.rows() != x.cols()) throw InvalidArgument(message("samples at ", x.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
   const auto factor = jittered_factor(covariance(x, x));
   if (!factor) return std::nullopt;
   return (factor->lower * normals).colwise() + predict(x).mean;
@@ -301,9 +294,9 @@ std::optional<Eigen::MatrixXd> GaussianProcess<Kernel>::sample(const MatrixXd& x
 
 template <CovarianceKernel Kernel>
 typename GaussianProcess<Kernel>::Prediction GaussianProcess<Kernel>::leave_one_out() const {
-  const MatrixXd inverse = factor_.solve(MatrixXd::Identity(size(), size()));
-  const VectorXd alpha = factor_.matrixU().solve(whitened_y_);
-  const ArrayXd variance = inverse.diagonal().array().inverse();
+  const Eigen::MatrixXd inverse = factor_.solve(Eigen::MatrixXd::Identity(size(), size()));
+  const Eigen::VectorXd alpha = factor_.matrixU().solve(whitened_y_);
+  const Eigen::ArrayXd variance = inverse.diagonal().array().inverse();
   return {(output_mean_ + output_scale_ * (y_.array() - alpha.array() * variance)).matrix(), (output_scale_ * output_scale_ * variance).matrix()};
 }
 

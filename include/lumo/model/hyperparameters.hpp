@@ -42,7 +42,7 @@ struct HyperparameterPrior {
   /// Length scales grow with the square root of the dimension. Source: Hvarfner, Hellsten & Nardi, "Vanilla Bayesian Optimization
   /// Performs Great in High Dimensions", ICML 2024; the numbers are those of BoTorch 0.18.
   static HyperparameterPrior for_dimension(Eigen::Index d) {
-    if (d < 1) throw InvalidArgument(detail::text("Gaussian process has ", d, " inputs, must have at least 1"));
+    if (d < 1) throw InvalidArgument(message("Gaussian process has ", d, " inputs, must have at least 1"));
     HyperparameterPrior prior;
     prior.length_scale = {std::sqrt(2.0) + 0.5 * std::log(double(d)), std::sqrt(3.0)};
     return prior;

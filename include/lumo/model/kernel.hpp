@@ -19,22 +19,18 @@ concept CovarianceKernel = requires(const K& kernel, const Eigen::ArrayXXd& r2, 
 
 /// Squared exponential: exp(−r²/2). Samples are smooth.
 struct RbfKernel {
-  template <class ArrayXXd = Eigen::ArrayXXd>
-  ArrayXXd correlation(In<ArrayXXd> r2) const { return (-0.5 * r2).exp(); }
-  template <class ArrayXXd = Eigen::ArrayXXd>
-  ArrayXXd slope(In<ArrayXXd>, In<ArrayXXd> correlation) const { return -0.5 * correlation; }
+  Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const { return (-0.5 * r2).exp(); }
+  Eigen::ArrayXXd slope(const Eigen::ArrayXXd&, const Eigen::ArrayXXd& correlation) const { return -0.5 * correlation; }
 };
 
 /// Matérn with ν = 5/2: (1 + s + s²/3) e⁻ˢ with s = √5 r. Samples have two derivatives. Source: Stein, Interpolation of Spatial Data, 1999.
 struct Matern52Kernel {
-  template <class ArrayXXd = Eigen::ArrayXXd>
-  ArrayXXd correlation(In<ArrayXXd> r2) const {
-    const ArrayXXd s = (5.0 * r2).sqrt();
+  Eigen::ArrayXXd correlation(const Eigen::ArrayXXd& r2) const {
+    const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
     return (1.0 + s + s.square() / 3.0) * (-s).exp();
   }
-  template <class ArrayXXd = Eigen::ArrayXXd>
-  ArrayXXd slope(In<ArrayXXd> r2, In<ArrayXXd> correlation) const {
-    const ArrayXXd s = (5.0 * r2).sqrt();
+  Eigen::ArrayXXd slope(const Eigen::ArrayXXd& r2, const Eigen::ArrayXXd& correlation) const {
+    const Eigen::ArrayXXd s = (5.0 * r2).sqrt();
     return -5.0 / 6.0 * (1.0 + s) / (1.0 + s + s.square() / 3.0) * correlation;
   }
 };

@@ -16,35 +16,31 @@ namespace lumo {
 /// (1ᵀK⁻¹y) / (1ᵀK⁻¹1), at each. Source: Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, §5.4.
 template <CovarianceKernel Kernel>
 class MarginalLikelihood {
-  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
-  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
-  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
-  using Hyperparameters = Dependent<lumo::Hyperparameters, Kernel>;
 
  public:
   struct Value {
     double log_likelihood = -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
     double log_prior = 0.0;
     double mean = 0.0;
-    VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
-    VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
+    Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
+    Eigen::VectorXd posterior_gradient;  ///< d (log_likelihood + log_prior) / d the same
   };
 
   /// `x`: d × n, normalised; `y`: n, standardised.
-  MarginalLikelihood(const MatrixXd& x, const VectorXd& y, Kernel kernel, HyperparameterPrior prior);
+  MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior);
 
   Value operator()(const Hyperparameters& h, bool with_gradient = true) const;
 
  private:
   Eigen::Index size_;
-  VectorXd y_;
+  Eigen::VectorXd y_;
   Kernel kernel_;
   HyperparameterPrior prior_;
-  MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
+  Eigen::MatrixXd squares_;  ///< (pair i > k, input): squared difference; pairs column by column of the lower triangle
 };
 
 template <CovarianceKernel Kernel>
-MarginalLikelihood<Kernel>::MarginalLikelihood(const MatrixXd& x, const VectorXd& y, Kernel kernel, HyperparameterPrior prior)
+MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
     : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
   for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
     const Eigen::Index below = size_ - 1 - k;
@@ -60,21 +56,21 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   for (Eigen::Index j = 0; j < d; ++j) value.log_prior += prior_.length_scale.log_density(h.length_scale[j]);
   value.log_prior += prior_.noise.log_density(h.noise);
 
-  const VectorXd weight = h.length_scale.array().square().inverse();
-  const ArrayXXd r2 = squares_ * weight, correlation = kernel_.correlation(r2);
-  MatrixXd covariance = MatrixXd::Zero(n, n);
+  const Eigen::VectorXd weight = h.length_scale.array().square().inverse();
+  const Eigen::ArrayXXd r2 = squares_ * weight, correlation = kernel_.correlation(r2);
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     covariance(k, k) = 1.0 + h.noise;
     covariance.col(k).tail(n - 1 - k) = correlation.col(0).segment(first, n - 1 - k);
   }
-  const Eigen::LLT<MatrixXd> factor(covariance);
+  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
   if (factor.info() != Eigen::Success) return value;
 
-  MatrixXd both(n, 2);
-  both << y_, VectorXd::Ones(n);
+  Eigen::MatrixXd both(n, 2);
+  both << y_, Eigen::VectorXd::Ones(n);
   factor.solveInPlace(both);
   value.mean = both.col(0).sum() / both.col(1).sum();
-  const VectorXd alpha = both.col(0) - value.mean * both.col(1);
+  const Eigen::VectorXd alpha = both.col(0) - value.mean * both.col(1);
   double log_determinant = 0.0;
   for (Eigen::Index i = 0; i < n; ++i) log_determinant += 2.0 * std::log(factor.matrixLLT()(i, i));
   value.log_likelihood = -0.5 * (alpha.dot((y_.array() - value.mean).matrix()) + log_determinant + double(n) * std::log(2.0 * pi));
@@ -82,14 +78,14 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   if (!with_gradient || !std::isfinite(value.log_likelihood)) return value;
 
   // ½ tr((α αᵀ − K⁻¹) dK): each pair counts twice. The mean is at its optimum and adds nothing.
-  MatrixXd inverse_factor = MatrixXd::Identity(n, n);
+  Eigen::MatrixXd inverse_factor = Eigen::MatrixXd::Identity(n, n);
   for (Eigen::Index first = 0; first < n; first += 32) {  // in blocks of columns, which are zero above the diagonal
     auto below = inverse_factor.block(first, first, n - first, std::min<Eigen::Index>(32, n - first));
     factor.matrixLLT().bottomRightCorner(n - first, n - first).template triangularView<Eigen::Lower>().solveInPlace(below);
   }
-  MatrixXd inverse = MatrixXd::Zero(n, n);
+  Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
   inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());
-  ArrayXXd pull = kernel_.slope(r2, correlation);
+  Eigen::ArrayXXd pull = kernel_.slope(r2, correlation);
   for (Eigen::Index k = 0, first = 0; k < n; first += n - 1 - k, ++k) {
     const Eigen::Index below = n - 1 - k;
     pull.col(0).segment(first, below) *= alpha.tail(below).array() * alpha[k] - inverse.col(k).tail(below).array();

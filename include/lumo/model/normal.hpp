@@ -47,7 +47,6 @@ class ExcessTable {
  public:
   static constexpr double edge = 8.0;
 
-  template <class = void>
   double operator()(double a) const {
     const double t = (a + edge) * per_unit;
     const auto k = std::min(std::size_t(t), nodes_.size() - 2);
@@ -58,7 +57,6 @@ class ExcessTable {
     return p.value + u * (p.slope + u * (0.5 * p.curvature + u * (u3 + u * (u4 + u * u5))));
   }
 
-  template <class = void>
   static const ExcessTable& get() {
     static const ExcessTable table;
     return table;
@@ -71,7 +69,6 @@ class ExcessTable {
   };
   std::vector<Node> nodes_;
 
-  template <class = void>
   ExcessTable() {
     for (int k = 0; k <= int(2.0 * edge * per_unit); ++k) {
       const double a = k / per_unit - edge, density = normal_density(a), probability = normal_probability(a);
@@ -92,7 +89,6 @@ class ExcessTable {
 }  // namespace detail
 
 /// E[(Z + a)⁺] = a Φ(a) + φ(a) for a standard normal Z, to full relative accuracy (10⁻¹³) until it underflows below a = −38.
-template <class = void>
 inline double expected_excess(double a) {
   if (a >= detail::ExcessTable::edge) return a;
   if (a >= -detail::ExcessTable::edge) return detail::ExcessTable::get()(a);
@@ -101,7 +97,6 @@ inline double expected_excess(double a) {
 
 /// log E[(Z + a)⁺], finite for every finite a. Source: Ament, Daulton, Eriksson, Balandat & Bakshy, "Unexpected Improvements to
 /// Expected Improvement for Bayesian Optimization", NeurIPS 2023.
-template <class = void>
 inline double log_expected_excess(double a) {
   if (a <= -8.0) return -0.5 * a * a - 0.5 * std::log(2.0 * pi) + std::log(detail::scaled_excess_tail(a));
   return std::log(a * normal_probability(a) + normal_density(a));

@@ -36,28 +36,28 @@ struct QuasiNewton {
   /// `function(x, gradient)` returns the value and fills the gradient; where it is not finite the search steps back.
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
-  template <class Function, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Minimum = Minimum>
-  Minimum minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
-                   In<std::optional<MatrixXd>> hessian = std::nullopt) const;
+  template <class Function>
+  Minimum minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+                   const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 };
 
-template <class Function, class MatrixXd, class VectorXd, class Minimum>
-Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd> start, In<VectorXd> lower, In<VectorXd> upper,
-                              In<std::optional<MatrixXd>> known) const {
+template <class Function>
+Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+                              const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
-    throw InvalidArgument(detail::text("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
+    throw InvalidArgument(message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
   Minimum best;
   best.x = start.cwiseMax(lower).cwiseMin(upper);
   best.gradient.resize(n);
   best.value = function(best.x, best.gradient);
   best.evaluations = 1;
   if (!std::isfinite(best.value) || !best.gradient.allFinite())
-    throw InvalidArgument(detail::text("function is ", best.value, " where the minimiser starts, must be finite"));
+    throw InvalidArgument(message("function is ", best.value, " where the minimiser starts, must be finite"));
 
-  MatrixXd hessian = known.value_or(MatrixXd::Identity(n, n));
+  Eigen::MatrixXd hessian = known.value_or(Eigen::MatrixXd::Identity(n, n));
   bool fresh = !known;  // the Hessian has seen no curvature yet
-  VectorXd step(n), trial(n), slope(n);
+  Eigen::VectorXd step(n), trial(n), slope(n);
   while (best.evaluations < max_evaluations) {
     // A variable at a bound that the gradient pushes it against stays there.
     std::vector<Eigen::Index> free;
@@ -72,13 +72,13 @@ Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd
       break;
     }
     step.setZero();
-    const MatrixXd block = hessian(free, free);
-    step(free) = -block.llt().solve(VectorXd(best.gradient(free)));
+    const Eigen::MatrixXd block = hessian(free, free);
+    step(free) = -block.llt().solve(Eigen::VectorXd(best.gradient(free)));
     if (!step.allFinite() || step.dot(best.gradient) >= 0.0) {
       hessian.setIdentity();
       fresh = true;
       step.setZero();
-      step(free) = -VectorXd(best.gradient(free));
+      step(free) = -Eigen::VectorXd(best.gradient(free));
     }
     const double longest = step.cwiseAbs().maxCoeff();
     double scale = std::min({1.0, longest_step / longest, fresh ? 0.5 / longest : 1.0});
@@ -101,10 +101,10 @@ Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<VectorXd
       fresh = true;
       continue;
     }
-    const VectorXd s = trial - best.x;
-    VectorXd y = slope - best.gradient;
-    if (fresh && s.dot(y) > 0.0) hessian = MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
-    const VectorXd hs = hessian * s;
+    const Eigen::VectorXd s = trial - best.x;
+    Eigen::VectorXd y = slope - best.gradient;
+    if (fresh && s.dot(y) > 0.0) hessian = Eigen::MatrixXd::Identity(n, n) * (y.squaredNorm() / s.dot(y));
+    const Eigen::VectorXd hs = hessian * s;
     const double curvature = s.dot(hs);
     if (s.dot(y) < 0.2 * curvature) {
       const double damping = 0.8 * curvature / (curvature - s.dot(y));

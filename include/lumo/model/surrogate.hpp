@@ -35,21 +35,18 @@ struct EachOutput {
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
-  template <class MatrixXd = Eigen::MatrixXd>
-  Eigen::MatrixXd objectives(In<MatrixXd> y) const {
-    MatrixXd least(Eigen::Index(terms.size()), y.cols());
+  Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
+    Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;
     for (std::size_t j = 0; j < terms.size(); first += terms[j++]) least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
     return least;
   }
   /// Throws InvalidArgument when there are not as many counts as objectives, or one is not positive.
-  template <class = void>
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
-      throw InvalidArgument(detail::text("minimum over terms needs a positive number of terms for each of ", objectives, " objectives, has ", terms.size(), " numbers"));
+      throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives, " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
-  template <class = void>
   int objective(int output) const {
     int j = 0;
     for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];
@@ -74,14 +71,12 @@ struct Evidence {
 /// there is one empty draw, and what is conditional on it is the plain posterior.
 template <CovarianceKernel Kernel>
 class ConditionalPosterior {
-  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
-  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
 
  public:
   /// `normals`: base points × draws. Throws InvalidArgument when they do not fit.
-  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const MatrixXd& base, const MatrixXd& normals)
+  ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
       : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
-    if (normals.rows() != base.cols()) throw InvalidArgument(detail::text("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+    if (normals.rows() != base.cols()) throw InvalidArgument(message("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
     if (base.cols() == 0) return;
     whitened_ = gp.whitened(base_);
     const auto factor = jittered_factor(gp.correlation(base_, base_) - whitened_.transpose() * whitened_);
@@ -92,25 +87,25 @@ class ConditionalPosterior {
 
   /// Draws at the base points: points × draws, in the units of the data.
   Eigen::MatrixXd draws() const {
-    if (base_.cols() == 0) return MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
-    const MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
+    if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
+    const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);
     return (gp_->output_mean() + gp_->output_scale() * standard.array()).matrix();
   }
 
   /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and deviations (points).
   struct Conditional {
-    MatrixXd mean;
-    VectorXd deviation;
+    Eigen::MatrixXd mean;
+    Eigen::VectorXd deviation;
   };
-  Conditional at(const MatrixXd& x) const {
-    const MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
-    VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
-    MatrixXd standard = standard_mean(v);
+  Conditional at(const Eigen::MatrixXd& x) const {
+    const Eigen::MatrixXd unit = gp_->normalized(x), v = gp_->whitened(unit);
+    Eigen::VectorXd variance = (1.0 - v.colwise().squaredNorm().array()).transpose();
+    Eigen::MatrixXd standard = standard_mean(v);
     if (base_.cols() > 0) {
-      MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
+      Eigen::MatrixXd cross = gp_->correlation(base_, unit) - whitened_.transpose() * v;
       factor_.template triangularView<Eigen::Lower>().solveInPlace(cross);
       variance.array() -= cross.colwise().squaredNorm().array().transpose();
-      standard = (cross.transpose() * normals_).colwise() + VectorXd(standard.col(0));
+      standard = (cross.transpose() * normals_).colwise() + Eigen::VectorXd(standard.col(0));
     }
     const double scale = gp_->output_scale();
     return {(gp_->output_mean() + scale * standard.array()).matrix(), scale * variance.cwiseMax(1e-18).cwiseSqrt()};
@@ -119,10 +114,10 @@ class ConditionalPosterior {
   double jitter() const { return jitter_; }
 
  private:
-  Eigen::VectorXd standard_mean(const MatrixXd& v) const { return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix(); }
+  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const { return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix(); }
 
   const GaussianProcess<Kernel>* gp_;
-  MatrixXd base_, normals_, whitened_, factor_;
+  Eigen::MatrixXd base_, normals_, whitened_, factor_;
   double jitter_ = 0.0;
 };
 

@@ -31,13 +31,13 @@ struct Facet {
 
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
-  Vec3 center{0.0, 0.0, 0.0};             ///< [m]
-  Vec3 half{1.0, 1.0, 1.0};               ///< half edges [m]
+  Vec3d center{0.0, 0.0, 0.0};             ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};               ///< half edges [m]
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
-  std::function<double(const Vec3&)> edge;  ///< across y [m]
+  std::function<double(const Vec3d&)> edge;  ///< across y [m]
   double stretch_y = 1.0;                   ///< edges along y are this much longer
 };
 
@@ -48,14 +48,14 @@ struct Body {
 
   std::string name;
   std::vector<Patch> patches;
-  std::vector<Vec3> vertices;               ///< of the boundary of the meshed sector [m]
+  std::vector<Vec3d> vertices;               ///< of the boundary of the meshed sector [m]
   std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
   Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
   Sizing sizing;
   double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
 
   std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3 pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
+  Vec3d pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
 
   Medium medium;                            ///< inside
   Medium surroundings;                      ///< outside (air)
@@ -64,16 +64,15 @@ struct Body {
   std::vector<Emitter> emitters;
   int regions = 0;                          ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
-  std::function<int(const Vec3& position, const Vec3& normal)> region;
+  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
   bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 
 /// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
-template <class Vec3 = Vec3>
-inline Vec3 outward_normal(const Body& body, int patch, In<Vec3> p) {
-  const Vec3 fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
+inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
+  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
 }
 

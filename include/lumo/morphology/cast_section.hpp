@@ -21,7 +21,6 @@ struct CastSection {
   double half_width() const { return outline.front()[0]; }
   double height() const { return outline.back()[1]; }
   /// Area inside the cut outline, ridge and gaps taken off [m²].
-  template <class = void>
   double area_m2() const;
 };
 
@@ -29,17 +28,14 @@ struct CastSection {
 inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
 
 /// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws InfeasibleDesign.
-template <class = void>
-CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
+inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
 
-template <class>
 inline double CastSection::area_m2() const {
   double half = 0.0;
   for (std::size_t i = 0; i + 1 < outline.size(); ++i) half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
   return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
 }
 
-template <class>
 inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options, const Chords& chords) {
   validate(options);
   const HalfSection half = half_section(design, Twin::none, chords, options.pad);

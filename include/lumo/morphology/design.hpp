@@ -19,7 +19,6 @@ struct FingerDesign {
   static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
 
   /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
-  template <class = void>
   static FingerDesign from(std::span<const double> x);
   std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
   bool operator==(const FingerDesign&) const = default;
@@ -41,19 +40,16 @@ double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
 
 /// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
-template <class DesignSpace = DesignSpace>
-DesignSpace finger_space(const PadDimensions& pad = {});
+inline DesignSpace finger_space(const PadDimensions& pad = {});
 
 /// Nominal design and the five reference designs that start every campaign.
 inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
-template <class FingerDesign = FingerDesign>
 inline std::vector<FingerDesign> reference_designs() {
   return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
 }
 
-template <class>
 inline FingerDesign FingerDesign::from(std::span<const double> x) {
-  if (x.size() != 5) throw InvalidArgument(detail::text("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
+  if (x.size() != 5) throw InvalidArgument(message("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
   const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
   const auto snapped = [&](double value) { return lattice.on_lattice(value) ? lattice.nearest_node(value) : value; };
   return {snapped(x[0]), snapped(x[1]), snapped(x[2]), snapped(x[3]), snapped(x[4])};
@@ -87,7 +83,6 @@ inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) 
 
 }  // namespace detail
 
-template <class DesignSpace>
 inline DesignSpace finger_space(const PadDimensions& pad) {
   DesignSpace space;
   const double step = FingerDesign::lattice_mm;
@@ -96,7 +91,7 @@ inline DesignSpace finger_space(const PadDimensions& pad) {
   space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
   const auto refusal = [pad](const char* where, double value) {
     return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
-                            detail::text("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
+                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
   };
   space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
                   [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};

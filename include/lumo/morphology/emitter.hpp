@@ -25,45 +25,41 @@ struct Polar {
 /// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
 /// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
 template <class E>
-concept EmitterModel = requires(const E& e, double u, const Vec3& m) {
-  { e.center } -> std::convertible_to<Vec3>;
+concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
+  { e.center } -> std::convertible_to<Vec3d>;
   { e.power_W } -> std::convertible_to<double>;
   { e.channel } -> std::convertible_to<int>;
-  { e.axis() } -> std::convertible_to<Vec3>;
-  { e.point(u, u) } -> std::convertible_to<Vec3>;
+  { e.axis() } -> std::convertible_to<Vec3d>;
+  { e.point(u, u) } -> std::convertible_to<Vec3d>;
   { e.polar(u) } -> std::convertible_to<Polar>;
   { e.mirrored(m) } -> std::convertible_to<E>;
 };
 
 /// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
 struct RectangleEmitter {
-  Vec3 center{0.0, 0.0, 0.0};      ///< [m]
-  Vec3 half_u{1.0, 0.0, 0.0};     ///< half edge [m]
-  Vec3 half_v{0.0, 1.0, 0.0};     ///< half edge [m]
+  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};     ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};     ///< half edge [m]
   double power_W = 1.0;
   int channel = 0;                 ///< colour channel
   bool in_air = false;             ///< radiates into the air beside the body
 
-  template <class Vec3 = Vec3>
-  Vec3 axis() const {
-    const Vec3 &u = half_u, &v = half_v;
+  Vec3d axis() const {
+    const Vec3d &u = half_u, &v = half_v;
     return u.cross(v).normalized();
   }
-  template <class Vec3 = Vec3>
-  Vec3 point(double u, double v) const {
-    const Vec3 &c = center, &to_u = half_u, &to_v = half_v;
+  Vec3d point(double u, double v) const {
+    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
     return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
   }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  template <class Vec3 = Vec3, class Image = RectangleEmitter>
-  RectangleEmitter mirrored(In<Vec3> m) const;
+  RectangleEmitter mirrored(const Vec3d& m) const;
 };
 
 static_assert(EmitterModel<RectangleEmitter>);
 
 /// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
-template <class = void>
 inline void validate(const RectangleEmitter& e) {
   if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
   require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
@@ -74,38 +70,37 @@ class Emitter {
  public:
   template <class E>
     requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
 
-  Vec3 center() const { return calls_->center(model_.get()); }
+  Vec3d center() const { return calls_->center(model_.get()); }
   double power_W() const { return calls_->power_W(model_.get()); }
   int channel() const { return calls_->channel(model_.get()); }
-  Vec3 axis() const { return calls_->axis(model_.get()); }
-  Vec3 point(double u, double v) const { return calls_->point(model_.get(), u, v); }
+  Vec3d axis() const { return calls_->axis(model_.get()); }
+  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
   Polar polar(double u) const { return calls_->polar(model_.get(), u); }
   bool has_intensity() const { return calls_->intensity != nullptr; }
   bool in_air() const { return calls_->in_air(model_.get()); }
   /// [W/sr]; only where has_intensity().
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
-  Emitter mirrored(const Vec3& m) const { return calls_->mirrored(model_.get(), m); }
+  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
   template <EmitterModel E>
   const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
   bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
   /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
-  template <class = void>
   void validate() const;
 
  private:
   struct Calls {
-    Vec3 (*center)(const void*);
+    Vec3d (*center)(const void*);
     double (*power_W)(const void*);
     int (*channel)(const void*);
-    Vec3 (*axis)(const void*);
-    Vec3 (*point)(const void*, double, double);
+    Vec3d (*axis)(const void*);
+    Vec3d (*point)(const void*, double, double);
     Polar (*polar)(const void*, double);
     double (*intensity)(const void*, double);  ///< or null
     bool (*in_air)(const void*);
-    Emitter (*mirrored)(const void*, const Vec3&);
+    Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
   };
   template <class E>
@@ -125,11 +120,9 @@ class Emitter {
 };
 
 /// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
-template <class = void>
-void validate(const std::vector<Emitter>& emitters);
+inline void validate(const std::vector<Emitter>& emitters);
 
 /// Number of colour channels: one more than the highest; 0 without emitters.
-template <class = void>
 inline int color_count(const std::vector<Emitter>& emitters) {
   int count = 0;
   for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
@@ -137,9 +130,8 @@ inline int color_count(const std::vector<Emitter>& emitters) {
 }
 
 // A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
-template <class Vec3, class Image>
-inline RectangleEmitter RectangleEmitter::mirrored(In<Vec3> m) const {
-  Image image = *this;
+inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
+  RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
   image.half_u = m.cwiseProduct(half_u);
   image.half_v = m.cwiseProduct(half_v) * m.prod();
@@ -160,37 +152,35 @@ void validate_model(const E& model) {
 }  // namespace detail
 
 template <class E>
-const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3 { return model<E>(e).center; },
+const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
                                        [](const void* e) -> double { return model<E>(e).power_W; },
                                        [](const void* e) -> int { return model<E>(e).channel; },
-                                       [](const void* e) -> Vec3 { return model<E>(e).axis(); },
-                                       [](const void* e, double u, double v) -> Vec3 { return model<E>(e).point(u, v); },
+                                       [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+                                       [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
                                        [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
                                        intensity_of<E>(),
                                        [](const void* e) -> bool {
                                          if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
                                          else return false;
                                        },
-                                       [](const void* e, const Vec3& m) { return Emitter(model<E>(e).mirrored(m)); },
+                                       [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
                                        [](const void* e) { detail::validate_model(model<E>(e)); }};
 
-template <class>
 inline void Emitter::validate() const {
   require_positive("emitter power", power_W(), "W");
   require_in_range("emitter channel", channel(), 0, 255, "");
   if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
   calls_->validate(model_.get());
   if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
-  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(detail::text("emitter: its axis has length ", axis().norm(), ", must be 1"));
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
 }
 
-template <class>
 inline void validate(const std::vector<Emitter>& emitters) {
   if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
   for (int c = 0; c < color_count(emitters); ++c)
     if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
-      throw InvalidArgument(detail::text("emitters: none has colour channel ", c, ", but one has a higher one"));
+      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
 }
 
 }  // namespace lumo

@@ -61,35 +61,31 @@ struct FingerOptions {
 };
 
 /// Throws InvalidArgument for an option that is out of range.
-template <class = void>
-void validate(const FingerOptions& options);
+inline void validate(const FingerOptions& options);
 
 /// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
 /// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
-template <class Vec3 = Vec3, class Body = Body, class Shape = Shape>
-Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
 
 namespace detail {
 
-template <class Vec3 = Vec3>
 inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
   const bool supported = s.twin != Twin::unsupported_base;
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3::Zero(), -Vec3::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3::UnitX()}, false, false, false, Dielectric{}, false};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3::UnitZ()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3::UnitX()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3::UnitX()}, false, true, false, Dielectric{}};
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
     default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
   }
 }
 
-template <class Body>
-void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
+inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
   const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
   if (s.twin == Twin::unsupported_base) return;
@@ -98,7 +94,7 @@ void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
   if (s.design.w_v <= 0.0) return;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3 a, Vec3 b, Vec3 c, Vec3 d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
+  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
   const double l = half_length;
   face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
   face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
@@ -106,13 +102,12 @@ void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
   face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
 }
 
-template <class Body>
-void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
+inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
   body.medium = silicone.medium();
   if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
   const auto& led = o.leds;
   const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
-  const Vec3 along(0, 0.5 * led.length_y, 0);
+  const Vec3d along(0, 0.5 * led.length_y, 0);
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
     if (led.place == FingerOptions::Leds::Place::top) {
@@ -132,7 +127,7 @@ void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const
   for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
   body.region_image_y = other_end;
   if (r.one_side) body.region_image_x.reset();
-  body.region = [r](const Vec3& p, const Vec3& n) {
+  body.region = [r](const Vec3d& p, const Vec3d& n) {
     if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
     const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
     return std::clamp(int(bin), 0, r.bins - 1);
@@ -141,7 +136,6 @@ void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const
 
 }  // namespace detail
 
-template <class>
 inline void validate(const FingerOptions& o) {
   require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
   require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
@@ -165,7 +159,6 @@ inline void validate(const FingerOptions& o) {
   if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
-template <class Vec3, class Body, class Shape>
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
@@ -198,7 +191,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);
@@ -211,7 +204,7 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
   for (const Patch& p : body.patches)
     if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
   body.sizing.stretch_y = mesh.stretch_y;
-  body.sizing.edge = [mesh, touchable](const Vec3& p) {
+  body.sizing.edge = [mesh, touchable](const Vec3d& p) {
     double depth = std::numeric_limits<double>::infinity();
     for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
     return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);

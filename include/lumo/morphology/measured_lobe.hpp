@@ -15,14 +15,11 @@ namespace lumo {
 class LobeTable {
  public:
   /// `angles_rad` ascend from 0 to at most π, `relative` intensities ≥ 0 are not all 0. Throws InvalidArgument.
-  template <class = void>
   LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative);
 
   /// Share of the power per solid angle [1/sr]; its integral over all directions is 1.
-  template <class = void>
   double density(double cosine) const;
   /// Cosine of the angle below which the share `u` of the power lies: the inverse of a distribution that is quadratic between entries.
-  template <class = void>
   double cosine(double u) const;
 
  private:
@@ -32,35 +29,30 @@ class LobeTable {
 /// A round flat emitter, or a point where the radius is 0, with a measured lobe.
 struct MeasuredLobe {
   LobeTable lobe;
-  Vec3 center{0.0, 0.0, 0.0};         ///< [m]
-  Vec3 direction{0.0, 0.0, 1.0};     ///< unit, of the lobe's axis
+  Vec3d center{0.0, 0.0, 0.0};         ///< [m]
+  Vec3d direction{0.0, 0.0, 1.0};     ///< unit, of the lobe's axis
   double radius_m = 0.0;
   double power_W = 1.0;
   int channel = 0;                    ///< colour channel
 
-  Vec3 axis() const { return direction; }
-  template <class Vec3 = Vec3>
-  Vec3 point(double u, double v) const { return detail::on_disc(center, direction, radius_m, u, v); }
-  template <class = void>
+  Vec3d axis() const { return direction; }
+  Vec3d point(double u, double v) const { return on_disc(center, direction, radius_m, u, v); }
   Polar polar(double u) const {
     const double c = lobe.cosine(u);
     return {std::sqrt(std::max(0.0, 1.0 - c * c)), c};
   }
-  template <class = void>
   double intensity(double cosine) const { return power_W * lobe.density(cosine); }
-  template <class Vec3 = Vec3>
-  MeasuredLobe mirrored(In<Vec3> m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
+  MeasuredLobe mirrored(const Vec3d& m) const { return {lobe, m.cwiseProduct(center), m.cwiseProduct(direction), radius_m, power_W, channel}; }
 };
 
 inline void validate(const MeasuredLobe& e) { require_in_range("radius of a measured lobe", e.radius_m * 1e3, 0.0, 1e3, "mm"); }
 
 static_assert(EmitterModel<MeasuredLobe>);
 
-template <class>
 inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<double> relative) : density_(std::move(relative)) {
   const std::size_t n = angles_rad.size();
-  if (n < 2 || density_.size() != n) throw InvalidArgument(detail::text("lobe: ", n, " angles and ", density_.size(), " intensities, needs as many, at least 2"));
-  if (angles_rad[0] != 0.0) throw InvalidArgument(detail::text("lobe: the first angle is ", angles_rad[0], " rad, must be 0 rad"));
+  if (n < 2 || density_.size() != n) throw InvalidArgument(message("lobe: ", n, " angles and ", density_.size(), " intensities, needs as many, at least 2"));
+  if (angles_rad[0] != 0.0) throw InvalidArgument(message("lobe: the first angle is ", angles_rad[0], " rad, must be 0 rad"));
   for (std::size_t k = 0; k < n; ++k) {
     require_in_range("angle of a lobe", angles_rad[k], k > 0 ? angles_rad[k - 1] + 1e-9 : 0.0, pi * (1.0 + 1e-12), "rad");
     require_in_range("intensity of a lobe", density_[k], 0.0, 1e300, "");
@@ -74,7 +66,6 @@ inline LobeTable::LobeTable(const std::vector<double>& angles_rad, std::vector<d
   for (double& b : below_) b /= all;
 }
 
-template <class>
 inline double LobeTable::density(double c) const {
   if (!(c >= cosine_.back())) return 0.0;
   const auto next = std::lower_bound(cosine_.begin() + 1, cosine_.end() - 1, c, std::greater<>());  // first entry with a cosine ≤ c
@@ -83,7 +74,6 @@ inline double LobeTable::density(double c) const {
   return density_[k - 1] + t * (density_[k] - density_[k - 1]);
 }
 
-template <class>
 inline double LobeTable::cosine(double u) const {
   const auto next = std::upper_bound(below_.begin() + 1, below_.end() - 1, u);
   const std::size_t k = std::size_t(next - below_.begin());

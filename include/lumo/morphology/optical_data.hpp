@@ -26,7 +26,7 @@ using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
 /// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
 struct RigidFace {
   std::string name;
-  std::vector<Vec3> corners;       ///< [m]
+  std::vector<Vec3d> corners;       ///< [m]
   SurfaceOptics optics = Lambertian{};
 };
 

@@ -52,13 +52,11 @@ struct Chords {
 };
 
 /// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
-template <class HalfSection = HalfSection, class FingerDesign = FingerDesign>
-HalfSection half_section(In<FingerDesign> design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
 
 namespace detail {
 
 // Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much as allowed, evened out.
-template <class = void>
 inline std::vector<double> ellipse_angles(double a, double b, const Chords& chords) {
   constexpr int fine = 20000;
   std::vector<double> measure(fine + 1, 0.0);
@@ -84,8 +82,7 @@ inline std::vector<double> ellipse_angles(double a, double b, const Chords& chor
 
 }  // namespace detail
 
-template <class HalfSection, class FingerDesign>
-inline HalfSection half_section(In<FingerDesign> given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
   finger_space(pad).check(given.values());
   FingerDesign d = given;
   if (twin == Twin::no_void) d.w_v = 0.0;

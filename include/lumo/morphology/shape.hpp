@@ -13,64 +13,56 @@ namespace lumo {
 /// An exact surface that a patch of a body lies on.
 /// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
 template <class S>
-concept SurfaceShape = requires(const S& shape, const Vec3& p) {
-  { shape.closest_point(p) } -> std::convertible_to<Vec3>;
-  { shape.normal(p) } -> std::convertible_to<Vec3>;
+concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
+  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
+  { shape.normal(p) } -> std::convertible_to<Vec3d>;
 };
 
 /// The plane through `point` with outward unit normal `direction`.
 struct Plane {
-  Vec3 point{0.0, 0.0, 0.0};
-  Vec3 direction{0.0, 0.0, 1.0};
+  Vec3d point{0.0, 0.0, 0.0};
+  Vec3d direction{0.0, 0.0, 1.0};
 
-  template <class Vec3 = Vec3>
-  Vec3 closest_point(In<Vec3> p) const { return p - direction.dot(p - point) * direction; }
-  Vec3 normal(const Vec3&) const { return direction; }
+  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
+  Vec3d normal(const Vec3d&) const { return direction; }
 };
 
 /// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
 struct EllipticCylinder {
-  Vec3 center{0.0, 0.0, 0.0};
+  Vec3d center{0.0, 0.0, 0.0};
   double semi_x = 1.0;
   double semi_z = 1.0;
 
-  template <class Vec3 = Vec3>
-  Vec3 closest_point(In<Vec3> p) const;
-  template <class Vec3 = Vec3>
-  Vec3 normal(In<Vec3> p) const;
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
 };
 
 /// Sphere of `radius` [m] about `center`; the body is inside.
 struct SphereShape {
-  Vec3 center{0.0, 0.0, 0.0};
+  Vec3d center{0.0, 0.0, 0.0};
   double radius = 1.0;
 
-  template <class Vec3 = Vec3>
-  Vec3 closest_point(In<Vec3> p) const { return center + radius * normal(p); }
-  template <class Vec3 = Vec3>
-  Vec3 normal(In<Vec3> p) const {
-    const Vec3 d = p - center;
+  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
+  Vec3d normal(const Vec3d& p) const {
+    const Vec3d d = p - center;
     const double r = d.norm();
-    return r > 0.0 ? Vec3(d / r) : Vec3(Vec3::UnitZ());
+    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
   }
 };
 
 using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
 
-template <class Vec3 = Vec3>
-inline Vec3 closest_point(const Shape& shape, In<Vec3> p) {
-  return std::visit([&](const auto& s) -> Vec3 { return s.closest_point(p); }, shape);
+inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
 }
-template <class Vec3 = Vec3>
-inline Vec3 outward_normal(const Shape& shape, In<Vec3> p) {
-  return std::visit([&](const auto& s) -> Vec3 { return s.normal(p); }, shape);
+inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
 
 // The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
 // convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
 // so that it converges for every aspect ratio and every point.
-template <class Vec3>
-inline Vec3 EllipticCylinder::closest_point(In<Vec3> p) const {
+inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());
   const double side = p.x() < center.x() ? -1.0 : 1.0;
@@ -107,10 +99,9 @@ inline Vec3 EllipticCylinder::closest_point(In<Vec3> p) const {
   return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
 }
 
-template <class Vec3>
-inline Vec3 EllipticCylinder::normal(In<Vec3> p) const {
-  const Vec3 foot = closest_point(p) - center;
-  return Vec3(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
+inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
+  const Vec3d foot = closest_point(p) - center;
+  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
 }
 
 static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);

@@ -29,11 +29,10 @@ inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4
 inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
 
 /// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
-template <class = void>
 inline Silicone silicone(std::string_view name) {
   for (const Silicone& card : {dragon_skin(), solaris()})
     if (card.name == name) return card;
-  throw InvalidArgument(detail::text("material is '", name, "', must be DS or Sol"));
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
 }
 
 }  // namespace lumo

@@ -23,7 +23,6 @@ struct ContactTerms {
   std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
   std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
   /// (q_form q_stable q_stiff)^(1/3).
-  template <class Estimate = Estimate>
   std::optional<Estimate> score() const;
 };
 
@@ -40,8 +39,7 @@ struct ContactLoads {
 };
 
 /// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
-template <class ContactTerms = ContactTerms, class Positions = Positions>
-ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
+inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                            const MechanicalError& error = {}, const ContactLoads& loads = {});
 
 /// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
@@ -57,7 +55,6 @@ inline Estimate clipped(const Estimate& e) {
 
 }  // namespace detail
 
-template <class Estimate>
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
@@ -69,7 +66,6 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
-template <class ContactTerms, class Positions>
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
                                   const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
@@ -85,7 +81,7 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of<Positions>(mesh)).ratio(), error.overlap};
+    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);

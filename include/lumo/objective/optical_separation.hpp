@@ -34,16 +34,14 @@ struct OpticalError {
 };
 
 /// (r − r_0)/P_emit by replicate.
-template <class Response = Response>
-inline Eigen::MatrixXd response_change(In<Response> loaded, In<Response> unloaded) {
+inline Eigen::MatrixXd response_change(const Response& loaded, const Response& unloaded) {
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the mean over pairs of
 /// *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding 1948): unlike the square of the mean difference it
 /// is not raised by noise. Where noise makes it negative the distance is 0. The error is that of the larger of distance and noise.
-template <class MatrixXd = Eigen::MatrixXd, class RowVectorXd = Eigen::RowVectorXd>
-Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b);
+inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
@@ -53,20 +51,17 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
 /// two errors (of the difference) of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
 /// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
-template <class = void>
-std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
+inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
-template <class Separation = Separation>
-std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
+inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
 
-template <class MatrixXd, class RowVectorXd>
-inline Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b) {
-  const MatrixXd d = a - b;
-  const RowVectorXd mean = d.colwise().mean();
+inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  const Eigen::MatrixXd d = a - b;
+  const Eigen::RowVectorXd mean = d.colwise().mean();
   const double n = double(d.rows());
   if (d.rows() < 2) return {mean.norm(), 0.0};
-  const MatrixXd off = d.rowwise() - mean;
+  const Eigen::MatrixXd off = d.rowwise() - mean;
   const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
   const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
   if (scale == 0.0) return {0.0, 0.0};
@@ -78,7 +73,6 @@ inline Estimate response_distance(In<MatrixXd> a, In<MatrixXd> b) {
 namespace detail {
 
 /// Distances of all pairs that may be compared.
-template <class Separation = Separation>
 inline std::vector<Separation> separations(const std::vector<ObservedState>& states) {
   std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
@@ -89,7 +83,6 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 }  // namespace detail
 
-template <class>
 inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance) {
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
@@ -103,9 +96,8 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   return {wanted.begin(), wanted.end()};
 }
 
-template <class Separation>
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
-  const std::vector<Separation> pairs = detail::separations<Separation>(states);
+  const std::vector<Separation> pairs = detail::separations(states);
   const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;

@@ -15,26 +15,24 @@
 namespace lumo {
 
 /// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
-template <class Vec3 = Vec3>
-class BvhSceneOf {
+class BvhScene {
  public:
   /// Throws InvalidArgument when a corner is not finite.
-  BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size);
+  BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  RayHit first_hit(const Vec3& origin, const Vec3& direction, bool inside) const;
+  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const;
 
  private:
   static constexpr std::size_t bins = 16;
-  using Box = Eigen::AlignedBox<typename Vec3::Scalar, 3>;
-  using Array4f = Dependent<Eigen::Array4f, Vec3>;
+  using Box = Eigen::AlignedBox<double, 3>;
   struct Triangle {
-    Vec3 corner, edge1, edge2;
+    Vec3d corner, edge1, edge2;
     int id;
     bool in_air_only;
   };
   struct Node {
-    std::array<Array4f, 3> low, high;
+    std::array<Eigen::Array4f, 3> low, high;
     std::array<int, 4> child{};  ///< node, or first triangle of a leaf
     std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 for nothing
   };
@@ -51,12 +49,10 @@ class BvhSceneOf {
   std::vector<Node> nodes_;
   std::vector<Box> boxes_;      ///< per input triangle, while building
   std::vector<int> order_;      ///< likewise
-  Vec3 center_ = Vec3::Zero();  ///< corners are stored relative to it
+  Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
   double slack_ = 0.0;          ///< rays may start this far behind a face [m]
   int leaf_size_;
 };
-
-using BvhScene = BvhSceneOf<>;
 
 /// The library's own Intersector; needs Eigen only. Law: independent of the place of the scene (it is centred).
 /// Source: binned surface area heuristic, Wald 2007; ray–triangle test, Möller & Trumbore 1997.
@@ -70,11 +66,10 @@ struct Bvh {
   Scene build(const std::vector<SceneTriangle>& triangles) const { return Scene(triangles, config.leaf_size); }
 };
 
-template <class Vec3>
-inline BvhSceneOf<Vec3>::BvhSceneOf(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
-    for (const Vec3& p : t.corners) {
+    for (const Vec3d& p : t.corners) {
       if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
       all.extend(p);
     }
@@ -84,8 +79,8 @@ inline BvhSceneOf<Vec3>::BvhSceneOf(const std::vector<SceneTriangle>& triangles,
   slack_ = 1e-11 * extent;
   for (const SceneTriangle& t : triangles) {
     Box box;
-    for (const Vec3& p : t.corners) box.extend(Vec3(p - center_));
-    boxes_.emplace_back(Vec3(box.min().array() - pad), Vec3(box.max().array() + pad));
+    for (const Vec3d& p : t.corners) box.extend(Vec3d(p - center_));
+    boxes_.emplace_back(Vec3d(box.min().array() - pad), Vec3d(box.max().array() + pad));
   }
   order_.resize(triangles.size());
   std::iota(order_.begin(), order_.end(), 0);
@@ -98,16 +93,14 @@ inline BvhSceneOf<Vec3>::BvhSceneOf(const std::vector<SceneTriangle>& triangles,
   order_ = {};
 }
 
-template <class Vec3>
-inline auto BvhSceneOf<Vec3>::bounds(int first, int last) const -> Range {
+inline auto BvhScene::bounds(int first, int last) const -> Range {
   Range r{first, last, {}};
   for (int i = first; i < last; ++i) r.box.extend(boxes_[std::size_t(order_[std::size_t(i)])]);
   return r;
 }
 
 // Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
-template <class Vec3>
-inline bool BvhSceneOf<Vec3>::split(const Range& range, std::array<Range, 2>& halves) {
+inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;
   Box centers;
@@ -120,7 +113,7 @@ inline bool BvhSceneOf<Vec3>::split(const Range& range, std::array<Range, 2>& ha
     return std::min(bins - 1, std::size_t(x * double(bins)));
   };
   const auto area = [](const Box& b) {
-    const Vec3 d = b.diagonal();
+    const Vec3d d = b.diagonal();
     return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
   };
   std::array<Box, bins> box;
@@ -152,8 +145,7 @@ inline bool BvhSceneOf<Vec3>::split(const Range& range, std::array<Range, 2>& ha
   return true;
 }
 
-template <class Vec3>
-inline int BvhSceneOf<Vec3>::build(const Range& range) {
+inline int BvhScene::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
     std::sort(parts.begin(), parts.end(), [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
@@ -186,11 +178,10 @@ inline int BvhSceneOf<Vec3>::build(const Range& range) {
   return int(me);
 }
 
-template <class Vec3>
-inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direction, bool inside) const {
+inline RayHit BvhScene::first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
   RayHit best;
   if (nodes_.empty()) return best;
-  const Vec3 o = origin - center_;
+  const Vec3d o = origin - center_;
   std::array<float, 3> of, inverse;
   for (std::size_t a = 0; a < 3; ++a) {
     const double d = direction[Eigen::Index(a)];
@@ -209,14 +200,14 @@ inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direct
     if (double(now.t) > best.t) continue;
     for (int i = now.child; i < now.child + now.count; ++i) {
       const Triangle& t = triangles_[std::size_t(i)];
-      const Vec3 p = direction.cross(t.edge2);
+      const Vec3d p = direction.cross(t.edge2);
       const double det = t.edge1.dot(p);  // > 0: against the normal, so from outside
       if (inside ? t.in_air_only || !(det < 0.0) : !(det > 0.0)) continue;
       const double f = 1.0 / det;
-      const Vec3 s = o - t.corner;
+      const Vec3d s = o - t.corner;
       const double u = f * s.dot(p);
       if (!(u >= -1e-10 && u <= 1.0 + 1e-10)) continue;
-      const Vec3 q = s.cross(t.edge1);
+      const Vec3d q = s.cross(t.edge1);
       const double v = f * direction.dot(q);
       if (!(v >= -1e-10 && u + v <= 1.0 + 1e-10)) continue;
       const double d = f * t.edge2.dot(q);
@@ -224,9 +215,9 @@ inline RayHit BvhSceneOf<Vec3>::first_hit(const Vec3& origin, const Vec3& direct
     }
     if (now.count > 0) continue;
     const Node& node = nodes_[std::size_t(now.child)];
-    Array4f enter = Array4f::Zero(), leave = Array4f::Constant(float(best.t));
+    Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
     for (std::size_t a = 0; a < 3; ++a) {
-      const Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
       enter = enter.max((near - of[a]) * inverse[a]);
       leave = leave.min((far - of[a]) * inverse[a]);
     }

@@ -11,9 +11,9 @@ namespace lumo {
 
 /// Light that left the body for good: where it last crossed the surface, and where it goes.
 struct Escape {
-  Vec3 reference;   ///< last exit point in the undeformed body [m]
-  Vec3 position;    ///< the same point, deformed [m]
-  Vec3 direction;   ///< unit, in air
+  Vec3d reference;   ///< last exit point in the undeformed body [m]
+  Vec3d position;    ///< the same point, deformed [m]
+  Vec3d direction;   ///< unit, in air
   int region = -1;  ///< Body::region of the last exit point
 };
 
@@ -29,7 +29,7 @@ concept ExitReadout = requires(const R& readout, const Body& body, const Escape&
 
 /// A direction [unit] and the solid angle [sr] that it stands for; 0: there is no way.
 struct Connection {
-  Vec3 direction{0.0, 0.0, 1.0};
+  Vec3d direction{0.0, 0.0, 1.0};
   double solid_angle_sr = 0.0;
 };
 
@@ -38,7 +38,7 @@ struct Connection {
 /// Laws: connect(k, p, u, v) leads from the point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is
 /// the integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one channel.
 template <class R>
-concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3& p, int k, double u) {
+concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;
   { readout.connect(k, p, u, u) } -> std::same_as<Connection>;
 };

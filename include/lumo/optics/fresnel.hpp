@@ -25,12 +25,10 @@ inline FresnelSplit fresnel(double cosine, double index_ratio) {
 }
 
 /// Mirror image of the unit direction `d` in the plane with unit normal `n`.
-template <class Vec3 = Vec3>
-inline Vec3 reflect(In<Vec3> d, In<Vec3> n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
+inline Vec3d reflect(const Vec3d& d, const Vec3d& n) { return (d - 2.0 * d.dot(n) * n).normalized(); }
 
 /// Refracted direction of the unit direction `d` by Snell's law; `n` is the unit normal on the side that light comes from.
-template <class Vec3 = Vec3>
-inline Vec3 refract(In<Vec3> d, In<Vec3> n, double index_ratio, double cosine_behind) {
+inline Vec3d refract(const Vec3d& d, const Vec3d& n, double index_ratio, double cosine_behind) {
   return (index_ratio * (d - d.dot(n) * n) - cosine_behind * n).normalized();
 }
 

@@ -11,7 +11,7 @@ namespace lumo {
 
 /// Triangle of an optical scene, counter-clockwise seen from outside the body, or from the lit side of a carrier face.
 struct SceneTriangle {
-  std::array<Vec3, 3> corners;  ///< [m]
+  std::array<Vec3d, 3> corners;  ///< [m]
   bool in_air_only = false;     ///< a carrier face: met only by rays outside the body
 };
 
@@ -26,7 +26,7 @@ struct RayHit {
 /// count, outside only faces that it can meet from their front (d·n < 0). A ray that starts on a face can therefore never meet that
 /// face again, whatever the rounding, and needs no offset.
 template <class S>
-concept RayScene = requires(const S& scene, const Vec3& v, bool inside) {
+concept RayScene = requires(const S& scene, const Vec3d& v, bool inside) {
   { scene.first_hit(v, v, inside) } -> std::same_as<RayHit>;
 };
 

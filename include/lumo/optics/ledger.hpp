@@ -18,7 +18,6 @@ struct EnergyLedger {
   double refinement = 0.0;            ///< channels as first traced minus channels as refined; expectation 0, either sign
   double lost = 0.0;                  ///< rays that leaked or bounced too often; target ≤ 1e-6 of emitted
 
-  template <class = void>
   double accounted() const {
     return std::accumulate(channels.begin(), channels.end(), 0.0) + to_indenter + elsewhere + absorbed_in_medium + absorbed_at_surfaces +
            roulette + refinement + lost;

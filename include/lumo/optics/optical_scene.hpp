@@ -39,103 +39,83 @@ class OpticalScene {
   /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
   /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
-  template <class Vec3 = Vec3>
-  OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field,
+  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
                Symmetry images, const Config& config);
 
   const std::vector<SceneTriangle>& triangles() const { return triangles_; }
 
   /// Locates the point `p` [m] on triangle `t`.
-  template <class Vec3 = Vec3>
-  ScenePoint locate(int t, In<Vec3> p) const;
+  ScenePoint locate(int t, const Vec3d& p) const;
   /// Unit normal of triangle `t` (flat, outward).
-  template <class Vec3 = Vec3>
-  Vec3 flat_normal(int t) const;
+  Vec3d flat_normal(int t) const;
   /// Unit outward normal of the deformed body.
-  template <class Vec3 = Vec3>
-  Vec3 smooth_normal(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
+  Vec3d smooth_normal(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
   /// Undeformed position [m].
-  template <class Vec3 = Vec3>
-  Vec3 reference(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
+  Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Deformed position on the quadratic map [m].
-  template <class Vec3 = Vec3>
-  Vec3 position(const ScenePoint& p) const { return detail::on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
+  Vec3d position(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
   /// What light inside the body meets where a tool touches it.
   const SurfaceOptics& touched() const { return body_->touched; }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
   /// Region of the point, or of its mirror image `image` (bit 0: x → −x, bit 1: y → −y).
-  template <class = void>
   int region(const ScenePoint& p, unsigned image) const;
-  template <class = void>
   const SurfaceOptics& optics(int t) const {
     if (!on_body(t)) return body_->rigid_faces[std::size_t(rigid_[std::size_t(t) - body_triangles_])].optics;
     return body_->patches[std::size_t(faces_[std::size_t(t / triangles_per_face())].patch)].optics;
   }
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
-  template <class Vec3 = Vec3>
   double triangle_area(int t) const;
-  template <class = void>
   double area(int face) const;      ///< of its triangles [m²]
   /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
   bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
   std::size_t face_count() const { return faces_.size(); }
   /// Triangle of a face at barycentric (b1, b2), and the point of that (flat) triangle there [m].
-  template <class Vec3 = Vec3>
-  int triangle_at(int face, double b1, double b2, Vec3& point) const;
+  int triangle_at(int face, double b1, double b2, Vec3d& point) const;
   const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
-  template <class Vec3 = Vec3>
-  std::array<Vec3, 3> reference_corners(int face, int sub) const;
+  std::array<Vec3d, 3> reference_corners(int face, int sub) const;
   /// Corners of triangle `t` in the undeformed body; of a carrier face, where it stands without gap [m].
-  template <class Vec3 = Vec3>
-  std::array<Vec3, 3> reference_corners(int t) const {
+  std::array<Vec3d, 3> reference_corners(int t) const {
     if (!on_body(t)) return rigid_reference_[std::size_t(t) - body_triangles_];
     return reference_corners(t / triangles_per_face(), t % triangles_per_face());
   }
   /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
-  template <class Vec3 = Vec3>
-  int region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const;
+  int region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
-  template <class = void>
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
   /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
-  template <class Vec3 = Vec3>
-  Vec3 pulled_inward(int t, In<Vec3> p) const;
+  Vec3d pulled_inward(int t, const Vec3d& p) const;
 
  private:
   static constexpr int mixed = -2;
-  template <class Vec3 = Vec3, class QuadraticFace = detail::QuadraticFace>
-  void add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field);
-  template <class Vec3 = Vec3>
+  void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field);
   void add_carrier(const Config& config);
-  template <class = void>
   void label(Symmetry images);
 
   const Body* body_;
   int n_;                                                   ///< cuts per edge
   std::vector<std::array<std::array<int, 2>, 3>> lattice_;  ///< (b1, b2)·n of the corners of each sub-facet
-  std::vector<detail::QuadraticFace> faces_;
+  std::vector<QuadraticFace> faces_;
   std::vector<SceneTriangle> triangles_;
   std::vector<int> rigid_;  ///< carrier face of each triangle after those of the body
-  std::vector<std::array<Vec3, 3>> rigid_reference_;
+  std::vector<std::array<Vec3d, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
   std::vector<char> has_region_;            ///< per face, undeformed: the same in all states, also where regions stay in space
 };
 
-template <class Vec3>
-inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std::vector<Vec3>> displacement,
+inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
                                   const std::vector<double>& contact_field, Symmetry images, const Config& config)
     : body_(&body), n_(mesh.order == 2 ? config.sub_facets : 1) {
   require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
   require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
   require_in_range("carrier cell", config.carrier_cell_m * 1e3, 1e-3, 1e6, "mm");
-  if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(detail::text("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
+  if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(message("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
   for (const Patch& p : body.patches) validate(p.optics);
   for (const RigidFace& f : body.rigid_faces) validate(f.optics);
   validate(body.touched);
@@ -146,40 +126,39 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, In<std:
       if (i + j + 1 < n_) lattice_.push_back({{{i + 1, j}, {i + 1, j + 1}, {i, j + 1}}});
     }
   add_faces(mesh, displacement, contact_field);
-  detail::recover_normals(faces_, mesh.faces, body);
+  recover_normals(faces_, mesh.faces, body);
   body_triangles_ = triangles_.size();
   add_carrier(config);
   label(images);
 }
 
-template <class Vec3, class QuadraticFace>
-inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> displacement, const std::vector<double>& contact_field) {
+inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
-    throw InvalidArgument(detail::text("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
+    throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
   if (!contact_field.empty() && contact_field.size() != nodes)
-    throw InvalidArgument(detail::text("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
+    throw InvalidArgument(message("optical scene: ", contact_field.size(), " contact values for ", nodes, " nodes"));
   if (mesh.faces.empty()) throw InvalidArgument("optical scene: the mesh has no boundary faces");
   const double none = -std::numeric_limits<double>::infinity();
   faces_.reserve(mesh.faces.size());
   triangles_.reserve(mesh.faces.size() * lattice_.size());
   for (const BoundaryFace& face : mesh.faces) {
     if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
-      throw InvalidArgument(detail::text("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
+      throw InvalidArgument(message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
     QuadraticFace f;
     f.patch = face.patch;
     const std::size_t given = mesh.order == 2 ? 6 : 3;
     for (std::size_t k = 0; k < given; ++k) {
       const std::size_t node = std::size_t(face.nodes[k]);
       if (face.nodes[k] < 0 || node >= nodes)
-        throw InvalidArgument(detail::text("optical scene: face with node ", face.nodes[k], " of ", nodes));
+        throw InvalidArgument(message("optical scene: face with node ", face.nodes[k], " of ", nodes));
       f.reference[k] = mesh.nodes[node];
-      f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3(mesh.nodes[node] + displacement[node]);
+      f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
       f.contact[k] = contact_field.empty() ? none : contact_field[node];
       if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < 1e6))
-        throw InvalidArgument(detail::text("optical scene: node ", node, " is not at a finite place below 1e6 m"));
+        throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
       if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
-        throw InvalidArgument(detail::text("optical scene: contact field of node ", node, " is ", f.contact[k]));
+        throw InvalidArgument(message("optical scene: contact field of node ", node, " is ", f.contact[k]));
     }
     for (std::size_t k = given; k < 6; ++k) {
       const std::size_t a = k - 3, b = (a + 1) % 3;
@@ -189,22 +168,21 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, In<std::vector<Vec3>> d
     }
     f.may_touch = *std::max_element(f.contact.begin(), f.contact.end()) > 0.0;
     faces_.push_back(f);
-    const auto at = [&](const std::array<int, 2>& k) { return detail::lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
+    const auto at = [&](const std::array<int, 2>& k) { return lattice_point(f.deformed, face.nodes, n_, k[0], k[1]); };
     for (const auto& c : lattice_) triangles_.push_back({{at(c[0]), at(c[1]), at(c[2])}, false});
   }
 }
 
 // The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
-template <class Vec3>
 inline void OpticalScene::add_carrier(const Config& config) {
-  std::vector<Vec3> soft;
-  for (const detail::QuadraticFace& f : faces_)
+  std::vector<Vec3d> soft;
+  for (const QuadraticFace& f : faces_)
     if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
   for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
-    const std::vector<Vec3>& place = body_->rigid_faces[i].corners;
-    const std::vector<Vec3> corner = detail::set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
-    const auto cells = detail::polygon_cells(place, config.carrier_cell_m);
-    const auto moved = detail::polygon_cells(corner, place, config.carrier_cell_m);
+    const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
+    const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
+    const auto cells = polygon_cells(place, config.carrier_cell_m);
+    const auto moved = polygon_cells(corner, place, config.carrier_cell_m);
     for (std::size_t k = 0; k < cells.size(); ++k) {
       triangles_.push_back({moved[k], true});
       rigid_reference_.push_back(cells[k]);
@@ -213,23 +191,21 @@ inline void OpticalScene::add_carrier(const Config& config) {
   }
 }
 
-template <class Vec3>
-inline int OpticalScene::region(int patch, In<Vec3> reference, In<Vec3> position, unsigned image) const {
+inline int OpticalScene::region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const {
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
-  const Vec3 mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-  const Vec3 n = outward_normal(*body_, patch, reference);
+  const Vec3d mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+  const Vec3d n = outward_normal(*body_, patch, reference);
   const int r = body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
 // Faces whose nodes share a region need no look-up at a hit; most do.
-template <class>
 inline void OpticalScene::label(Symmetry images) {
   has_region_.assign(faces_.size(), 0);
   for (unsigned image = 0; image < 4; ++image) {
     if (((image & 1u) && !images.x) || ((image & 2u) && !images.y)) continue;
     for (std::size_t face = 0; face < faces_.size(); ++face) {
-      const detail::QuadraticFace& f = faces_[face];
+      const QuadraticFace& f = faces_[face];
       std::array<int, 6> r{};
       for (std::size_t k = 0; k < 6; ++k) {
         r[k] = region(f.patch, f.reference[k], f.deformed[k], image);
@@ -241,19 +217,17 @@ inline void OpticalScene::label(Symmetry images) {
   }
 }
 
-template <class>
 inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
   if (known != mixed) return known;
-  const Vec3 undeformed = reference(p);
+  const Vec3d undeformed = reference(p);
   return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
 }
 
-template <class Vec3>
-inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
-  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+inline ScenePoint OpticalScene::locate(int t, const Vec3d& p) const {
+  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
   const auto& [a, b, c] = corners;
-  const Vec3 e1 = b - a, e2 = c - a, n = e1.cross(e2);
+  const Vec3d e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
   const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
   double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
@@ -268,55 +242,49 @@ inline ScenePoint OpticalScene::locate(int t, In<Vec3> p) const {
   return r;
 }
 
-template <class Vec3>
-inline std::array<Vec3, 3> OpticalScene::reference_corners(int face, int sub) const {
-  const std::array<Vec3, 6>& x = faces_[std::size_t(face)].reference;
+inline std::array<Vec3d, 3> OpticalScene::reference_corners(int face, int sub) const {
+  const std::array<Vec3d, 6>& x = faces_[std::size_t(face)].reference;
   if (sub < 0) return {x[0], x[1], x[2]};
-  std::array<Vec3, 3> corners;
+  std::array<Vec3d, 3> corners;
   for (std::size_t k = 0; k < 3; ++k) {
     const auto& [i, j] = lattice_[std::size_t(sub)][k];
-    corners[k] = detail::on_quadratic(x, double(i) / n_, double(j) / n_);
+    corners[k] = on_quadratic(x, double(i) / n_, double(j) / n_);
   }
   return corners;
 }
 
-template <class Vec3>
 inline double OpticalScene::triangle_area(int t) const {
-  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
   const auto& [a, b, c] = corners;
   return 0.5 * (b - a).cross(c - a).norm();
 }
 
-template <class>
 inline double OpticalScene::area(int face) const {
   double sum = 0.0;
   for (int k = 0; k < triangles_per_face(); ++k) sum += triangle_area(face * triangles_per_face() + k);
   return sum;
 }
 
-template <class Vec3>
-inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3& point) const {
+inline int OpticalScene::triangle_at(int face, double b1, double b2, Vec3d& point) const {
   const double x = b1 * n_, y = b2 * n_;
   int i = std::clamp(int(x), 0, n_ - 1), j = std::clamp(int(y), 0, n_ - 1 - i);
   double u = x - i, v = y - j;
   const bool upper = u + v > 1.0 && i + j + 1 < n_;
   const int t = face * int(lattice_.size()) + 2 * n_ * i - i * i + 2 * j + (upper ? 1 : 0);
-  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
   const auto& [a, b, c] = corners;
-  point = upper ? Vec3((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3((1.0 - u - v) * a + u * b + v * c);
+  point = upper ? Vec3d((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3d((1.0 - u - v) * a + u * b + v * c);
   return t;
 }
 
-template <class Vec3>
-inline Vec3 OpticalScene::flat_normal(int t) const {
-  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+inline Vec3d OpticalScene::flat_normal(int t) const {
+  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
   const auto& [a, b, c] = corners;
   return (b - a).cross(c - a).normalized();
 }
 
-template <class Vec3>
-inline Vec3 OpticalScene::pulled_inward(int t, In<Vec3> p) const {
-  const std::array<Vec3, 3>& corners = triangles_[std::size_t(t)].corners;
+inline Vec3d OpticalScene::pulled_inward(int t, const Vec3d& p) const {
+  const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
   const auto& [a, b, c] = corners;
   const double size = std::sqrt((b - a).cross(c - a).norm());
   return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/tangents.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/disc_emitter.hpp"
 #include "lumo/optics/exit_power.hpp"
@@ -14,43 +14,36 @@ namespace lumo {
 
 /// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
 struct Photodiode {
-  Vec3 center{0.0, 0.0, 0.0};       ///< [m]
-  Vec3 half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
-  Vec3 half_v{0.0, 1e-3, 0.0};      ///< likewise
+  Vec3d center{0.0, 0.0, 0.0};       ///< [m]
+  Vec3d half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
+  Vec3d half_v{0.0, 1e-3, 0.0};      ///< likewise
   bool round = false;               ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 
-  template <class = void>
   double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
-  template <class Vec3 = Vec3>
-  Vec3 normal() const { return half_u.cross(half_v).normalized(); }
+  Vec3d normal() const { return half_u.cross(half_v).normalized(); }
 };
 
 /// Photodiodes, a channel each: the power that falls on them [W], as if none stood in another's light.
 class Photodiodes {
  public:
   /// Throws InvalidArgument for no photodiodes, or one without area or acceptance.
-  template <class = void>
   explicit Photodiodes(std::vector<Photodiode> diodes);
 
   int channels(const Body&) const { return int(diodes_.size()); }
   /// Of several photodiodes behind each other the first one.
-  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return int(diodes_.size()); }
-  template <class Vec3 = Vec3>
-  Connection connect(int k, In<Vec3> from, double u, double v) const;
+  Connection connect(int k, const Vec3d& from, double u, double v) const;
 
  private:
-  template <class Vec3 = Vec3>
-  static bool accepts(const Photodiode& d, In<Vec3> direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+  static bool accepts(const Photodiode& d, const Vec3d& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
 
   std::vector<Photodiode> diodes_;
 };
 
 static_assert(ConnectedReadout<Photodiodes>);
 
-template <class>
 inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::move(diodes)) {
   if (diodes_.empty()) throw InvalidArgument("photodiodes: none given, at least one is needed");
   for (const Photodiode& d : diodes_) {
@@ -60,7 +53,6 @@ inline Photodiodes::Photodiodes(std::vector<Photodiode> diodes) : diodes_(std::m
   }
 }
 
-template <class Vec3>
 inline int Photodiodes::channel(const Escape& escape) const {
   int best = -1;
   double nearest = std::numeric_limits<double>::infinity();
@@ -69,21 +61,20 @@ inline int Photodiodes::channel(const Escape& escape) const {
     if (!(escape.direction.dot(d.normal()) < 0.0) || !accepts(d, escape.direction)) continue;
     const double way = (d.center - escape.position).dot(d.normal()) / escape.direction.dot(d.normal());
     if (!(way > 0.0 && way < nearest)) continue;
-    const Vec3 p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
+    const Vec3d p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
     const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
     if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) best = int(k), nearest = way;
   }
   return best;
 }
 
-template <class Vec3>
-inline Connection Photodiodes::connect(int k, In<Vec3> from, double u, double v) const {
+inline Connection Photodiodes::connect(int k, const Vec3d& from, double u, double v) const {
   const Photodiode& d = diodes_[std::size_t(k)];
-  const Vec3 at = d.center + (d.round ? detail::on_unit_disc(u, v, d.half_u, d.half_v) : Vec3((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
-  const Vec3 way = at - from;
+  const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v) : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+  const Vec3d way = at - from;
   const double length = way.norm();
   if (!(length > 0.0)) return {};
-  const Vec3 direction = way / length;
+  const Vec3d direction = way / length;
   if (!(direction.dot(d.normal()) < 0.0) || !accepts(d, direction)) return {};
   return {direction, -direction.dot(d.normal()) * d.area_m2() / (length * length)};
 }

@@ -15,9 +15,9 @@ namespace lumo {
 class PinholeCamera {
  public:
   struct Config {
-    Vec3 position{0.0, 0.0, 0.0};        ///< of the opening [m]
-    Vec3 view{0.0, 0.0, 1.0};            ///< the way that the camera looks
-    Vec3 up{0.0, 1.0, 0.0};              ///< what is up in the image; not along `view`
+    Vec3d position{0.0, 0.0, 0.0};        ///< of the opening [m]
+    Vec3d view{0.0, 0.0, 1.0};            ///< the way that the camera looks
+    Vec3d up{0.0, 1.0, 0.0};              ///< what is up in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;
@@ -26,31 +26,26 @@ class PinholeCamera {
   };
 
   /// Throws InvalidArgument for numbers out of range.
-  template <class = void>
   explicit PinholeCamera(const Config& config);
 
   const Config& config() const { return config_; }
   int channels(const Body&) const { return config_.columns * config_.rows; }
-  template <class Vec3 = Vec3>
   int channel(const Escape& escape) const;
   int openings() const { return 1; }
-  template <class Vec3 = Vec3>
-  Connection connect(int, In<Vec3> from, double u, double v) const;
+  Connection connect(int, const Vec3d& from, double u, double v) const;
   /// Pixel that sees the point `p` [m], by the ray through the middle of the opening; −1: outside the image.
-  template <class Vec3 = Vec3>
-  int pixel(In<Vec3> p) const;
+  int pixel(const Vec3d& p) const;
 
  private:
   int pixel_of(double right, double up) const;
 
   Config config_;
-  Vec3 view_, right_, up_;
+  Vec3d view_, right_, up_;
   double half_width_, half_height_;  ///< of the image at distance 1
 };
 
 static_assert(ConnectedReadout<PinholeCamera>);
 
-template <class>
 inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
   require_in_range("columns of the camera", config.columns, 1, 4096, "");
   require_in_range("rows of the camera", config.rows, 1, 4096, "");
@@ -72,25 +67,22 @@ inline int PinholeCamera::pixel_of(double right, double up) const {
   return int(row) * config_.columns + int(column);
 }
 
-template <class Vec3>
-inline int PinholeCamera::pixel(In<Vec3> p) const {
-  const Vec3 way = p - config_.position;
+inline int PinholeCamera::pixel(const Vec3d& p) const {
+  const Vec3d way = p - config_.position;
   const double z = way.dot(view_);
   return z > 0.0 ? pixel_of(way.dot(right_) / z, way.dot(up_) / z) : -1;
 }
 
-template <class Vec3>
 inline int PinholeCamera::channel(const Escape& escape) const {
   const double toward = -escape.direction.dot(view_), z = (escape.position - config_.position).dot(view_);
   if (!(toward > 0.0 && z > 0.0)) return -1;
-  const Vec3 hit = escape.position + (z / toward) * escape.direction;
+  const Vec3d hit = escape.position + (z / toward) * escape.direction;
   if (!((hit - config_.position).squaredNorm() < config_.aperture_m * config_.aperture_m)) return -1;
   return pixel(hit - (config_.focus_m / toward) * escape.direction);
 }
 
-template <class Vec3>
-inline Connection PinholeCamera::connect(int, In<Vec3> from, double u, double v) const {
-  const Vec3 way = config_.position + config_.aperture_m * detail::on_unit_disc(u, v, right_, up_) - from;
+inline Connection PinholeCamera::connect(int, const Vec3d& from, double u, double v) const {
+  const Vec3d way = config_.position + config_.aperture_m * on_unit_disc(u, v, right_, up_) - from;
   const double length = way.norm(), toward = -way.dot(view_);
   if (!(toward > 0.0)) return {};
   return {way / length, toward / length * pi * config_.aperture_m * config_.aperture_m / (length * length)};

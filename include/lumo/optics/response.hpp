@@ -24,8 +24,7 @@ struct Response {
 };
 
 /// Standard error of the mean of each column of `rows` (independent replicates × channels); zeros for one row.
-template <class MatrixXd = Eigen::MatrixXd>
-inline std::vector<double> standard_error(In<MatrixXd> rows) {
+inline std::vector<double> standard_error(const Eigen::MatrixXd& rows) {
   std::vector<double> error(std::size_t(rows.cols()), 0.0);
   const double n = double(rows.rows());
   if (rows.rows() < 2) return error;

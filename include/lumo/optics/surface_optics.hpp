@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/tangents.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/optical_data.hpp"
@@ -24,8 +24,7 @@ constexpr double reflectance(const Absorber&) { return 0.0; }
 namespace detail {
 
 /// Direction about the axis `n` with density cos θ/π from two numbers in (0, 1); the azimuth starts at `t1`.
-template <class Vec3 = Vec3>
-inline Vec3 cosine_direction(In<Vec3> t1, In<Vec3> t2, In<Vec3> n, double u, double azimuth) {
+inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, double u, double azimuth) {
   const double sine = std::sqrt(u);
   return (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + std::sqrt(1.0 - u) * n).normalized();
 }
@@ -34,22 +33,20 @@ inline Vec3 cosine_direction(In<Vec3> t1, In<Vec3> t2, In<Vec3> n, double u, dou
 
 /// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit side, and two
 /// numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take image directions.
-template <class Vec3 = Vec3>
-inline Vec3 reflected(const Lambertian&, In<Vec3>, In<Vec3> n, double u, double v, In<Vec3> mirror) {
-  const Vec3 m = mirror.cwiseProduct(n);
-  Vec3 t1, t2;
-  detail::tangents(m, t1, t2);
+inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
+  const Vec3d m = mirror.cwiseProduct(n);
+  Vec3d t1, t2;
+  tangents(m, t1, t2);
   return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
 }
-template <class Vec3 = Vec3>
-inline Vec3 reflected(const Mirror&, In<Vec3> d, In<Vec3> n, double, double, In<Vec3>) { return reflect(d, n); }
-inline Vec3 reflected(const Absorber&, const Vec3&, const Vec3& n, double, double, const Vec3&) { return n; }
+inline Vec3d reflected(const Mirror&, const Vec3d& d, const Vec3d& n, double, double, const Vec3d&) { return reflect(d, n); }
+inline Vec3d reflected(const Absorber&, const Vec3d&, const Vec3d& n, double, double, const Vec3d&) { return n; }
 
 /// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.
 template <class S>
-concept OpaqueSurface = requires(const S& s, const Vec3& v) {
+concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
   { reflectance(s) } -> std::convertible_to<double>;
-  { reflected(s, v, v, 0.5, 0.5, v) } -> std::convertible_to<Vec3>;
+  { reflected(s, v, v, 0.5, 0.5, v) } -> std::convertible_to<Vec3d>;
 };
 
 static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);

@@ -33,7 +33,6 @@
 namespace lumo {
 
 /// Planes in which body, mesh and emitters are their own mirror images.
-template <class = void>
 inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
   const Symmetry s = RayPattern::symmetry_of(body.emitters), m = mesh.symmetry, b = body.symmetry;
   return {s.x && m.x && b.x, s.y && m.y && b.y};
@@ -93,7 +92,7 @@ class Tracer {
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
   /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it. `focus` must have the symmetry.
   /// Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
-  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement, const std::vector<double>& contact_field,
+  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
                  Symmetry symmetry = {}, const RayFocus& focus = {}) const;
 
  private:
@@ -105,10 +104,10 @@ class Tracer {
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor, std::uint64_t pattern) const {
   require_in_range("refinement factor", factor, 1, 1 << 12, "");
-  if (!std::has_single_bit(unsigned(factor))) throw InvalidArgument(detail::text("refinement factor is ", factor, ", must be a power of two"));
+  if (!std::has_single_bit(unsigned(factor))) throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
   Config c = config_;
   for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays}) *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
-  if (pattern > 0) c.seed = detail::combine(config_.seed, pattern);
+  if (pattern > 0) c.seed = combine(config_.seed, pattern);
   return Tracer(c, readout_, backend_);
 }
 
@@ -129,12 +128,12 @@ std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels
 }
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3>& displacement,
+Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
                                                  const std::vector<double>& contact_field, Symmetry symmetry,
                                                  const RayFocus& focus) const {
   const auto power_of_two = [](const char* what, int value, int low) {
     require_in_range(what, value, low, 1 << 28, "");
-    if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(detail::text(what, " is ", value, ", must be a power of two"));
+    if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
   };
   power_of_two("replicates", config_.replicates, 2);
   power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
@@ -144,20 +143,20 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
   require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
   if (body.surroundings.extinction_per_m != 0.0)
-    throw InvalidArgument(detail::text("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
+    throw InvalidArgument(message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
   require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
   require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
   require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
-  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(detail::text("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
+  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
   validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
-  const detail::LightNodes nodes(surface, symmetry);
-  const detail::FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
+  const LightNodes nodes(surface, symmetry);
+  const FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
                                 [&](int t) { return nodes.of(t)[0] >= 0; });
-  const detail::FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
+  const FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
     return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
   const int channels = readout_.channels(body), colors = color_count(body.emitters);
@@ -165,16 +164,16 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   const double images = (symmetry.x ? 2.0 : 1.0) * (symmetry.y ? 2.0 : 1.0);
   const double outer_index = BeerLambert(body.surroundings).refractive_index();
 
-  Dependent<Response, Medium> response;
+  Response response;
   response.replicates.resize(config_.replicates, colors * channels);
   response.direct.resize(config_.replicates, colors * channels);
   EnergyLedger& sum = response.ledger;
-  detail::PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
+  PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
                           {config_.roulette_below, config_.scattered_below, config_.max_events});
-  detail::ExitBeams beams(path);
+  ExitBeams beams(path);
   struct Color {
     RayPattern pattern;
-    detail::ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
+    ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
   };
   std::vector<Color> light;
   for (int c = 0; c < colors; ++c) {
@@ -189,8 +188,8 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   };
   constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
-    const auto sequence = [&](std::uint64_t use) { return OwenSobol{detail::combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
-    std::vector<detail::Tally> totals;
+    const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
+    std::vector<Tally> totals;
     for (const Color& color : light) {
       for (const RayPattern::Beam& beam : color.pattern.beams()) {
         if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
@@ -204,26 +203,26 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
       }
       totals.push_back(path.accounts().take());
     }
-    detail::CarrierTransport transport(nodes.size(), channels);
+    CarrierTransport transport(nodes.size(), channels);
     for (std::size_t k = 0; k < carrier.size(); ++k)
       for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
-        detail::FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);
+        FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);
         const bool inside = x.at.face >= 0;
-        const Vec3 lit = inside ? Vec3(-x.normal) : x.normal;
+        const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
         x.ray.direction = reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
         path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
-        transport.add(path.accounts().take(), nodes.of(x.ray.triangle), detail::LightNodes::shares(x.at), x.area);
+        transport.add(path.accounts().take(), nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
     for (int k = 0; k < colors; ++k) {
-      detail::Tally& total = totals[std::size_t(k)];
-      const std::vector<double> sent = detail::exchange(nodes, transport, total);
+      Tally& total = totals[std::size_t(k)];
+      const std::vector<double> sent = exchange(nodes, transport, total);
       light[std::size_t(k)].gather.run(sequence(2), sent, total);
       for (int c = 0; c < channels; ++c) {
         response.replicates(r, k * channels + c) = total.ledger.channels[std::size_t(c)];
         response.direct(r, k * channels + c) = total.direct[std::size_t(c)];
       }
       total.ledger.channels.clear();
-      detail::add(sum, total.ledger, 1.0 / config_.replicates);
+      add_scaled(sum, total.ledger, 1.0 / config_.replicates);
     }
   }
   response.rays = path.rays;

@@ -21,38 +21,32 @@ concept Acquisition = requires(const A& acquisition, const Models& models, const
 
 /// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees evenly spread draws.
 /// Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number of rows.
-template <class MatrixXd = Eigen::MatrixXd>
 inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
-  MatrixXd z(points, draws);
+  Eigen::MatrixXd z(points, draws);
   for (Eigen::Index i = 0; i < points; ++i) {
-    const OwenSobol sequence{detail::combine(seed, std::uint64_t(i / Sobol::dimensions))};
+    const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};
     for (Eigen::Index s = 0; s < draws; ++s) z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));
   }
   return z;
 }
 
-namespace detail {
-
 /// Where base draws are made: at what is told (if that is noisy) and what is pending.
-template <class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
-inline Eigen::MatrixXd base_points(In<Evidence> evidence, bool noisy) {
+inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
   if (!noisy) return evidence.pending;
-  MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
+  Eigen::MatrixXd base(evidence.x.rows(), evidence.x.cols() + evidence.pending.cols());
   base << evidence.x, evidence.pending;
   return base;
 }
 
 /// Objectives that stand in draw `s`: the drawn ones, and what was told where that is taken as it is.
-template <Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
-MatrixXd standing_objectives(In<std::vector<MatrixXd>> draws, Eigen::Index s, const R& reduction, In<Evidence> evidence, bool noisy) {
+template <Reduction R>
+Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction, const Evidence& evidence, bool noisy) {
   const Eigen::Index told = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
-  MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
+  Eigen::MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
   if (told > 0) outputs.leftCols(told) = evidence.outputs;
   for (std::size_t j = 0; j < draws.size(); ++j) outputs.row(Eigen::Index(j)).tail(drawn) = draws[j].col(s).transpose();
-  if (outputs.cols() == 0) return MatrixXd(evidence.reference.size(), 0);
+  if (outputs.cols() == 0) return Eigen::MatrixXd(evidence.reference.size(), 0);
   return reduction.objectives(outputs);
 }
-
-}  // namespace detail
 
 }  // namespace lumo

@@ -30,27 +30,21 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
   { source.best(request, score) } -> std::convertible_to<std::optional<Design>>;
 };
 
-namespace detail {
-
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
-  MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
-  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const VectorXd>(designs[i].data(), Eigen::Index(rows));
+  Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
+  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
   return x;
 }
-
-}  // namespace detail
 
 /// The paper's: a number of fresh feasible designs, the best of them.
 struct FreshCandidates {
   std::size_t count = 256;
 
-  template <class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const {
     const auto pool = request.sampler.fresh(count, request.key, request.taken);
     if (pool.empty()) return std::nullopt;
     Eigen::Index top = 0;
-    score(detail::columns(pool, request.sampler.dimensions())).maxCoeff(&top);
+    score(columns(pool, request.sampler.dimensions())).maxCoeff(&top);
     return pool[std::size_t(top)];
   }
 };
@@ -65,11 +59,9 @@ struct LocalSearchCandidates {
   int random_moves = 12;         ///< per climber and round, besides those along axes
   int rounds = 25;
 
-  template <class VectorXd = Eigen::VectorXd, class Design = Design>
   std::optional<Design> best(const CandidateRequest& request, const Score& score) const;
 };
 
-template <class VectorXd, class Design>
 inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest& request, const Score& score) const {
   const DesignSampler& sampler = request.sampler;
   std::vector<Design> pool = sampler.fresh(fresh, request.key, request.taken);
@@ -77,10 +69,10 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
   std::vector<Design> near;
   for (std::size_t i = 0; i < request.front.size(); ++i)
     for (const double r : {0.25 * reach, reach})
-      for (Design& x : sampler.moves(request.front[i], r, random_moves, detail::combine(detail::combine(request.key, 1), i)))
+      for (Design& x : sampler.moves(request.front[i], r, random_moves, combine(combine(request.key, 1), i)))
         if (!request.taken.contains(x) && seen.insert(x).second) near.push_back(std::move(x));
   for (std::size_t i = 0; i < near.size() && i < from_front; ++i)  // a random choice where the front is long
-    std::swap(near[i], near[i + detail::combine(detail::combine(request.key, 2), i) % (near.size() - i)]);
+    std::swap(near[i], near[i + combine(combine(request.key, 2), i) % (near.size() - i)]);
   if (near.size() > from_front) near.resize(from_front);
   pool.insert(pool.end(), near.begin(), near.end());
   if (pool.empty()) return std::nullopt;
@@ -91,7 +83,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     double reach;
     bool stuck = false;
   };
-  const VectorXd scores = score(detail::columns(pool, sampler.dimensions()));
+  const Eigen::VectorXd scores = score(columns(pool, sampler.dimensions()));
   std::vector<std::size_t> order(pool.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
   std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
@@ -103,7 +95,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     std::vector<std::size_t> owner;
     for (std::size_t c = 0; c < team.size(); ++c) {
       if (team[c].stuck) continue;
-      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves, detail::combine(detail::combine(request.key, 3 + std::uint64_t(round)), c)))
+      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves, combine(combine(request.key, 3 + std::uint64_t(round)), c)))
         if (!request.taken.contains(x)) {
           moves.push_back(std::move(x));
           owner.push_back(c);
@@ -111,7 +103,7 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     }
     std::vector<Climber> next = team;
     if (!moves.empty()) {
-      const VectorXd values = score(detail::columns(moves, sampler.dimensions()));
+      const Eigen::VectorXd values = score(columns(moves, sampler.dimensions()));
       for (std::size_t i = 0; i < moves.size(); ++i)
         if (values[Eigen::Index(i)] > next[owner[i]].score) next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
     }

@@ -18,17 +18,15 @@ namespace lumo {
 
 /// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed, so that their last
 /// free design is found and their end is known. Law: all that it returns is feasible, on the lattice to the bit, and a function of its key.
-template <class Design = Design>
-class DesignSamplerOf {
+class DesignSampler {
  public:
-  using DesignSpace = Dependent<lumo::DesignSpace, Design>;
   static constexpr std::size_t list_limit = 100000;  ///< feasible designs up to which a lattice is listed
   static constexpr std::size_t visit_limit = 4000000;  ///< nodes looked at for that
   static constexpr std::uint32_t try_limit = 1u << 18;  ///< points tried for one set of fresh designs
 
   /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
   /// node between them, a constraint with the wrong number of coefficients. It is copied.
-  explicit DesignSamplerOf(DesignSpace space);
+  explicit DesignSampler(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
   std::size_t dimensions() const { return space_.variables.size(); }
@@ -71,25 +69,22 @@ class DesignSamplerOf {
   bool listed_ = false;
 };
 
-using DesignSampler = DesignSamplerOf<>;
-
-template <class Design>
-inline DesignSamplerOf<Design>::DesignSamplerOf(DesignSpace space) : space_(std::move(space)) {
+inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)) {
   if (space_.variables.empty()) throw InvalidArgument("design space has no variables, must have at least 1");
   std::set<std::string> names;
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
-    if (!names.insert(v.name).second) throw InvalidArgument(detail::text("variable ", v.name, " is there twice"));
+    if (!names.insert(v.name).second) throw InvalidArgument(message("variable ", v.name, " is there twice"));
     if (!std::isfinite(v.lower) || !std::isfinite(v.upper) || v.lower > v.upper || !std::isfinite(v.upper - v.lower))
-      throw InvalidArgument(detail::text("variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
-    if (!std::isfinite(v.step) || v.step < 0.0) throw InvalidArgument(detail::text("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
+      throw InvalidArgument(message("variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
+    if (!std::isfinite(v.step) || v.step < 0.0) throw InvalidArgument(message("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
     Axis axis;
     if (v.step > 0.0) {
       const double slack = 1e-9;  // bounds such as 0.3 on a lattice of 0.1 are meant to be nodes
       axis.first_node = std::ceil((v.lower - v.origin) / v.step - slack);
       axis.nodes = std::floor((v.upper - v.origin) / v.step + slack) - axis.first_node + 1.0;
       if (!(axis.nodes >= 1.0) || axis.nodes > 1e15)
-        throw InvalidArgument(detail::text("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ", v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
+        throw InvalidArgument(message("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ", v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
     }
     axes_.push_back(axis);
     if (axis.nodes > 0.0 && axis.nodes <= 65536.0)
@@ -97,14 +92,13 @@ inline DesignSamplerOf<Design>::DesignSamplerOf(DesignSpace space) : space_(std:
   }
   for (const LinearConstraint& c : space_.constraints)
     if (c.coefficients.size() != dimensions() || !(c.lower <= c.upper))
-      throw InvalidArgument(detail::text("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ", c.lower, " and ", c.upper, ", must have ",
+      throw InvalidArgument(message("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ", c.lower, " and ", c.upper, ", must have ",
                                          dimensions(), " and the lower limit first"));
   if (std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return a.nodes > 0.0; })) list();
 }
 
 /// The shortest decimal number for a node: 0.3, not 0.30000000000000004.
-template <class Design>
-inline double DesignSamplerOf<Design>::node(std::size_t i, double k) const {
+inline double DesignSampler::node(std::size_t i, double k) const {
   if (!axes_[i].table.empty() && k < double(axes_[i].table.size())) return axes_[i].table[std::size_t(k)];
   const Variable& v = space_.variables[i];
   const double x = v.origin + (axes_[i].first_node + k) * v.step;
@@ -114,15 +108,13 @@ inline double DesignSamplerOf<Design>::node(std::size_t i, double k) const {
   return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
 }
 
-template <class Design>
-inline double DesignSamplerOf<Design>::place(std::size_t i, double unit) const {
+inline double DesignSampler::place(std::size_t i, double unit) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes > 0.0) return node(i, std::clamp(std::floor(unit * axes_[i].nodes), 0.0, axes_[i].nodes - 1.0));
   return std::clamp(v.lower + unit * (v.upper - v.lower), v.lower, v.upper);
 }
 
-template <class Design>
-inline double DesignSamplerOf<Design>::shifted(std::size_t i, double x, double by) const {
+inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   const Variable& v = space_.variables[i];
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
   double steps = std::round(by / v.step);
@@ -130,15 +122,13 @@ inline double DesignSamplerOf<Design>::shifted(std::size_t i, double x, double b
   return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
-template <class Design>
-inline Design DesignSamplerOf<Design>::canonical(Design x) const {
+inline Design DesignSampler::canonical(Design x) const {
   for (std::size_t i = 0; i < x.size() && i < dimensions(); ++i)
     if (axes_[i].nodes > 0.0) x[i] = shifted(i, x[i], 0.0);
   return x;
 }
 
-template <class Design>
-inline bool DesignSamplerOf<Design>::finest(double reach) const {
+inline bool DesignSampler::finest(double reach) const {
   for (std::size_t i = 0; i < dimensions(); ++i) {
     const Variable& v = space_.variables[i];
     const double range = v.upper - v.lower;
@@ -147,8 +137,7 @@ inline bool DesignSamplerOf<Design>::finest(double reach) const {
   return true;
 }
 
-template <class Design>
-inline void DesignSamplerOf<Design>::list() {
+inline void DesignSampler::list() {
   Design x(dimensions());
   std::size_t visits = 0;
   listed_ = descend(0, x, visits);
@@ -156,8 +145,7 @@ inline void DesignSamplerOf<Design>::list() {
 }
 
 /// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
-template <class Design>
-inline bool DesignSamplerOf<Design>::descend(std::size_t i, Design& x, std::size_t& visits) {
+inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
     double least = 0.0, most = 0.0, size = 0.0;
@@ -181,26 +169,23 @@ inline bool DesignSamplerOf<Design>::descend(std::size_t i, Design& x, std::size
   return true;
 }
 
-template <class Design>
-inline Design DesignSamplerOf<Design>::point(const OwenSobol& sequence, std::uint32_t index) const {
+inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t index) const {
   Design x(dimensions());
   for (std::size_t i = 0; i < dimensions(); ++i) {
-    const OwenSobol block{detail::combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
+    const OwenSobol block{combine(sequence.seed, i / std::size_t(Sobol::dimensions))};
     x[i] = place(i, block(index, int(i % std::size_t(Sobol::dimensions))));
   }
   return x;
 }
 
 /// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
-template <class Design>
-inline double DesignSamplerOf<Design>::excess(const LinearConstraint& c, const Design& x) {
+inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
 /// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
-template <class Design>
-inline void DesignSamplerOf<Design>::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
+inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
     if (std::abs(before) <= c.rounding(x)) return;
@@ -214,8 +199,7 @@ inline void DesignSamplerOf<Design>::settle(const LinearConstraint& c, Design& x
 }
 
 /// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
-template <class Design>
-inline std::optional<Design> DesignSamplerOf<Design>::repaired(Design x, std::uint64_t key) const {
+inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
     for (const LinearConstraint& c : space_.constraints) {
@@ -229,14 +213,13 @@ inline std::optional<Design> DesignSamplerOf<Design>::repaired(Design x, std::ui
         const double by = -too_much * c.coefficients[i] * range * range / norm;
         x[i] = axes_[i].nodes > 0.0 ? (std::abs(by) > 0.25 * space_.variables[i].step ? shifted(i, x[i], by) : x[i]) : shifted(i, x[i], by);
       }
-      settle(c, x, detail::combine(key, std::uint64_t(sweep)));   // what rounding left, or was too little to move any
+      settle(c, x, combine(key, std::uint64_t(sweep)));   // what rounding left, or was too little to move any
     }
   }
   return std::nullopt;
 }
 
-template <class Design>
-inline std::vector<Design> DesignSamplerOf<Design>::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
+inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const {
   std::vector<Design> out;
   DesignSet seen;
   std::optional<Design> anchor;
@@ -246,12 +229,12 @@ inline std::vector<Design> DesignSamplerOf<Design>::fresh(std::size_t count, std
     Design x = point(sequence, index);
     if (!space_.contains(x)) {
       if (listed_ || out.size() * 1000 > index || index < 4096 || index % 64 != 0) continue;
-      auto repair = repaired(x, detail::combine(key, index));
+      auto repair = repaired(x, combine(key, index));
       if (!repair) continue;
       x = *repair;
       if (anchor) {  // between two feasible designs of a convex set there are more, away from its faces
         Design between = x;
-        const double t = detail::uniform(detail::combine(key, index));
+        const double t = uniform(combine(key, index));
         for (std::size_t i = 0; i < x.size(); ++i) between[i] = shifted(i, (*anchor)[i], t * (x[i] - (*anchor)[i]));
         if (space_.contains(between)) x = between;
       }
@@ -267,14 +250,13 @@ inline std::vector<Design> DesignSamplerOf<Design>::fresh(std::size_t count, std
   };
   std::vector<Missed> rest;
   for (std::size_t i = 0; i < list_.size() && out.size() < count; ++i)
-    if (!taken.contains(list_[i]) && !seen.contains(list_[i])) rest.push_back({detail::combine(key, i), i});
+    if (!taken.contains(list_[i]) && !seen.contains(list_[i])) rest.push_back({combine(key, i), i});
   std::sort(rest.begin(), rest.end());
   for (std::size_t i = 0; i < rest.size() && out.size() < count; ++i) out.push_back(list_[rest[i].number]);
   return out;
 }
 
-template <class Design>
-inline std::vector<Design> DesignSamplerOf<Design>::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
+inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, int extra, std::uint64_t key) const {
   std::vector<Design> out;
   const std::size_t d = dimensions();
   const auto by = [&](std::size_t i) { return reach * (space_.variables[i].upper - space_.variables[i].lower); };
@@ -298,8 +280,8 @@ inline std::vector<Design> DesignSamplerOf<Design>::moves(const Design& x, doubl
   for (int e = 0; e < extra; ++e) {
     Design y = x;
     for (std::size_t i = 0; i < d; ++i) {
-      const std::uint64_t draw = detail::combine(detail::combine(key, std::uint64_t(e)), i);
-      y[i] = shifted(i, x[i], 2.0 * (detail::uniform(draw) - 0.5) * by(i) * 1.5);
+      const std::uint64_t draw = combine(combine(key, std::uint64_t(e)), i);
+      y[i] = shifted(i, x[i], 2.0 * (uniform(draw) - 0.5) * by(i) * 1.5);
     }
     offer(y);
   }

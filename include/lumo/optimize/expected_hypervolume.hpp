@@ -18,8 +18,7 @@ namespace lumo {
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-  ExpectedHypervolume(In<MatrixXd> y, In<VectorXd> reference) : boxes_(nondominated_boxes(y, reference)) {}
+  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
   template <class Mean, class Deviation>
@@ -51,7 +50,6 @@ class ExpectedHypervolume {
 
  private:
   /// log ∫ P(Y > t) dt over [low, high] for Y normal.
-  template <class = void>
   static double log_side(double mean, double deviation, double low, double high) {
     const double a = (mean - low) / deviation;
     if (!std::isfinite(high)) return std::log(deviation) + log_expected_excess(a);
@@ -60,20 +58,19 @@ class ExpectedHypervolume {
       return std::log(high - low) + log_probability(0.5 * (a + b));
     return std::log(deviation) + log_difference(log_expected_excess(a), log_expected_excess(b));
   }
-  template <class = void>
   static double log_probability(double z) {
     if (z > -30.0) return std::log(normal_probability(z));
     return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
   }
   /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound leaves below e⁻⁴⁰ of the most
   /// promising one are passed over.
-  template <class Mean, class Deviation, class ArrayXd = Eigen::ArrayXd>
+  template <class Mean, class Deviation>
   double log_sum(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
     if (count == 0) return -std::numeric_limits<double>::infinity();
     double scale = 0.0;
     for (Eigen::Index j = 0; j < m; ++j) scale += std::log(deviation[j]);
-    ArrayXd bound = ArrayXd::Constant(count, scale);
+    Eigen::ArrayXd bound = Eigen::ArrayXd::Constant(count, scale);
     for (Eigen::Index k = 0; k < count; ++k)
       for (Eigen::Index j = 0; j < m; ++j) {
         const double a = (mean[j] - boxes_.lower(j, k)) / deviation[j];

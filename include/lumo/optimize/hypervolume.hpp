@@ -20,9 +20,8 @@ struct BoxDecomposition {
 namespace detail {
 
 /// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline void slice(In<MatrixXd> y, Eigen::Index along, VectorXd& low, VectorXd& high, In<VectorXd> reference,
-                  std::vector<VectorXd>& lower, std::vector<VectorXd>& upper) {
+inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
+                  std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
   const double infinite = std::numeric_limits<double>::infinity();
   if (along + 1 == reference.size()) {
     low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
@@ -50,19 +49,18 @@ inline void slice(In<MatrixXd> y, Eigen::Index along, VectorXd& low, VectorXd& h
 
 /// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
 /// objectives: one more box than the front has points for two, more than proportional for three and above.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline BoxDecomposition nondominated_boxes(In<MatrixXd> y, In<VectorXd> reference) {
+inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
-    throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
+    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
   std::vector<Eigen::Index> above;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) above.push_back(i);
-  MatrixXd front = y.cols() ? MatrixXd(y(Eigen::all, above)) : MatrixXd(reference.size(), 0);
-  front = MatrixXd(front(Eigen::all, pareto_front(front)));
-  std::vector<VectorXd> lower, upper;
-  VectorXd low(reference.size()), high(reference.size());
+  Eigen::MatrixXd front = y.cols() ? Eigen::MatrixXd(y(Eigen::all, above)) : Eigen::MatrixXd(reference.size(), 0);
+  front = Eigen::MatrixXd(front(Eigen::all, pareto_front(front)));
+  std::vector<Eigen::VectorXd> lower, upper;
+  Eigen::VectorXd low(reference.size()), high(reference.size());
   detail::slice(front, 0, low, high, reference, lower, upper);
-  BoxDecomposition boxes{MatrixXd(reference.size(), Eigen::Index(lower.size())), MatrixXd(reference.size(), Eigen::Index(lower.size()))};
+  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())), Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
   for (std::size_t k = 0; k < lower.size(); ++k) {
     boxes.lower.col(Eigen::Index(k)) = lower[k];
     boxes.upper.col(Eigen::Index(k)) = upper[k];
@@ -72,10 +70,9 @@ inline BoxDecomposition nondominated_boxes(In<MatrixXd> y, In<VectorXd> referenc
 
 /// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
 /// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline double hypervolume(In<MatrixXd> y, In<VectorXd> reference) {
+inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   const Eigen::Index m = reference.size();
-  if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(detail::text("points have ", y.rows(), " objectives, the reference point has ", m));
+  if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
   std::vector<Eigen::Index> order;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
@@ -95,7 +92,7 @@ inline double hypervolume(In<MatrixXd> y, In<VectorXd> reference) {
       volume += height * (widest - reference[0]);
     } else if (height > 0.0) {
       const std::vector<Eigen::Index> reach(order.begin(), order.begin() + std::ptrdiff_t(k) + 1);
-      volume += height * hypervolume(MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
+      volume += height * hypervolume(Eigen::MatrixXd(y(Eigen::all, reach).topRows(m - 1)), reference.head(m - 1));
     }
   }
   return volume;

@@ -19,18 +19,16 @@ struct LogNehvi {
 
   template <CovarianceKernel Kernel>
   class Prepared {
-    using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
-    using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
 
    public:
     Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
 
-    VectorXd operator()(const MatrixXd& x) const {
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
       const auto m = Eigen::Index(posteriors_.size()), drawn = Eigen::Index(improvements_.size());
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
-      VectorXd mean(m), deviation(m), sum = VectorXd::Zero(x.cols());
+      Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
         for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
@@ -60,32 +58,32 @@ struct LogNehvi {
   };
 
   /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other than the identity.
-  template <CovarianceKernel Kernel, Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
-  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, In<Evidence> evidence, std::uint64_t seed) const {
+  template <CovarianceKernel Kernel, Reduction R>
+  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
-      throw InvalidArgument(detail::text("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
-    const MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
+      throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
+    const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
-    std::vector<MatrixXd> drawn;
+    std::vector<Eigen::MatrixXd> drawn;
     for (std::size_t j = 0; j < models.size(); ++j) {
-      posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, detail::combine(seed, j)));
+      posteriors.emplace_back(models[j], base, base_normals(base.cols(), count, combine(seed, j)));
       drawn.push_back(posteriors.back().draws());
     }
     std::vector<ExpectedHypervolume> improvements;
-    for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(detail::standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
+    for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
     return {std::move(posteriors), std::move(improvements)};
   }
 
  private:
   /// Told designs that may be in a front, and all that are pending.
-  template <CovarianceKernel Kernel, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Evidence = Evidence>
-  MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, In<Evidence> evidence) const {
+  template <CovarianceKernel Kernel>
+  Eigen::MatrixXd contenders(const std::vector<GaussianProcess<Kernel>>& models, const Evidence& evidence) const {
     const Eigen::Index n = evidence.x.cols(), m = Eigen::Index(models.size());
-    MatrixXd low(m, n), high(m, n);
+    Eigen::MatrixXd low(m, n), high(m, n);
     for (Eigen::Index j = 0; j < m; ++j) {
       const auto p = models[std::size_t(j)].predict(evidence.x);
-      const VectorXd reach = hopeless * p.variance.cwiseSqrt();
+      const Eigen::VectorXd reach = hopeless * p.variance.cwiseSqrt();
       low.row(j) = (p.mean - reach).transpose();
       high.row(j) = (p.mean + reach).transpose();
     }
@@ -95,8 +93,8 @@ struct LogNehvi {
       for (Eigen::Index k = 0; k < n && !beaten; ++k) beaten = (low.col(k).array() > high.col(i).array()).all();
       if (!beaten) kept.push_back(i);
     }
-    MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
-    base << MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
+    Eigen::MatrixXd base(evidence.x.rows(), Eigen::Index(kept.size()) + evidence.pending.cols());
+    base << Eigen::MatrixXd(evidence.x(Eigen::all, kept)), evidence.pending;
     return base;
   }
 };

@@ -21,10 +21,6 @@ namespace lumo {
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
   requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
-  using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
-  using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
-  using ArrayXXd = Dependent<Eigen::ArrayXXd, Kernel>;
-  using Evidence = Dependent<lumo::Evidence, Kernel>;
 
  public:
   struct Config {
@@ -116,7 +112,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
   std::vector<int> ids;
   for (const Trial& t : trials())
     if (t.state == Trial::State::told) ids.push_back(t.id);
-  const MatrixXd y = objectives();
+  const Eigen::MatrixXd y = objectives();
   std::vector<Outcome> out;
   for (const Eigen::Index i : pareto_front(y)) {
     out.push_back({ids[std::size_t(i)], {}});
@@ -128,7 +124,7 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 double Optimizer<K, A, S, R>::hypervolume() const {
-  VectorXd reference(Eigen::Index(problem().objectives.size()));
+  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
   for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
   return lumo::hypervolume(objectives(), reference);
 }
@@ -147,7 +143,7 @@ const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-typename Optimizer<K, A, S, R>::Evidence Optimizer<K, A, S, R>::evidence() const {
+Evidence Optimizer<K, A, S, R>::evidence() const {
   Evidence e;
   e.x = log_.designs(Trial::State::told);
   e.pending = log_.designs(Trial::State::pending);
@@ -156,7 +152,7 @@ typename Optimizer<K, A, S, R>::Evidence Optimizer<K, A, S, R>::evidence() const
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
       if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-    ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
     const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
     if (largest > 0.0) {
       y /= largest;
@@ -172,22 +168,22 @@ typename Optimizer<K, A, S, R>::Evidence Optimizer<K, A, S, R>::evidence() const
     e.lower[Eigen::Index(i)] = variables[i].lower;
     e.upper[Eigen::Index(i)] = variables[i].upper;
   }
-  e.reference = VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
   return e;
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
-  MatrixXd y = log_.told_outputs();
+  Eigen::MatrixXd y = log_.told_outputs();
   for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? MatrixXd(config_.reduction.objectives(y)) : MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success(const Evidence& e) const {
-  const MatrixXd failed = log_.designs(Trial::State::failed);
+  const Eigen::MatrixXd failed = log_.designs(Trial::State::failed);
   if (failed.cols() == 0) return std::nullopt;
   return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
 }
@@ -195,7 +191,7 @@ std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success(const Evidence& e)
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
   requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 std::optional<Design> Optimizer<K, A, S, R>::chosen() {
-  const std::uint64_t key = detail::combine(detail::combine(problem().seed, 1), trials().size());
+  const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
   if (models().empty()) {
     auto fresh = log_.sampler().fresh(1, key, log_.taken());
     return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
@@ -203,11 +199,11 @@ std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   std::vector<Design> standing;
   for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
   const Evidence e = evidence();
-  const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, detail::combine(key, 1));
-  const CandidateRequest request{log_.sampler(), log_.taken(), standing, detail::combine(key, 2)};
+  const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
+  const CandidateRequest request{log_.sampler(), log_.taken(), standing, combine(key, 2)};
   const auto model = success(e);
   if (!model) return config_.source.best(request, utility);
-  return config_.source.best(request, [&](const MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+  return config_.source.best(request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
 }
 
 }  // namespace lumo

@@ -17,8 +17,7 @@ bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
 }
 
 /// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by index.
-template <class MatrixXd = Eigen::MatrixXd>
-inline std::vector<Eigen::Index> pareto_front(In<MatrixXd> y) {
+inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
   std::vector<Eigen::Index> order(std::size_t(y.cols()));
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {

@@ -39,35 +39,33 @@ struct QLogNehvi {
 
   template <CovarianceKernel Kernel, Reduction R>
   class Prepared {
-    using VectorXd = Dependent<Eigen::VectorXd, Kernel>;
-    using MatrixXd = Dependent<Eigen::MatrixXd, Kernel>;
 
    public:
     Prepared(const QLogNehvi& config, const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, const BaseSamples& samples)
         : tau_relu_(config.tau_relu), tau_max_(config.tau_max), reduction_(reduction), candidate_(samples.candidate) {
-      const MatrixXd base = detail::base_points(evidence, config.noisy);
-      std::vector<MatrixXd> drawn;
+      const Eigen::MatrixXd base = base_points(evidence, config.noisy);
+      std::vector<Eigen::MatrixXd> drawn;
       for (std::size_t j = 0; j < models.size(); ++j) {
         posteriors_.emplace_back(models[j], base, samples.base[j]);
         drawn.push_back(posteriors_.back().draws());
       }
       for (Eigen::Index s = 0; s < candidate_.front().size(); ++s)
-        boxes_.push_back(nondominated_boxes(detail::standing_objectives(drawn, std::min(s, drawn.front().cols() - 1), reduction, evidence, config.noisy), evidence.reference));
+        boxes_.push_back(nondominated_boxes(standing_objectives(drawn, std::min(s, drawn.front().cols() - 1), reduction, evidence, config.noisy), evidence.reference));
     }
 
-    VectorXd operator()(const MatrixXd& x) const {
+    Eigen::VectorXd operator()(const Eigen::MatrixXd& x) const {
       const Eigen::Index outputs = Eigen::Index(posteriors_.size()), count = candidate_.front().size();
       std::vector<typename ConditionalPosterior<Kernel>::Conditional> at;
       for (const auto& p : posteriors_) at.push_back(p.at(x));
-      VectorXd out(x.cols());
-      MatrixXd sample(outputs, count);
+      Eigen::VectorXd out(x.cols());
+      Eigen::MatrixXd sample(outputs, count);
       std::vector<double> per_draw(static_cast<std::size_t>(count)), per_box;
       for (Eigen::Index i = 0; i < x.cols(); ++i) {
         for (Eigen::Index j = 0; j < outputs; ++j) {
           const auto& a = at[std::size_t(j)];
           for (Eigen::Index s = 0; s < count; ++s) sample(j, s) = a.mean(i, std::min(s, a.mean.cols() - 1)) + a.deviation[i] * candidate_[std::size_t(j)][s];
         }
-        const MatrixXd y = reduction_.objectives(sample);
+        const Eigen::MatrixXd y = reduction_.objectives(sample);
         for (Eigen::Index s = 0; s < count; ++s) {
           const BoxDecomposition& boxes = boxes_[std::size_t(s)];
           per_box.assign(std::size_t(boxes.lower.cols()), 0.0);
@@ -86,18 +84,18 @@ struct QLogNehvi {
    private:
     double tau_relu_, tau_max_;
     R reduction_;
-    std::vector<VectorXd> candidate_;
+    std::vector<Eigen::VectorXd> candidate_;
     std::vector<ConditionalPosterior<Kernel>> posteriors_;
     std::vector<BoxDecomposition> boxes_;
   };
 
   /// Models are looked at, not copied: they must outlive what is returned.
-  template <CovarianceKernel Kernel, Reduction R, class MatrixXd = Eigen::MatrixXd, class Evidence = Evidence>
-  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, In<Evidence> evidence, std::uint64_t seed) const {
-    const Eigen::Index base = detail::base_points(evidence, noisy).cols();
+  template <CovarianceKernel Kernel, Reduction R>
+  Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
+    const Eigen::Index base = base_points(evidence, noisy).cols();
     BaseSamples samples;
     for (std::size_t j = 0; j < models.size(); ++j) {
-      const MatrixXd z = base_normals(base + 1, draws, detail::combine(seed, j));
+      const Eigen::MatrixXd z = base_normals(base + 1, draws, combine(seed, j));
       samples.base.push_back(z.topRows(base));
       samples.candidate.push_back(z.row(base).transpose());
     }

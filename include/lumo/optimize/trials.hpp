@@ -19,49 +19,38 @@ namespace lumo {
 class TrialLog {
  public:
   /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
-  template <class = void>
   TrialLog(Problem problem, int outputs, int retries) : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
     DesignSet known;
     for (const Design& x : problem_.initial)
       if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
-    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), detail::combine(problem_.seed, 0), known)) starts_.push_back(std::move(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known)) starts_.push_back(std::move(x));
   }
 
   const Problem& problem() const { return problem_; }
   const DesignSampler& sampler() const { return sampler_; }
   const std::vector<Trial>& trials() const { return trials_; }
   const DesignSet& taken() const { return taken_; }
-  template <class = void>
   int count(Trial::State state) const {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
   /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
-  template <class = void>
   std::optional<Design> scheduled() const;
   /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
-  template <class Design = Design>
   const Trial& open(int id, std::type_identity_t<Design> x);
   /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
-  template <class = void>
   void tell(int id, std::vector<double> outputs);
-  template <class = void>
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
   Eigen::MatrixXd told_outputs() const;
 
  private:
-  template <class = void>
   Trial& pending(int id);
-  template <class = void>
   bool superseded(const Trial& trial) const;
-  template <class = void>
   bool tries_left(const Trial& trial) const;
 
   Problem problem_;
@@ -73,17 +62,14 @@ class TrialLog {
 };
 
 /// By a later trial of its design.
-template <class>
 inline bool TrialLog::superseded(const Trial& trial) const {
   return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
 }
 
-template <class>
 inline bool TrialLog::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
 }
 
-template <class>
 inline std::optional<Design> TrialLog::scheduled() const {
   for (const Trial& t : trials_)
     if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
@@ -92,39 +78,35 @@ inline std::optional<Design> TrialLog::scheduled() const {
   return std::nullopt;
 }
 
-template <class Design>
 inline const Trial& TrialLog::open(int id, std::type_identity_t<Design> x) {
-  if (id != int(trials_.size())) throw InvalidArgument(detail::text("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
+  if (id != int(trials_.size())) throw InvalidArgument(message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
   problem_.space.check(x);
   x = sampler_.canonical(std::move(x));
   if (taken_.contains(x))
     for (const Trial& t : trials_)
-      if (t.x == x && !(t.state == Trial::State::failed && t.retry)) throw InvalidArgument(detail::text("trial ", id, " repeats the design of trial ", t.id));
+      if (t.x == x && !(t.state == Trial::State::failed && t.retry)) throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
   taken_.insert(x);
   trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
   return trials_.back();
 }
 
-template <class>
 inline Trial& TrialLog::pending(int id) {
-  if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(detail::text("trial ", id, " was never asked"));
+  if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
   Trial& trial = trials_[std::size_t(id)];
-  if (trial.state == Trial::State::told) throw InvalidArgument(detail::text("trial ", id, " was told before"));
-  if (trial.state == Trial::State::failed) throw InvalidArgument(detail::text("trial ", id, " failed before"));
+  if (trial.state == Trial::State::told) throw InvalidArgument(message("trial ", id, " was told before"));
+  if (trial.state == Trial::State::failed) throw InvalidArgument(message("trial ", id, " failed before"));
   return trial;
 }
 
-template <class>
 inline void TrialLog::tell(int id, std::vector<double> outputs) {
   Trial& trial = pending(id);
-  if (int(outputs.size()) != outputs_) throw InvalidArgument(detail::text("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
+  if (int(outputs.size()) != outputs_) throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
   for (const double y : outputs)
-    if (!(std::abs(y) <= 1e150)) throw InvalidArgument(detail::text("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+    if (!(std::abs(y) <= 1e150)) throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
   trial.outputs = std::move(outputs);
   trial.state = Trial::State::told;
 }
 
-template <class>
 inline void TrialLog::fail(int id, bool retry, std::string why) {
   Trial& trial = pending(id);
   trial.state = Trial::State::failed;
@@ -132,21 +114,19 @@ inline void TrialLog::fail(int id, bool retry, std::string why) {
   trial.why = std::move(why);
 }
 
-template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
-  MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
+  Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state && !(state == Trial::State::failed && t.retry)) x.col(column++) = Eigen::Map<const VectorXd>(t.x.data(), x.rows());
+    if (t.state == state && !(state == Trial::State::failed && t.retry)) x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
   return x.leftCols(column);
 }
 
-template <class MatrixXd, class VectorXd>
 inline Eigen::MatrixXd TrialLog::told_outputs() const {
-  MatrixXd y(outputs_, count(Trial::State::told));
+  Eigen::MatrixXd y(outputs_, count(Trial::State::told));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const VectorXd>(t.outputs.data(), outputs_);
+    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
   return y;
 }
 

@@ -16,7 +16,6 @@ struct Ensemble {
   std::vector<double> loads_N = {1.0, 2.0, 5.0, 10.0, 15.0};
   TiltPlane tilt = TiltPlane::xz;
 
-  template <class = void>
   std::vector<Scenario<Sphere>> scenarios() const {
     std::vector<Scenario<Sphere>> all;
     for (double d : diameters_m)
@@ -27,11 +26,9 @@ struct Ensemble {
 };
 
 /// The paper's pad-normal contacts: 4 diameters × 7 places.
-template <class Ensemble = Ensemble>
 inline Ensemble flat_ensemble() { return {}; }
 
 /// The paper's contacts under five approach angles: 4 × 5 × 7.
-template <class = void>
 inline Ensemble curved_ensemble() {
   Ensemble e;
   e.angles_rad = {-30 * pi / 180, -15 * pi / 180, 0.0, 15 * pi / 180, 30 * pi / 180};

@@ -51,7 +51,6 @@ struct Evaluation {
 };
 
 /// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
-template <class = void>
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
 
 /// The paper's two objectives from what was observed.
@@ -80,7 +79,6 @@ Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const 
   return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress), pipeline);
 }
 
-template <class>
 inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios) {
   std::optional<std::pair<Estimate, std::size_t>> worst;
   for (std::size_t k = 0; k < scenarios.size(); ++k) {

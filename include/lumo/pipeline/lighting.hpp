@@ -38,8 +38,6 @@ Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
 }
 
-namespace detail {
-
 /// A solved scenario with its fields.
 struct SolvedScenario {
   ScenarioRecord record;
@@ -51,10 +49,6 @@ struct SolvedScenario {
 template <class Light, class Pad, Indenter Tool>
 class Lighting {
  public:
-  using MatrixXd = Dependent<Eigen::MatrixXd, Light>;
-  using Response = Dependent<lumo::Response, Light>;
-  using ScenarioRecord = Dependent<lumo::ScenarioRecord, Light>;
-  using SolvedScenario = Dependent<detail::SolvedScenario, Light>;
 
   /// `places`: the body on its mesh for each place of the plan.
   Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
@@ -121,10 +115,10 @@ class Lighting {
     for (std::size_t i = 0; i < jobs.size(); ++i) {
       const auto& [place, r, state] = jobs[i];
       if (state == nullptr) continue;
-      const MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
-      MatrixXd& sum = records_[state->solve].states[state->state].change;
+      const Eigen::MatrixXd change = response_change(lit[i], unloaded_[std::size_t(r)][place]);
+      Eigen::MatrixXd& sum = records_[state->solve].states[state->state].change;
       const double share = double(rays_of(r)) / rays_up_to(r);
-      sum = r == 0 ? change : MatrixXd((1.0 - share) * sum + share * change);
+      sum = r == 0 ? change : Eigen::MatrixXd((1.0 - share) * sum + share * change);
       rounds_[*state] = r + 1;
     }
   }
@@ -165,7 +159,5 @@ class Lighting {
   std::map<State, int> rounds_;                  ///< that a state has had
   std::vector<std::vector<Response>> unloaded_;  ///< by round and place; empty where it was not needed
 };
-
-}  // namespace detail
 
 }  // namespace lumo

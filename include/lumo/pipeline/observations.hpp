@@ -49,13 +49,11 @@ struct Observations {
 };
 
 /// Did all scenarios converge, or were held where that is accepted?
-template <class = void>
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
   return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
-template <class = void>
 inline std::vector<ObservedState> observed_states(const std::vector<ScenarioRecord>& scenarios) {
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
@@ -63,8 +61,6 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
       if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
   return states;
 }
-
-namespace detail {
 
 /// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nothing: unknown.
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
@@ -76,8 +72,8 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {
     if (!channel || channel->empty()) return;
-    for (Dependent<StateRecord, Tool>& s : record.states) {
-      const Dependent<Eigen::MatrixXd, Tool> change = s.change;
+    for (StateRecord& s : record.states) {
+      const Eigen::MatrixXd change = s.change;
       for (Eigen::Index k = 0; k < change.cols(); ++k) s.change.col((*channel)[std::size_t(k)]) = change.col(k);
     }
   };
@@ -85,7 +81,5 @@ ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, c
   if (image.mirror.y) renumber(channels[1]);
   return record;
 }
-
-}  // namespace detail
 
 }  // namespace lumo

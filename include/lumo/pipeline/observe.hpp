@@ -46,7 +46,7 @@ struct Pressed {
   std::vector<Scenario<Tool>> scenarios;
   ContactPlan<Tool> plan;
   std::vector<std::unique_ptr<Pad>> places;      ///< the body on the mesh of each place of the plan
-  std::vector<detail::SolvedScenario> solved;    ///< as the plan has them
+  std::vector<SolvedScenario> solved;    ///< as the plan has them
   Timing seconds;
 };
 
@@ -109,7 +109,6 @@ std::vector<ScenarioRecord> unfold(const std::vector<Scenario<Tool>>& scenarios,
 
 /// Meshes of different places give the same unloaded response up to their facets; that difference would hide small changes, so changes are
 /// taken on one mesh and added to the common mean. `watts` names the mean power or its standard error.
-template <class = void>
 inline std::vector<double> mean_per_emitted(const std::vector<Response>& responses, const std::vector<double> Response::*watts, int channels) {
   std::vector<double> mean(std::size_t(channels), 0.0);
   for (const Response& r : responses)
@@ -153,8 +152,8 @@ class StageReport {
 
 template <class P, Indenter Tool, Executor E>
 Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  const detail::Stopwatch clock;
-  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  const Stopwatch clock;
+  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
   out.scenarios = scenarios;
   out.plan = plan_contacts(scenarios, body.symmetry, {pipeline.mirror_once && images[0], pipeline.mirror_once && images[1]});
@@ -168,7 +167,7 @@ Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>
   out.places.resize(places);
   std::vector<double> spent(places);
   executor.for_each(places, [&](std::size_t k) {
-    const detail::Stopwatch watch;
+    const Stopwatch watch;
     std::vector<Scenario<Tool>> here;
     for (std::size_t s : plan.places[k].solves) here.push_back(plan.solves[s].scenario);
     out.places[k] = std::make_unique<PadOf<P>>(pipeline.simulator.prepare(body, mesh_for_contact(body, coarse, here, pipeline.mesher, pipeline.focus, pipeline.mesh_order)));
@@ -200,14 +199,14 @@ bool lights(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeli
 
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor, const ProgressReport& progress) {
-  const detail::Stopwatch clock;
-  const detail::ChannelImages images = detail::channel_images(body, pipeline.tracer);
+  const Stopwatch clock;
+  const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::unfolds(pressed.plan, images)) throw InvalidArgument("observe: contacts were pressed once with their mirror images, but channels of the light have none");
   const int channels = pipeline.tracer.channels(body);  // 0: mechanics only
-  Dependent<Observations, P> out;
+  Observations out;
 
   // Light, first for all states, then with more and more rays for those that decide.
-  detail::Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
+  Lighting lighting(body, pressed.plan, pipeline.tracer, pipeline.rays.focus_m, pressed.places, pressed.solved);
   const auto trace = [&](const auto& states, int round, std::string stage) {
     detail::StageReport tracing(progress, std::move(stage));
     lighting.trace(states, round, executor, [&](std::size_t total) { tracing.step(total); });
@@ -220,7 +219,7 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
     for (int round = 1; scored && round <= pipeline.rays.rounds; ++round) {
       const auto undecided = lighting.undecided(detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records()), pipeline.rays.tolerance);
       if (undecided.empty()) break;
-      trace(undecided, round, detail::text("light, ", rays_up_to(round), " times the rays"));
+      trace(undecided, round, message("light, ", rays_up_to(round), " times the rays"));
     }
   }
 

@@ -146,7 +146,7 @@ std::vector<ReadingResult> evaluate_readings(const FingerDesign& design, const F
   if (!results.front().why.empty()) return results;
   for (const Departure& d : departures) {
     const ProgressReport named = [&](std::string_view stage, int done, int total) {
-      if (progress) progress(detail::text(d.quantity, " ", d.value, ", ", stage), done, total);
+      if (progress) progress(message(d.quantity, " ", d.value, ", ", stage), done, total);
     };
     FingerReading reading = usual;
     d.apply(reading);
@@ -160,7 +160,7 @@ std::vector<ReadingResult> evaluate_readings(const FingerDesign& design, const F
       results.push_back(result(score(std::move(seen), tools)));
     } catch (const MeshError& e) {
       if (of_the_machine(e)) throw;
-      results.push_back({detail::text("mesh: ", e.what()), {}});
+      results.push_back({message("mesh: ", e.what()), {}});
     } catch (const InfeasibleDesign& e) {
       results.push_back({e.what(), {}});
     }

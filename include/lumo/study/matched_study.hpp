@@ -28,7 +28,6 @@ struct MatchedStudy {
 };
 
 /// Contacts at the middle of the finger, along the pad normal, with the smallest and the largest sphere of the paper.
-template <class Ensemble = Ensemble>
 inline Ensemble middle_contacts() {
   Ensemble e;
   e.diameters_m = {10e-3, 30e-3};
@@ -41,9 +40,8 @@ inline constexpr int largest_study = 500;
 
 /// The designs of a study: feasible lattice points spread over `space` (Owen-scrambled Sobol points), as a problem without a search. What is
 /// drawn does not hang on `designs`, so that a study can go on with more. Throws InvalidArgument for fewer than 1 or more than largest_study.
-template <class Problem = Problem>
 inline Problem study_problem(const DesignSpace& space, int designs, std::uint64_t seed) {
-  if (designs < 1 || designs > largest_study) throw InvalidArgument(detail::text("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
+  if (designs < 1 || designs > largest_study) throw InvalidArgument(message("number of designs of a study is ", designs, ", must lie in [1, ", largest_study, "]"));
   Problem p;
   p.space = space;
   p.objectives = {{"J_contact", true, 0.0}};
@@ -60,13 +58,12 @@ std::vector<VariantResult> compare_variants(const FingerDesign& design, const Si
                                             const FingerOptions& options, const E& executor, const ProgressReport& progress = {});
 
 /// Median over scenarios of the norm of the response change at one load; empty when a scenario has none.
-template <class MatrixXd = Eigen::MatrixXd, class Estimate = Estimate>
 inline std::optional<Estimate> median_change(const std::vector<ScenarioRecord>& scenarios, double load_N, const OpticalError& error) {
   std::vector<Estimate> norms;
   for (const ScenarioRecord& s : scenarios) {
     const auto state = std::find_if(s.states.begin(), s.states.end(), [&](const StateRecord& k) { return k.load_N == load_N && k.change.size() > 0; });
     if (state == s.states.end()) return std::nullopt;
-    const Estimate d = response_distance(state->change, MatrixXd::Zero(state->change.rows(), state->change.cols()));
+    const Estimate d = response_distance(state->change, Eigen::MatrixXd::Zero(state->change.rows(), state->change.cols()));
     norms.push_back({d.value, std::hypot(2.0 * d.error, error.mesh * d.value)});
   }
   if (norms.empty()) return std::nullopt;
@@ -89,7 +86,7 @@ VariantResult evaluate_variant(const FingerDesign& design, Twin twin, const Sili
     result.observations = observe(body, ensemble.scenarios(), pipeline, executor, progress);
   } catch (const MeshError& e) {
     if (of_the_machine(e)) throw;
-    result.why = text("mesh: ", e.what());
+    result.why = message("mesh: ", e.what());
     return result;
   }
   const auto& scenarios = result.observations.scenarios;

@@ -27,7 +27,6 @@ struct PairedSummary {
 };
 
 /// Empty without differences.
-template <class PairedSummary = PairedSummary>
 inline std::optional<PairedSummary> summarize(const std::vector<Estimate>& differences) {
   if (differences.empty()) return std::nullopt;
   PairedSummary s;

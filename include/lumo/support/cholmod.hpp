@@ -103,7 +103,6 @@ class Cholmod {
     return *this;
   }
 
-  template <class = void>
   void analyze(const SparseLower& lower) {
     // METIS draws from the C library's one random sequence: side by side, orderings and so the last bits of solutions would differ.
     static std::mutex metis;
@@ -123,10 +122,9 @@ class Cholmod {
     factor_ = nullptr;
   }
 
-  template <class ArrayXd = Eigen::ArrayXd>
   FactorStatus factorize(const SparseLower& lower) {
     // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
-    if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     for (std::size_t k = 0; k < source_.size(); ++k) reordered_.valuePtr()[k] = lower.valuePtr()[source_[k]];
     cholmod_sparse view = view_of(reordered_);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
@@ -183,7 +181,6 @@ class Cholmod {
   }
 
   /// Takes over an order (new place → old) with the pattern in it, and where in the caller's values each of its values stands.
-  template <class = void>
   void reorder(const SparseLower& lower, const int* order) {
     const int n = int(lower.cols());
     order_.assign(order, order + n);
@@ -201,7 +198,6 @@ class Cholmod {
     source_.assign(reordered_.valuePtr(), reordered_.valuePtr() + reordered_.nonZeros());
   }
 
-  template <class = void>
   static cholmod_sparse view_of(const SparseLower& lower) {
     cholmod_sparse a{};
     a.nrow = std::size_t(lower.rows());

@@ -49,11 +49,10 @@ class FlushDenormals {
 class EmbreeScene {
  public:
   /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
-  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   explicit EmbreeScene(const std::vector<SceneTriangle>& triangles) {
-    AlignedBox3d box;
+    Eigen::AlignedBox3d box;
     for (const SceneTriangle& t : triangles)
-      for (const Vec3& p : t.corners) {
+      for (const Vec3d& p : t.corners) {
         if (!p.allFinite()) throw InvalidArgument("optical scene: a corner is not finite");
         box.extend(p);
       }
@@ -71,10 +70,9 @@ class EmbreeScene {
   }
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
-  template <class Vec3 = Vec3>
-  RayHit first_hit(In<Vec3> origin, In<Vec3> direction, bool inside) const {
+  RayHit first_hit(const Vec3d& origin, const Vec3d& direction, bool inside) const {
     const detail::FlushDenormals flush;
-    const Vec3 o = 1e3 * (origin - center_);
+    const Vec3d o = 1e3 * (origin - center_);
     alignas(16) RTCRayHit r;
     r.ray.org_x = float(o.x()), r.ray.org_y = float(o.y()), r.ray.org_z = float(o.z());
     r.ray.dir_x = float(direction.x()), r.ray.dir_y = float(direction.y()), r.ray.dir_z = float(direction.z());
@@ -100,7 +98,7 @@ class EmbreeScene {
 
   [[noreturn]] static void fail(const char* what, RTCError error) {
     if (error == RTC_ERROR_OUT_OF_MEMORY) throw std::bad_alloc();
-    throw Error(detail::text("Embree: ", what, ", error ", int(error)));
+    throw Error(message("Embree: ", what, ", error ", int(error)));
   }
 
   // Rejects faces that the ray's medium rules out. Masks are repeated here: Embree 3 can be built without them.
@@ -112,7 +110,6 @@ class EmbreeScene {
     if (inside ? RTCHitN_geomID(args->hit, args->N, 0) == 1u || !(along > 0.0f) : !(along < 0.0f)) args->valid[0] = 0;
   }
 
-  template <class Vec3 = Vec3>
   void attach(const std::vector<SceneTriangle>& triangles, bool in_air_only) {
     std::vector<int>& ids = ids_[in_air_only];
     for (std::size_t i = 0; i < triangles.size(); ++i)
@@ -128,7 +125,7 @@ class EmbreeScene {
         throw std::bad_alloc();
       }
       for (std::size_t i = 0; i < 3 * ids.size(); ++i) {
-        const Vec3 p = 1e3 * (triangles[std::size_t(ids[i / 3])].corners[i % 3] - center_);
+        const Vec3d p = 1e3 * (triangles[std::size_t(ids[i / 3])].corners[i % 3] - center_);
         for (std::size_t a = 0; a < 3; ++a) corners[3 * i + a] = float(p[Eigen::Index(a)]);
         indices[i] = unsigned(i);
       }
@@ -143,12 +140,11 @@ class EmbreeScene {
   std::unique_ptr<std::remove_pointer_t<RTCDevice>, detail::EmbreeRelease> device_;
   std::unique_ptr<std::remove_pointer_t<RTCScene>, detail::EmbreeRelease> scene_;
   std::array<std::vector<int>, 2> ids_;
-  Vec3 center_ = Vec3::Zero();
+  Vec3d center_ = Vec3d::Zero();
 };
 
 /// Embree 3 or 4 as an Intersector (Wald et al., "Embree", ACM TOG 33(4), 2014): the fast one.
 struct Embree {
-  template <class = void>
   EmbreeScene build(const std::vector<SceneTriangle>& triangles) const { return EmbreeScene(triangles); }
 };
 

@@ -30,7 +30,7 @@ namespace detail {
 class StrictObject {
  public:
   StrictObject(const nlohmann::json& object, std::string where) : object_(object), where_(std::move(where)) {
-    if (!object.is_object()) throw InputError(text(where_, ": must be an object"));
+    if (!object.is_object()) throw InputError(message(where_, ": must be an object"));
   }
   /// Each key may be absent; then the value stays as it is.
   void get(const char* key, double& value) { read(key, [&](const auto& j) { value = number(j, key); }); }
@@ -82,10 +82,10 @@ class StrictObject {
       const std::string& key = item.key();
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
       const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
-      throw InputError(text(where_, ": key '", printable(key), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
+      throw InputError(message(where_, ": key '", printable(key), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
     }
   }
-  [[noreturn]] void fail(const char* key, const char* why) const { throw InputError(text(where_, ".", key, ": ", why)); }
+  [[noreturn]] void fail(const char* key, const char* why) const { throw InputError(message(where_, ".", key, ": ", why)); }
 
  private:
   template <class Read>
@@ -117,7 +117,6 @@ class StrictObject {
 }  // namespace detail
 
 /// Reads the text of a session.json. Throws InputError of one line that names file and key.
-template <class = void>
 inline Session session_from_json(std::string_view json, const std::string& name) {
   // Deep nesting would exhaust the stack of the parser's destructor. Brackets within strings do not nest.
   int depth = 0, deepest = 0;
@@ -128,12 +127,12 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     if (quoted && c == '\\') ++i;
     if (!quoted) depth += (c == '{' || c == '[') - (c == '}' || c == ']'), deepest = std::max(deepest, depth);
   }
-  if (deepest > 64) throw InputError(detail::text(name, ": is nested deeper than 64 levels"));
+  if (deepest > 64) throw InputError(message(name, ": is nested deeper than 64 levels"));
   nlohmann::json root;
   try {
     root = nlohmann::json::parse(json);
   } catch (const nlohmann::json::exception& e) {
-    throw InputError(detail::text(name, ": is no JSON: ", detail::printable(e.what(), 200)));
+    throw InputError(message(name, ": is no JSON: ", printable(e.what(), 200)));
   }
   Session s;
   detail::StrictObject top(root, name);
@@ -185,7 +184,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   clock("joint_clock", s.joint_clock);
   clock("wrench_clock", s.wrench_clock);
   top.with("links", [&](const nlohmann::json& j, const std::string& where) {
-    if (!j.is_array()) throw InputError(detail::text(where, ": must be an array"));
+    if (!j.is_array()) throw InputError(message(where, ": must be an array"));
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.links.size()) + "]");
       SessionLink l;
@@ -213,7 +212,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     }
   });
   top.with("segments", [&](const nlohmann::json& j, const std::string& where) {
-    if (!j.is_array()) throw InputError(detail::text(where, ": must be an array"));
+    if (!j.is_array()) throw InputError(message(where, ": must be an array"));
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
       Segment g;
@@ -228,10 +227,9 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   return s;
 }
 
-template <class = void>
 inline Session read_session(const std::string& path) {
-  const auto json = detail::read_whole(path);
-  if (!json) throw InputError(detail::text(path, ": cannot be opened"));
+  const auto json = read_whole(path);
+  if (!json) throw InputError(message(path, ": cannot be opened"));
   return session_from_json(*json, path);
 }
 
@@ -248,7 +246,6 @@ inline double millimetres(double m) {
 }  // namespace detail
 
 /// The text of a session.json that reads back as the same session. Throws InputError for one that would be refused.
-template <class = void>
 inline std::string to_json(const Session& s) {
   validate(s, "session to write");
   using Json = nlohmann::ordered_json;
@@ -287,7 +284,6 @@ inline std::string to_json(const Session& s) {
 }
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-template <class = void>
 inline RecordedLog read_log_folder(const std::string& path) {
   RecordedLog log;
   log.path = path;
@@ -296,7 +292,7 @@ inline RecordedLog read_log_folder(const std::string& path) {
     const std::string file = path + '/' + name;
     std::error_code error;
     if (!std::filesystem::exists(file, error)) return;
-    std::ifstream in = detail::open_text(file);
+    std::ifstream in = open_text(file);
     read(in, file);
   };
   table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = read_frame_log(in, name, !log.session.video.empty()); });
@@ -320,7 +316,6 @@ McapLog read_log_file(McapReader<Codecs...>& file, const McapTopics& topics = {}
 
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
 /// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
-template <class = void>
 inline void write_log_folder(const RecordedLog& log) {
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
                                                        {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
@@ -330,8 +325,8 @@ inline void write_log_folder(const RecordedLog& log) {
                                                        {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
   for (const auto& [name, text] : files) {
     std::error_code error;
-    if (!text.empty()) detail::write_whole(log.path + '/' + name, text);
-    else if (!std::filesystem::remove(log.path + '/' + name, error) && error) throw InputError(detail::text(log.path, '/', name, ": cannot be removed"));
+    if (!text.empty()) write_whole(log.path + '/' + name, text);
+    else if (!std::filesystem::remove(log.path + '/' + name, error) && error) throw InputError(message(log.path, '/', name, ": cannot be removed"));
   }
 }
 

@@ -44,7 +44,7 @@ class Lz4 {
       if (from == 0 && to == 0 && more != 0) break;  // cut, or more than was said
       read += from, written += to;
     }
-    if (more != 0 || written != size || read != bytes.size()) throw InputError(detail::text("LZ4 frame gives ", written, " bytes, or is not whole; must give ", size));
+    if (more != 0 || written != size || read != bytes.size()) throw InputError(message("LZ4 frame gives ", written, " bytes, or is not whole; must give ", size));
     out.resize(size);
     return out;
   }

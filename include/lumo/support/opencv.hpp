@@ -34,8 +34,6 @@
 
 namespace lumo {
 
-namespace detail {
-
 /// View of an 8-bit matrix of one or three channels; empty for anything else.
 inline ImageView view_of(const cv::Mat& m) {
   if (m.empty() || m.depth() != CV_8U || (m.channels() != 1 && m.channels() != 3)) return {};
@@ -68,17 +66,15 @@ inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
 
 inline void require_file(const std::string& path, const char* what) {
   std::error_code error;
-  if (!std::filesystem::is_regular_file(path, error)) throw InputError(text(path, ": no such ", what));
+  if (!std::filesystem::is_regular_file(path, error)) throw InputError(message(path, ": no such ", what));
 }
-
-}  // namespace detail
 
 /// Reads a PNG, JPEG or BMP file as 8 bits, colour or grey. Throws InputError.
 inline Image read_image(const std::string& path, PixelFormat format = PixelFormat::bgr) {
-  detail::require_file(path, "image");
-  const cv::Mat m = detail::decode_file(path, format);
-  const ImageView v = detail::view_of(m);
-  if (v.empty()) throw InputError(detail::text(path, ": is no PNG, JPEG or BMP image that can be decoded"));
+  require_file(path, "image");
+  const cv::Mat m = decode_file(path, format);
+  const ImageView v = view_of(m);
+  if (v.empty()) throw InputError(message(path, ": is no PNG, JPEG or BMP image that can be decoded"));
   Image image = Image::black(v.width, v.height, format);
   for (int y = 0; y < v.height; ++y) std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
   return image;
@@ -86,13 +82,13 @@ inline Image read_image(const std::string& path, PixelFormat format = PixelForma
 
 /// Writes an image in the format of the path's ending (.png without loss). Throws InputError.
 inline void write_image(const std::string& path, const ImageView& image) {
-  const cv::Mat m = detail::matrix_of(image);
+  const cv::Mat m = matrix_of(image);
   bool good = false;
   try {
     good = cv::imwrite(path, m);
   } catch (const cv::Exception&) {
   }
-  if (!good) throw InputError(detail::text(path, ": cannot be written"));
+  if (!good) throw InputError(message(path, ": cannot be written"));
 }
 
 /// Bytes of an image file in the format of an ending (".png" without loss). Throws InputError.
@@ -100,10 +96,10 @@ inline std::vector<std::uint8_t> encode_image(const std::string& ending, const I
   std::vector<std::uint8_t> bytes;
   bool good = false;
   try {
-    good = cv::imencode(ending, detail::matrix_of(image), bytes);
+    good = cv::imencode(ending, matrix_of(image), bytes);
   } catch (const cv::Exception&) {
   }
-  if (!good) throw InputError(detail::text("image cannot be encoded as '", ending, "'"));
+  if (!good) throw InputError(message("image cannot be encoded as '", ending, "'"));
   return bytes;
 }
 
@@ -114,8 +110,8 @@ class ImageDecoder {
 
   /// A view that holds until the next call; empty for what cannot be decoded.
   ImageView operator()(std::span<const std::uint8_t> file) {
-    image_ = detail::decode_bytes(file, format_);
-    return detail::view_of(image_);
+    image_ = decode_bytes(file, format_);
+    return view_of(image_);
   }
 
  private:
@@ -132,7 +128,7 @@ class FolderCamera {
   FolderCamera(std::string folder, std::vector<FrameRecord> records, PixelFormat format = PixelFormat::bgr)
       : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
     std::error_code error;
-    if (!std::filesystem::is_directory(folder_, error)) throw InputError(detail::text(folder_, ": no such folder"));
+    if (!std::filesystem::is_directory(folder_, error)) throw InputError(message(folder_, ": no such folder"));
   }
   /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
   static FolderCamera by_name(const std::string& folder, double frames_per_s, PixelFormat format = PixelFormat::bgr) {
@@ -144,7 +140,7 @@ class FolderCamera {
       std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
       if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp") names.push_back(i->path().filename().string());
     }
-    if (names.empty()) throw InputError(detail::text(folder, ": holds no images"));
+    if (names.empty()) throw InputError(message(folder, ": holds no images"));
     std::sort(names.begin(), names.end());
     std::vector<FrameRecord> records;
     for (std::size_t i = 0; i < names.size(); ++i) records.push_back({std::llround(1e9 * double(i) / frames_per_s), names[i], 0.0, 0.0});
@@ -154,8 +150,8 @@ class FolderCamera {
   std::optional<Frame> next() {
     if (next_ == records_.size()) return std::nullopt;
     const FrameRecord& r = records_[next_];
-    image_ = detail::decode_file((std::filesystem::path(folder_) / r.file).string(), format_);
-    return Frame{detail::view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
+    image_ = decode_file((std::filesystem::path(folder_) / r.file).string(), format_);
+    return Frame{view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
   }
   StreamState state() const { return next_ == records_.size() ? StreamState::ended : StreamState::open; }
 
@@ -196,14 +192,14 @@ class VideoCamera {
  public:
   /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
   explicit VideoCamera(const std::string& path, std::vector<FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
-    detail::require_file(path, "video");
-    video_ = std::make_unique<detail::VideoProcess>(detail::VideoFile{}, path, detail::VideoProcess::Limits{});
-    if (!video_->is_open()) throw InputError(detail::text(path, ": is no video that can be decoded"));
-    if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0)) throw InputError(detail::text(path, ": tells no frame rate, needs a frames.csv"));
+    require_file(path, "video");
+    video_ = std::make_unique<VideoProcess>(detail::VideoFile{}, path, VideoProcess::Limits{});
+    if (!video_->is_open()) throw InputError(message(path, ": is no video that can be decoded"));
+    if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0)) throw InputError(message(path, ": tells no frame rate, needs a frames.csv"));
   }
 
   std::optional<Frame> next() {
-    using Got = detail::VideoProcess::Got;
+    using Got = VideoProcess::Got;
     if (state_ != StreamState::open) return std::nullopt;
     const Got got = video_->next(image_);
     const bool rows_over = timed_ && std::size_t(next_) == records_.size();
@@ -221,7 +217,7 @@ class VideoCamera {
   StreamState state() const { return state_; }
 
  private:
-  std::unique_ptr<detail::VideoProcess> video_;
+  std::unique_ptr<VideoProcess> video_;
   std::vector<FrameRecord> records_;
   bool timed_;
   std::int64_t next_ = 0;
@@ -258,13 +254,13 @@ class V4l2Camera {
     require_in_range("frames until a new exposure holds", config.settle_frames, 0, 1e6, "");
     require_positive("frame rate of the camera", config.frames_per_s, "1/s");
     struct stat status {};
-    if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode)) throw InputError(detail::text(config.device, ": no such camera"));
+    if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode)) throw InputError(message(config.device, ": no such camera"));
     std::vector<cv::VideoCapture> capture(1);
     try {
       capture[0].open(config.device, cv::CAP_V4L2);
     } catch (const cv::Exception&) {
     }
-    if (!capture[0].isOpened()) throw InputError(detail::text(config.device, ": cannot be opened as a camera (no rights, in use, or of another kind)"));
+    if (!capture[0].isOpened()) throw InputError(message(config.device, ": cannot be opened as a camera (no rights, in use, or of another kind)"));
     cv::VideoCapture& c = capture[0];
     c.set(cv::CAP_PROP_FRAME_WIDTH, config.width);
     c.set(cv::CAP_PROP_FRAME_HEIGHT, config.height);
@@ -274,9 +270,9 @@ class V4l2Camera {
     const bool exposed = c.set(cv::CAP_PROP_EXPOSURE, std::round(config.exposure_s / 1e-4));
     const bool gained = c.set(cv::CAP_PROP_GAIN, config.gain);
     if (int(c.get(cv::CAP_PROP_FRAME_WIDTH)) != config.width || int(c.get(cv::CAP_PROP_FRAME_HEIGHT)) != config.height)
-      throw InputError(detail::text(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ",
+      throw InputError(message(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ",
           config.width, " x ", config.height));
-    if (!manual || !exposed || !gained) throw InputError(detail::text(config.device, ": does not let its exposure and gain be locked"));
+    if (!manual || !exposed || !gained) throw InputError(message(config.device, ": does not let its exposure and gain be locked"));
     exposure_s_ = 1e-4 * c.get(cv::CAP_PROP_EXPOSURE);
     gain_ = c.get(cv::CAP_PROP_GAIN);
     capture_ = std::move(capture);
@@ -294,7 +290,7 @@ class V4l2Camera {
     } catch (const cv::Exception&) {
       return state_ = StreamState::failed, std::nullopt;
     }
-    return Frame{detail::view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
+    return Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
   }
   StreamState state() const { return state_; }
   double exposure_s() const { return exposure_s_; }  ///< in force

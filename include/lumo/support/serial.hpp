@@ -30,25 +30,25 @@ class SerialPhotodiodes {
   struct Config {
     int diodes = 8;
     int baud = 115200;
-    std::int64_t (*now)() = steady_ns<>;
+    std::int64_t (*now)() = steady_ns;
   };
 
   /// On a serial device, which is set to raw 8N1 without flow control. What comes before the first line's end is left out: it may be a line's rest and
   /// read as another number. Throws InputError.
   static SerialPhotodiodes open(const std::string& device, const Config& config) {
-    detail::Descriptor port(::open(device.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
-    if (port.get() < 0) throw InputError(detail::text(device, ": cannot be opened: ", std::strerror(errno)));
+    Descriptor port(::open(device.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    if (port.get() < 0) throw InputError(message(device, ": cannot be opened: ", std::strerror(errno)));
     termios settings{};
-    if (::tcgetattr(port.get(), &settings) != 0) throw InputError(detail::text(device, ": is no serial line"));
+    if (::tcgetattr(port.get(), &settings) != 0) throw InputError(message(device, ": is no serial line"));
     ::cfmakeraw(&settings);
     settings.c_cflag = (settings.c_cflag & ~tcflag_t(CSTOPB | CRTSCTS)) | CLOCAL | CREAD;
     speed_t speed = B0;
     using Rates = std::initializer_list<std::pair<int, speed_t>>;
     for (const auto& [baud, constant] : Rates{{9600, B9600}, {57600, B57600}, {115200, B115200}, {230400, B230400}, {460800, B460800}, {921600, B921600}})
       if (config.baud == baud) speed = constant;
-    if (speed == B0) throw InvalidArgument(detail::text("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
+    if (speed == B0) throw InvalidArgument(message("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
     ::cfsetspeed(&settings, speed);
-    if (::tcsetattr(port.get(), TCSANOW, &settings) != 0) throw InputError(detail::text(device, ": does not take its settings: ", std::strerror(errno)));
+    if (::tcsetattr(port.get(), TCSANOW, &settings) != 0) throw InputError(message(device, ": does not take its settings: ", std::strerror(errno)));
     ::tcflush(port.get(), TCIFLUSH);
     SerialPhotodiodes diodes(std::move(port), config);
     diodes.begun_ = false;
@@ -56,7 +56,7 @@ class SerialPhotodiodes {
   }
 
   /// On anything that can be read. Throws InvalidArgument for no diodes.
-  SerialPhotodiodes(detail::Descriptor source, const Config& config) : source_(std::move(source)), config_(config) {
+  SerialPhotodiodes(Descriptor source, const Config& config) : source_(std::move(source)), config_(config) {
     require_in_range("number of photodiodes", config.diodes, 1, 256, "");
     source_.do_not_block();
   }
@@ -108,7 +108,7 @@ class SerialPhotodiodes {
     return at == end ? std::optional(std::move(s)) : std::nullopt;
   }
 
-  detail::Descriptor source_;
+  Descriptor source_;
   Config config_;
   std::string buffer_;
   bool overlong_ = false, begun_ = true;

@@ -38,37 +38,37 @@ class MiniCheetahMotors {
     int host = 0;                    ///< identifier of the answers
     std::vector<double> sign{1.0};   ///< of each joint's direction (one for all, or one each)
     std::vector<double> offset_rad{0.0};  ///< the motor's position where the joint is at 0
-    std::int64_t (*now)() = steady_ns<>;
+    std::int64_t (*now)() = steady_ns;
   };
 
   /// On an interface such as "can0", which must be up. Throws InputError.
   static MiniCheetahMotors open(const std::string& interface, const Config& config) {
-    detail::Descriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW));
-    if (socket.get() < 0) throw InputError(detail::text(interface, ": no CAN sockets here: ", std::strerror(errno)));
+    Descriptor socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC, CAN_RAW));
+    if (socket.get() < 0) throw InputError(message(interface, ": no CAN sockets here: ", std::strerror(errno)));
     ifreq request{};
-    if (interface.empty() || interface.size() >= sizeof request.ifr_name) throw InputError(detail::text("CAN interface '", interface.substr(0, 40), "': no such interface"));
+    if (interface.empty() || interface.size() >= sizeof request.ifr_name) throw InputError(message("CAN interface '", interface.substr(0, 40), "': no such interface"));
     std::copy(interface.begin(), interface.end(), request.ifr_name);
-    if (::ioctl(socket.get(), SIOCGIFINDEX, &request) < 0) throw InputError(detail::text(interface, ": no such CAN interface: ", std::strerror(errno)));
+    if (::ioctl(socket.get(), SIOCGIFINDEX, &request) < 0) throw InputError(message(interface, ": no such CAN interface: ", std::strerror(errno)));
     sockaddr_can address{};
     address.can_family = AF_CAN;
     address.can_ifindex = request.ifr_ifindex;
     if (::bind(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) < 0)
-      throw InputError(detail::text(interface, ": cannot be bound: ", std::strerror(errno)));
+      throw InputError(message(interface, ": cannot be bound: ", std::strerror(errno)));
     return MiniCheetahMotors(std::move(socket), config);
   }
 
   /// On a socket that carries one CAN frame in each packet. Throws InvalidArgument for a configuration that makes no sense.
-  MiniCheetahMotors(detail::Descriptor socket, Config config) : socket_(std::move(socket)), config_(std::move(config)) {
+  MiniCheetahMotors(Descriptor socket, Config config) : socket_(std::move(socket)), config_(std::move(config)) {
     const std::size_t n = config_.motors.size();
     require_in_range("number of motors", double(n), 1.0, max_joints, "");
     if (config_.sign.size() == 1) config_.sign.resize(n, config_.sign[0]);
     if (config_.offset_rad.size() == 1) config_.offset_rad.resize(n, config_.offset_rad[0]);
     if (config_.sign.size() != n || config_.offset_rad.size() != n)
-      throw InvalidArgument(detail::text("motors: ", n, " identifiers, ", config_.sign.size(), " signs and ", config_.offset_rad.size(), " offsets, must be as many"));
+      throw InvalidArgument(message("motors: ", n, " identifiers, ", config_.sign.size(), " signs and ", config_.offset_rad.size(), " offsets, must be as many"));
     for (std::size_t i = 0; i < n; ++i) {
       require_in_range("motor's CAN identifier", config_.motors[i], 0.0, 255.0, "");
-      if (std::count(config_.motors.begin(), config_.motors.end(), config_.motors[i]) > 1) throw InvalidArgument(detail::text("motor ", config_.motors[i], " is there twice"));
-      if (std::abs(config_.sign[i]) != 1.0) throw InvalidArgument(detail::text("sign of motor ", config_.motors[i], " is ", config_.sign[i], ", must be 1 or -1"));
+      if (std::count(config_.motors.begin(), config_.motors.end(), config_.motors[i]) > 1) throw InvalidArgument(message("motor ", config_.motors[i], " is there twice"));
+      if (std::abs(config_.sign[i]) != 1.0) throw InvalidArgument(message("sign of motor ", config_.motors[i], " is ", config_.sign[i], ", must be 1 or -1"));
     }
     validate(config_.protocol);
     socket_.do_not_block();
@@ -80,7 +80,7 @@ class MiniCheetahMotors {
   void leave() { all(MiniCheetahProtocol::leave); }
   /// Sends one command to each joint, in the joints' own directions. Nothing waits: a full queue of the bus counts as a lost command.
   void command(std::span<const MiniCheetahProtocol::Command> commands) {
-    if (commands.size() != config_.motors.size()) throw InvalidArgument(detail::text("motors: ", commands.size(), " commands for ", config_.motors.size(), " joints"));
+    if (commands.size() != config_.motors.size()) throw InvalidArgument(message("motors: ", commands.size(), " commands for ", config_.motors.size(), " joints"));
     for (std::size_t i = 0; i < commands.size(); ++i) {
       MiniCheetahProtocol::Command c = commands[i];
       c.position_rad = config_.sign[i] * c.position_rad + config_.offset_rad[i];
@@ -140,7 +140,7 @@ class MiniCheetahMotors {
     if (errno != EAGAIN && errno != EWOULDBLOCK && errno != ENOBUFS && errno != EINTR) state_ = StreamState::failed;
   }
 
-  detail::Descriptor socket_;
+  Descriptor socket_;
   Config config_;
   std::vector<std::optional<MiniCheetahProtocol::Reply>> answer_;
   StreamState state_ = StreamState::open;

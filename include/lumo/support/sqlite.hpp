@@ -111,7 +111,7 @@ inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem)
     if (line.ends_with(',')) line.pop_back();
     return line;
   };
-  throw StoreError(StoreError::Reason::different, detail::text("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
+  throw StoreError(StoreError::Reason::different, message("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
                                                                ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
 }
 
@@ -137,15 +137,15 @@ inline void SqliteLog::create(const std::string& problem) const {
   run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE head(id INTEGER PRIMARY KEY CHECK (id = 0), number INTEGER NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE worker(number INTEGER PRIMARY KEY, process TEXT NOT NULL) STRICT");
-  run(detail::text("PRAGMA application_id=", application).c_str());
-  run(detail::text("PRAGMA user_version=", format).c_str());
+  run(message("PRAGMA application_id=", application).c_str());
+  run(message("PRAGMA user_version=", format).c_str());
   insert({0, "problem", problem, "", ""}, "");
 }
 
 inline std::vector<LogEntry> SqliteLog::entries() const {
-  if (number_of("PRAGMA application_id") != application) throw StoreError(StoreError::Reason::unusable, detail::text(path_, " is not a store of lumo"));
+  if (number_of("PRAGMA application_id") != application) throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
-    throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " has format ", v, ", this version of lumo reads ", format));
+    throw StoreError(StoreError::Reason::unusable, message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   std::vector<LogEntry> list;
   std::string before;
   bool whole = false;
@@ -157,29 +157,29 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
       return step(s);
     } catch (const StoreError& e) {   // SQLite itself found damage
       if (e.reason() != StoreError::Reason::corrupt) throw;
-      throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
+      throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
     }
   };
   while (next()) {
-    LogEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
-    const std::string found = text(s, 5);
+    LogEntry e{sqlite3_column_int64(s.get(), 0), message(s, 1), message(s, 2), message(s, 3), message(s, 4)};
+    const std::string found = message(s, 5);
     if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
-      throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged at entry ", list.size()));
+      throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
     before = found;
-    whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
+    whole = sqlite3_column_int64(s.get(), 6) == e.number && message(s, 7) == found;
     e.record.clear();
     list.push_back(std::move(e));
   }
   if (!whole)
-    throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
+    throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
   return list;
 }
 
 inline std::string SqliteLog::record(std::int64_t number) const {
   const Statement s = prepare("SELECT record FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
-  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " has no entry ", number));
-  return text(s, 0);
+  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
+  return message(s, 0);
 }
 
 template <class Next>
@@ -200,7 +200,7 @@ inline bool SqliteLog::claim(std::int64_t number) {
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
   if (step(now))
-    if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
+    if (const std::string other = message(now, 0); other != me && process_lives(other)) return false;
   const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
   sqlite3_bind_int64(s.get(), 1, number);
   bind(s, 2, me);
@@ -211,21 +211,21 @@ inline bool SqliteLog::claim(std::int64_t number) {
 
 inline std::string SqliteLog::digest() const {
   const Statement s = prepare("SELECT digest FROM head");
-  return step(s) ? text(s, 0) : "";
+  return step(s) ? message(s, 0) : "";
 }
 
 inline std::string SqliteLog::digest(std::int64_t number) const {
   const Statement s = prepare("SELECT digest FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
-  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " has no entry ", number));
-  return text(s, 0);
+  if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
+  return message(s, 0);
 }
 
 inline void SqliteLog::verify() const {
   entries();
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))
-    if (const std::string answer = text(s, 0); answer != "ok") throw StoreError(StoreError::Reason::corrupt, detail::text("store ", path_, " is damaged: ", answer));
+    if (const std::string answer = message(s, 0); answer != "ok") throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
 }
 
 inline void SqliteLog::insert(const LogEntry& e, const std::string& before) const {
@@ -241,7 +241,7 @@ inline void SqliteLog::insert(const LogEntry& e, const std::string& before) cons
 }
 
 inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
-  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, detail::text("store ", path_, " was opened before a fork"));
+  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
   sqlite3_stmt* s = nullptr;
   const int code = sqlite3_prepare_v2(db_.get(), sql, -1, &s, nullptr);
   Statement statement(s);
@@ -262,7 +262,7 @@ inline void SqliteLog::fail(int code) const {
                       : kind == SQLITE_FULL                                                   ? full
                       : kind == SQLITE_BUSY || kind == SQLITE_LOCKED                          ? busy
                                                                                               : unusable;
-  throw StoreError(reason, detail::text("store ", path_, ": ", db_ ? sqlite3_errmsg(db_.get()) : sqlite3_errstr(code)));
+  throw StoreError(reason, message("store ", path_, ": ", db_ ? sqlite3_errmsg(db_.get()) : sqlite3_errstr(code)));
 }
 
 inline std::int64_t SqliteLog::number_of(const char* sql) const {

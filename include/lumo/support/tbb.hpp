@@ -29,7 +29,7 @@ struct TbbExecutor {
 
 template <std::invocable<std::size_t> Task>
 void TbbExecutor::for_each(std::size_t count, Task&& task) const {
-  if (threads < 1 || threads > 1024) throw InvalidArgument(detail::text("number of threads is ", threads, ", must lie in [1, 1024]"));
+  if (threads < 1 || threads > 1024) throw InvalidArgument(message("number of threads is ", threads, ", must lie in [1, 1024]"));
   const std::size_t limit = tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   tbb::task_arena arena(int(std::min(limit, std::size_t(threads))));  // asking for more makes TBB print a warning
   std::atomic<std::size_t> next = 0;

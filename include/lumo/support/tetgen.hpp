@@ -18,7 +18,7 @@
 namespace lumo {
 
 /// Fills surfaces with TetGen (Si 2015, Delaunay refinement), in a process of its own: whatever TetGen does, the caller sees a mesh
-/// or a MeshError. Construct it before the program starts threads: it forks a helper then (see detail::ForkServer).
+/// or a MeshError. Construct it before the program starts threads: it forks a helper then (see ForkServer).
 /// Copies share the helper and take turns; for two meshes at once, construct two.
 struct TetgenMesher {
   double time_limit_s = 60.0;                           ///< for one run of TetGen [s]; after a crash there are up to three more, in turned frames
@@ -30,12 +30,11 @@ struct TetgenMesher {
   double max_dihedral_deg = 140.0;                      ///< [°] improve above, without promise; 130 takes four times as long
   double size_factor = 0.8;                             ///< longest circumradius / wanted edge length
 
-  std::shared_ptr<detail::ForkServer> helper = std::make_shared<detail::ForkServer>(&detail::tetgen_job<>);  ///< not for users
+  std::shared_ptr<ForkServer> helper = std::make_shared<ForkServer>(&tetgen_job);  ///< not for users
 
   /// The same input gives the same bits. Every edge of the input is an edge, or a chain of edges, of the mesh.
   /// The wanted edge length is evaluated here, in the calling thread, inside the bounding box; what it throws passes through.
   /// Throws MeshError; InvalidArgument if a number above is out of its range.
-  template <class Vec3 = Vec3>
   LinearTets fill(const MeshInput& input) const;
 };
 
@@ -46,19 +45,18 @@ namespace detail {
 [[noreturn]] inline void throw_job_failure(const JobResult& result, double time_s, std::size_t memory) {
   using Reason = MeshError::Reason;
   switch (result.outcome) {
-    case JobOutcome::timed_out: throw MeshError(Reason::timed_out, text("TetGen was stopped: it took longer than the limit of ", time_s, " s"));
+    case JobOutcome::timed_out: throw MeshError(Reason::timed_out, message("TetGen was stopped: it took longer than the limit of ", time_s, " s"));
     case JobOutcome::out_of_memory:
-      throw MeshError(Reason::out_of_memory, text("TetGen was stopped: it needed more memory than the limit of ", memory, " bytes"));
+      throw MeshError(Reason::out_of_memory, message("TetGen was stopped: it needed more memory than the limit of ", memory, " bytes"));
     case JobOutcome::lost: throw MeshError(Reason::out_of_memory, "TetGen's helper process was lost three times: killed, or without memory for its job");
     default: break;
   }
-  if (result.detail > 0) throw MeshError(Reason::crashed, text("TetGen died of signal ", result.detail));
-  throw MeshError(Reason::crashed, text("TetGen or its helper process gave up, code ", -result.detail));
+  if (result.detail > 0) throw MeshError(Reason::crashed, message("TetGen died of signal ", result.detail));
+  throw MeshError(Reason::crashed, message("TetGen or its helper process gave up, code ", -result.detail));
 }
 
 }  // namespace detail
 
-template <class Vec3>
 inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
   require_positive("TetGen time limit", time_limit_s, "s");
   require_in_range("TetGen radius-edge ratio", radius_edge_ratio, 1.2, 100.0, "");
@@ -69,33 +67,33 @@ inline LinearTets TetgenMesher::fill(const MeshInput& input) const try {
 
   // A power of two brings the body to about unit size without rounding: TetGen has absolute tolerances.
   const double scale = std::exp2(-std::ilogb((surface.high - surface.low).maxCoeff()));
-  const detail::SizeField sizes = detail::SizeField::sample(input.edge, surface.low, surface.high);
-  detail::TetgenRequest request;
+  const SizeField sizes = SizeField::sample(input.edge, surface.low, surface.high);
+  TetgenRequest request;
   request.knobs = {radius_edge_ratio, min_dihedral_deg, size_factor, max_dihedral_deg, input.keep_surface, 0};
-  for (const Vec3& vertex : input.vertices) request.coordinates.insert(request.coordinates.end(), {scale * vertex.x(), scale * vertex.y(), scale * vertex.z()});
+  for (const Vec3d& vertex : input.vertices) request.coordinates.insert(request.coordinates.end(), {scale * vertex.x(), scale * vertex.y(), scale * vertex.z()});
   for (const Facet& facet : input.facets) {
     request.counts.push_back(static_cast<std::int32_t>(facet.loop.size()));
     request.corners.insert(request.corners.end(), facet.loop.begin(), facet.loop.end());
     request.markers.push_back(static_cast<std::int32_t>(request.counts.size()));  // its number + 1: any patch is legal, and nothing is merged
   }
-  for (const Vec3& hole : surface.cavities) request.holes.insert(request.holes.end(), {scale * hole.x(), scale * hole.y(), scale * hole.z()});
+  for (const Vec3d& hole : surface.cavities) request.holes.insert(request.holes.end(), {scale * hole.x(), scale * hole.y(), scale * hole.z()});
   request.root = {scale * sizes.low.x(), scale * sizes.low.y(), scale * sizes.low.z(), scale * sizes.side};
   request.cells = sizes.cells;
-  for (detail::SizeField::Cell& cell : request.cells)
+  for (SizeField::Cell& cell : request.cells)
     for (double& length : cell.corners) length *= scale;
 
-  detail::JobResult result;
+  JobResult result;
   for (const int turn : {0, 1, 2, 3}) {  // see tetgen_frame
     request.knobs.turn = turn;
     for (int attempt = 0; attempt < 3; ++attempt) {   // a lost helper must not change the mesh
-      result = helper->run(detail::encode(request), {time_limit_s, memory_limit_bytes});
-      if (result.outcome != detail::JobOutcome::lost) break;
+      result = helper->run(encode(request), {time_limit_s, memory_limit_bytes});
+      if (result.outcome != JobOutcome::lost) break;
     }
-    if (result.outcome != detail::JobOutcome::crashed) break;
+    if (result.outcome != JobOutcome::crashed) break;
   }
-  if (result.outcome != detail::JobOutcome::done) detail::throw_job_failure(result, time_limit_s, memory_limit_bytes);
-  const detail::TetgenAnswer answer = detail::decode_answer(result.data);
-  return detail::checked_fill(input, surface, answer.coordinates, 1.0 / scale, answer.tets, answer.faces, answer.facets);
+  if (result.outcome != JobOutcome::done) detail::throw_job_failure(result, time_limit_s, memory_limit_bytes);
+  const TetgenAnswer answer = decode_answer(result.data);
+  return checked_fill(input, surface, answer.coordinates, 1.0 / scale, answer.tets, answer.faces, answer.facets);
 } catch (const std::bad_alloc&) {
   throw MeshError(MeshError::Reason::out_of_memory, "no memory left to prepare or read a mesh");
 } catch (const std::length_error&) {

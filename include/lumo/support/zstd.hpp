@@ -46,7 +46,7 @@ struct Zstd {
       if (in.pos == before && to.pos == written) break;  // cut, or more than was said
       written = to.pos;
     }
-    if (more != 0 || written != size || in.pos != in.size) throw InputError(detail::text("Zstandard frame gives ", written, " bytes, or is not whole; must give ", size));
+    if (more != 0 || written != size || in.pos != in.size) throw InputError(message("Zstandard frame gives ", written, " bytes, or is not whole; must give ", size));
     out.resize(size);
     return out;
   }

@@ -33,8 +33,8 @@ namespace {
 
 /// Central differences of the energy and of the forces of what is pushed by s0 into the wavy top of a block, by nodes and by the advance.
 template <class Tool>
-void check_contact_derivatives(const Tool& tool, const Vec3& start, const Vec3& direction, double s0) {
-  const Vec3 size(8e-3, 8e-3, 4e-3);
+void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d& direction, double s0) {
+  const Vec3d size(8e-3, 8e-3, 4e-3);
   const Body body = test::block_body(size);
   const TetMesh mesh = test::block_mesh(size, test::even(3), test::even(3), test::even(1), 2, false);
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
@@ -83,28 +83,28 @@ void check_contact_derivatives(const Tool& tool, const Vec3& start, const Vec3& 
 }  // namespace
 
 TEST_CASE("contact forces and stiffness are the derivatives of the contact energy, by nodes and by the advance") {
-  const Vec3 direction = Vec3(-0.3, 0, -1).normalized();
-  check_contact_derivatives(Sphere{10e-3}, Vec3(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
+  const Vec3d direction = Vec3d(-0.3, 0, -1).normalized();
+  check_contact_derivatives(Sphere{10e-3}, Vec3d(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
   // The carrier from above: a plate, and a rib below it that goes deeper.
-  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}}, Vec3(4e-3, 4e-3, 4.2e-3), Vec3(0, 0, -1), 0.3e-3);
+  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}}, Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
 }
 
 TEST_CASE("contact area and overlap of known fields are exact up to the facets") {
-  const Vec3 size(10e-3, 10e-3, 2e-3);
+  const Vec3d size(10e-3, 10e-3, 2e-3);
   const Body body = test::block_body(size);
   const TetMesh mesh = test::block_mesh(size, test::even(10), test::even(10), test::even(1), 2, false);
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
   const Positions x = positions_of(mesh);
   const auto disc = [&](double cx, double cy, double r) {
     std::vector<double> f;
-    for (const Vec3& p : mesh.nodes) f.push_back(r - std::hypot(p.x() - cx, p.y() - cy));
+    for (const Vec3d& p : mesh.nodes) f.push_back(r - std::hypot(p.x() - cx, p.y() - cy));
     return f;
   };
   const auto a = disc(5e-3, 5e-3, 3e-3);
   CHECK(contact_area(surface, a, x) == Approx(pi * 9e-6).epsilon(0.01));
   const auto half_plane = [&](double at) {
     std::vector<double> f;
-    for (const Vec3& p : mesh.nodes) f.push_back(at - p.x());
+    for (const Vec3d& p : mesh.nodes) f.push_back(at - p.x());
     return f;
   };
   CHECK(contact_area(surface, half_plane(3.3e-3), x) == Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
@@ -132,7 +132,7 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
   // A coarse stand-in mesh: only the extent of the patches matters.
   TetMesh mesh;
   mesh.order = 1;
-  for (const Vec3& v : body.vertices) mesh.nodes.push_back(v);
+  for (const Vec3d& v : body.vertices) mesh.nodes.push_back(v);
   for (const Facet& f : body.facets)
     if (f.patch >= 0)
       for (std::size_t k = 1; k + 1 < f.loop.size(); ++k) mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
@@ -143,10 +143,10 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
         Scenario<Sphere> s{Sphere{d}, angle * pi / 180, y};
         const Touch t = first_touch(body, mesh, s);
         // Independent: the smallest advance over a dense sample of the ellipse and the sides in the plane of the sphere's centre.
-        const Vec3 dir = s.direction(), far = body.pivot + Vec3(0, y, 0) - 0.1 * dir;
+        const Vec3d dir = s.direction(), far = body.pivot + Vec3d(0, y, 0) - 0.1 * dir;
         double least = 1e9;
         const auto reach = [&](double px, double pz) {
-          const Vec3 e = Vec3(px, y, pz) - far;
+          const Vec3d e = Vec3d(px, y, pz) - far;
           const double along = e.dot(dir), off2 = e.squaredNorm() - along * along, r = 0.5 * d;
           if (off2 <= r * r) least = std::min(least, along - std::sqrt(r * r - off2));
         };
@@ -160,11 +160,11 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
 }
 
 TEST_CASE("a tilt along the finger is the tilt across it, seen from the side") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
+  const auto [body, mesh] = test::symmetric_block(Vec3d(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
   const Scenario<Sphere> across{Sphere{10e-3}, 0.4, 0.0}, along{Sphere{10e-3}, 0.4, 0.0, across.loads_N, TiltPlane::yz};
   const Touch a = first_touch(body, mesh, across), b = first_touch(body, mesh, along);
-  CHECK((Vec3(a.point.y(), a.point.x(), a.point.z()) - b.point).norm() < 1e-9);
-  CHECK((Vec3(a.origin.y(), a.origin.x(), a.origin.z()) - b.origin).norm() < 1e-9);
+  CHECK((Vec3d(a.point.y(), a.point.x(), a.point.z()) - b.point).norm() < 1e-9);
+  CHECK((Vec3d(a.origin.y(), a.origin.x(), a.origin.z()) - b.origin).norm() < 1e-9);
   CHECK(b.origin.z() == Approx(15e-3).margin(1e-9));
   CHECK(symmetry_of(across) == Symmetry{false, true});
   CHECK(symmetry_of(along) == Symmetry{true, false});

@@ -16,26 +16,26 @@ namespace {
 using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
 
 /// Sum of friction on the body.
-Vec3 friction_of(const MechanicalState& s) {
-  Vec3 sum = Vec3::Zero();
-  for (const Vec3& f : s.friction_N) sum += f;
+Vec3d friction_of(const MechanicalState& s) {
+  Vec3d sum = Vec3d::Zero();
+  for (const Vec3d& f : s.friction_N) sum += f;
   return sum;
 }
 
 }  // namespace
 
 TEST_CASE("friction's answer follows Coulomb: a spring up to the limit, the limit beyond, along the way, and its stiffness is its slope") {
-  const Vec3 size(2e-3, 2e-3, 1e-3);
+  const Vec3d size(2e-3, 2e-3, 1e-3);
   const Body body = test::block_body(size);
   const TetMesh mesh = test::block_mesh(size, test::even(1), test::even(1), test::even(1), 1, false);
   const SDFContact law{1e10, 0.4};
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-  const FrictionHistory history(surface, law, positions_of(mesh), Vec3::Zero());
-  const Vec3 at = history.place[0][0], n = Vec3(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
+  const FrictionHistory history(surface, law, positions_of(mesh), Vec3d::Zero());
+  const Vec3d at = history.place[0][0], n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
   const double pressure = 2e5, most = 0.4 * pressure;
   for (double slip : {1e-7, 3e-5, 1e-3}) {
-    const Vec3 step = slip * (0.6 * u + 0.8 * v) + 5e-5 * n;   // along the normal nothing
-    const auto answer = history.answer(0, 0, at + step, Vec3::Zero(), n, pressure);
+    const Vec3d step = slip * (0.6 * u + 0.8 * v) + 5e-5 * n;   // along the normal nothing
+    const auto answer = history.answer(0, 0, at + step, Vec3d::Zero(), n, pressure);
     CHECK(answer.traction.norm() == Approx(std::min(most, 1e9 * slip)));
     CHECK(answer.traction.normalized().dot(0.6 * u + 0.8 * v) == Approx(-1.0));
     CHECK(answer.stretch.norm() == Approx(std::min(most / 1e9, slip)));
@@ -43,18 +43,18 @@ TEST_CASE("friction's answer follows Coulomb: a spring up to the limit, the limi
     CHECK(with_tool.traction.norm() < 1e-6);   // the tool went along
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-4 * slip;
-      const Vec3 slope = (history.answer(0, 0, at + step + h * Vec3::Unit(c), Vec3::Zero(), n, pressure).traction -
-                          history.answer(0, 0, at + step - h * Vec3::Unit(c), Vec3::Zero(), n, pressure).traction) / (2 * h);
+      const Vec3d slope = (history.answer(0, 0, at + step + h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction -
+                          history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) / (2 * h);
       CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 1e9);
     }
   }
-  CHECK(history.answer(0, 0, at + 1e-3 * u, Vec3::Zero(), n, -1.0).traction.norm() == 0.0);
+  CHECK(history.answer(0, 0, at + 1e-3 * u, Vec3d::Zero(), n, -1.0).traction.norm() == 0.0);
 }
 
 TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear or slides with Coulomb's share") {
   // Without lateral contraction (lambda = 0) a thin bonded layer has the stiffness 2 mu / h along z and mu / h along x: while it sticks, a plate
   // that comes at the angle a has the friction ½ tan a per normal force; when that is more than the coefficient, it slides with the coefficient.
-  const Vec3 half(8e-3, 8e-3, 0.5e-3);
+  const Vec3d half(8e-3, 8e-3, 0.5e-3);
   const auto [body, mesh] = test::symmetric_block(half, test::even(8), test::even(8), test::even(1));
   const double angle = 30.0 * pi / 180, stuck = 0.5 * std::tan(angle);
   for (double mu : {0.0, 0.1, 0.2, 1.0}) {
@@ -70,7 +70,7 @@ TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear o
         CHECK(state.friction_N.empty());
         continue;
       }
-      const Vec3 f = friction_of(state);
+      const Vec3d f = friction_of(state);
       // F = N cos a + T sin a on the indenter's line.
       const double T = std::abs(f.x()), N = (state.force_N - T * std::sin(angle)) / std::cos(angle);
       CHECK(f.x() < 0.0);   // along with the tool, which goes to −x
@@ -85,8 +85,8 @@ TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear o
 TEST_CASE("a flat punch that sticks is stiffer than a smooth one by Mossakovskii's factor") {
   // F_stick / F_smooth = (1 − nu) ln(3 − 4 nu) / (1 − 2 nu): ln 3 at nu = 0 (Mossakovskii 1963; Johnson 1985, §3.7).
   const double a = 1e-3;
-  Body body = test::block_to_mesh(Vec3::Constant(20e-3), 0.1e-3, 0.12, 8e-3);
-  body.sizing.edge = [=](const Vec3& p) {
+  Body body = test::block_to_mesh(Vec3d::Constant(20e-3), 0.1e-3, 0.12, 8e-3);
+  body.sizing.edge = [=](const Vec3d& p) {
     const double rim = std::hypot(std::hypot(p.x(), p.y()) - a, p.z() - 20e-3);
     return std::min(8e-3, 0.08e-3 + 0.35 * rim);
   };
@@ -103,7 +103,7 @@ TEST_CASE("a flat punch that sticks is stiffer than a smooth one by Mossakovskii
 }
 
 TEST_CASE("half and quarter models carry the whole body's friction") {
-  const auto [body, whole] = test::symmetric_block(Vec3(6e-3, 6e-3, 4e-3), test::even(4), test::even(4), test::even(3));
+  const auto [body, whole] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(4), test::even(4), test::even(3));
   const FastSimulator sim{NeoHookean{1e5, 2e6}, SDFContact{1e10, 0.5}};
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {0.5, 1.0}};
   TetMesh plain = whole;
@@ -121,7 +121,7 @@ TEST_CASE("half and quarter models carry the whole body's friction") {
 }
 
 TEST_CASE("contact at vertices has the friction too, and the law's bounds") {
-  const auto [body, mesh] = test::symmetric_block(Vec3(6e-3, 6e-3, 4e-3), test::even(6), test::even(6), test::even(4), 1);
+  const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(6), test::even(6), test::even(4), 1);
   const Simulator<NeoHookean, VertexContact, LinearTet, Cholmod> sim{NeoHookean{1e5, 2e6}, VertexContact{1e10, 0.5}};
   const auto states = sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 20 * pi / 180, 0.0, {0.5, 1.0}});
   for (const MechanicalState& s : states) {

@@ -28,7 +28,7 @@ TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linea
     volume += TestType::weight(q);
     const auto g = TestType::gradients(q);
     CHECK(g.rowwise().sum().norm() < 1e-14);
-    CHECK((g * place.leftCols(TestType::nodes).transpose() - Mat3::Identity()).norm() < 1e-14);
+    CHECK((g * place.leftCols(TestType::nodes).transpose() - Mat3d::Identity()).norm() < 1e-14);
   }
   CHECK(volume == Approx(1.0 / 6.0).epsilon(1e-14));
   for (int a = 0; a < TestType::nodes; ++a) mass += TestType::mass_share(a);
@@ -62,7 +62,7 @@ TEST_CASE("a patch of linear tetrahedra without the cure is those tetrahedra") {
 TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere and no force on free interior nodes", "", QuadraticTet, LinearTet, LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
-  Mat3 F;
+  Mat3d F;
   F << 1.1, 0.05, -0.02, 0.03, 0.97, 0.04, -0.01, 0.06, 0.95;
   Positions x = positions_of(mesh);
   for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) = F * x.col(k);
@@ -81,7 +81,7 @@ TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere 
     }
   CHECK(interior > 0);
   // Virtual work on the boundary: sum of force ⊗ X is the volume times P.
-  Mat3 work = Mat3::Zero();
+  Mat3d work = Mat3d::Zero();
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) work += f.col(Eigen::Index(k)) * mesh.nodes[k].transpose();
   CHECK((work - test::small_size.prod() * first_piola(kMaterial, F)).norm() < 1e-12 * work.norm());
 }
@@ -89,11 +89,11 @@ TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere 
 TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet, LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
-  const Mat3 Q = Eigen::AngleAxisd(0.8, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  const Mat3d Q = Eigen::AngleAxisd(0.8, Vec3d(1, 2, 3).normalized()).toRotationMatrix();
   Positions rigid = positions_of(mesh), bent = rigid;
   for (Eigen::Index k = 0; k < rigid.cols(); ++k) {
     bent.col(k) += test::wavy(bent.col(k), 8e-3);
-    rigid.col(k) = Q * rigid.col(k) + Vec3(1, -2, 3);
+    rigid.col(k) = Q * rigid.col(k) + Vec3d(1, -2, 3);
   }
   Positions f = Positions::Zero(3, rigid.cols()), g = f, h = f;
   solid.add_forces(rigid, f);
@@ -141,7 +141,7 @@ TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its ene
 TEST_CASE("elements with mean dilatation do not lock, the linear one does") {
   // A block bonded at bottom and top, pressed by a little. From nu = 0.3 to 0.4999 the stiffness of a good element follows
   // that of a much finer mesh; that of linear tetrahedra runs away.
-  const Vec3 size(10e-3, 10e-3, 5e-3);
+  const Vec3d size(10e-3, 10e-3, 5e-3);
   const auto reaction = [&](auto element, int n, double nu) {
     const double mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu);
     Body body = test::block_body(size);

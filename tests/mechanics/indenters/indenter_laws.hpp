@@ -16,7 +16,7 @@ void check_distance_laws(const Thing& thing, double size, double slack = 1e-12, 
   std::uniform_real_distribution<double> u(-size, size);
   int compared = 0;
   for (int k = 0; k < 200; ++k) {
-    const Vec3 p(u(random), u(random), u(random)), q(u(random), u(random), u(random));
+    const Vec3d p(u(random), u(random), u(random)), q(u(random), u(random), u(random));
     CHECK(std::abs(thing.distance(p) - thing.distance(q)) <= (p - q).norm() * (1 + slack));
     const DistanceSample d = thing.sample(p);
     CHECK(d.distance == Approx(thing.distance(p)).margin(1e-15));
@@ -24,13 +24,13 @@ void check_distance_laws(const Thing& thing, double size, double slack = 1e-12, 
     const double h = 1e-5 * size;
     bool smooth = true;
     for (int i = 0; i < 3; ++i)
-      for (double sign : {-2.0, 2.0}) smooth = smooth && (thing.sample(p + sign * h * Vec3::Unit(i)).gradient - d.gradient).norm() < 1e-3;
+      for (double sign : {-2.0, 2.0}) smooth = smooth && (thing.sample(p + sign * h * Vec3d::Unit(i)).gradient - d.gradient).norm() < 1e-3;
     if (!smooth) continue;  // edges of a box
     ++compared;
     for (int i = 0; i < 3; ++i) {
-      const Vec3 step = h * Vec3::Unit(i);
+      const Vec3d step = h * Vec3d::Unit(i);
       CHECK((thing.distance(p + step) - thing.distance(p - step)) / (2 * h) == Approx(d.gradient[i]).margin(1e-7));
-      const Vec3 bend = (thing.sample(p + step).gradient - thing.sample(p - step).gradient) / (2 * h);
+      const Vec3d bend = (thing.sample(p + step).gradient - thing.sample(p - step).gradient) / (2 * h);
       CHECK((bend - d.hessian.col(i)).norm() < 1e-5 / size);
     }
   }

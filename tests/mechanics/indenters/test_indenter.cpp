@@ -23,7 +23,7 @@ namespace {
 /// A ball as a subdivided octahedron with its corners on the sphere.
 TriangleSurface ball(double radius, int rounds) {
   TriangleSurface s;
-  s.vertices = {Vec3::UnitX(), -Vec3::UnitX(), Vec3::UnitY(), -Vec3::UnitY(), Vec3::UnitZ(), -Vec3::UnitZ()};
+  s.vertices = {Vec3d::UnitX(), -Vec3d::UnitX(), Vec3d::UnitY(), -Vec3d::UnitY(), Vec3d::UnitZ(), -Vec3d::UnitZ()};
   s.triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
   for (int round = 0; round < rounds; ++round) {
     std::map<std::pair<int, int>, int> middle;
@@ -39,12 +39,12 @@ TriangleSurface ball(double radius, int rounds) {
     }
     s.triangles = finer;
   }
-  for (Vec3& v : s.vertices) v *= radius;
+  for (Vec3d& v : s.vertices) v *= radius;
   return s;
 }
 
 /// A closed box [−half, half] of twelve triangles.
-TriangleSurface brick(const Vec3& half) {
+TriangleSurface brick(const Vec3d& half) {
   TriangleSurface s;
   for (int k = 0; k < 8; ++k) s.vertices.emplace_back(k & 1 ? half.x() : -half.x(), k & 2 ? half.y() : -half.y(), k & 4 ? half.z() : -half.z());
   s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
@@ -54,7 +54,7 @@ TriangleSurface brick(const Vec3& half) {
 std::string obj_of(const TriangleSurface& s, double unit) {
   std::ostringstream out;
   out.precision(17);
-  for (const Vec3& v : s.vertices) out << "v " << v.x() / unit << ' ' << v.y() / unit << ' ' << v.z() / unit << '\n';
+  for (const Vec3d& v : s.vertices) out << "v " << v.x() / unit << ' ' << v.y() / unit << ' ' << v.z() / unit << '\n';
   for (const auto& t : s.triangles) out << "f " << t[0] + 1 << "/1/1 " << t[1] + 1 << "//2 " << t[2] + 1 << '\n';
   return out.str();
 }
@@ -106,18 +106,18 @@ TEST_CASE("every tool obeys the laws of an indenter") {
   test::check_distance_laws(Cylinder{10e-3, 8e-3, 0.0}, 12e-3);
   test::check_distance_laws(Capsule{6e-3, 10e-3}, 12e-3);
   test::check_distance_laws(lying_along_x(Capsule{6e-3, 10e-3}), 12e-3);
-  const Mat3 turn = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  const Mat3d turn = Eigen::AngleAxisd(0.7, Vec3d(1, 2, 3).normalized()).toRotationMatrix();
   test::check_distance_laws(Oriented{Cylinder{10e-3, 8e-3, 1e-3}, turn}, 12e-3);
 }
 
 TEST_CASE("distances of the tools are those to densely sampled surfaces") {
   // Independent of the formulas: the nearest of many points of the surface, found by projecting a sphere of directions.
   const auto check = [](const auto& tool, double size) {
-    std::vector<Vec3> surface;
+    std::vector<Vec3d> surface;
     for (int i = 0; i < 400; ++i)
       for (int j = 0; j < 800; ++j) {
         const double a = pi * (i + 0.5) / 400, b = 2 * pi * j / 800;
-        const Vec3 ray(std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a));
+        const Vec3d ray(std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a));
         double low = 0.0, high = 4 * size;   // bisection: the tools are convex and hold the origin
         for (int k = 0; k < 40; ++k) {
           const double t = 0.5 * (low + high);
@@ -128,9 +128,9 @@ TEST_CASE("distances of the tools are those to densely sampled surfaces") {
     std::mt19937 random(9);
     std::uniform_real_distribution<double> u(-size, size);
     for (int k = 0; k < 20; ++k) {
-      const Vec3 p(u(random), u(random), u(random));
+      const Vec3d p(u(random), u(random), u(random));
       double nearest = 1e9;
-      for (const Vec3& s : surface) nearest = std::min(nearest, (s - p).norm());
+      for (const Vec3d& s : surface) nearest = std::min(nearest, (s - p).norm());
       CHECK(std::abs(tool.distance(p)) == Approx(nearest).margin(0.01 * size));
     }
   };
@@ -145,7 +145,7 @@ TEST_CASE("a capsule without length is a sphere, and a turned tool is the tool t
   const auto along_x = lying_along_x(Capsule{6e-3, 10e-3});
   const auto along_y = lying_along_y(Capsule{6e-3, 10e-3});
   for (int k = 0; k < 50; ++k) {
-    const Vec3 p(u(random), u(random), u(random));
+    const Vec3d p(u(random), u(random), u(random));
     CHECK(Capsule{8e-3, 0.0}.distance(p) == Approx(Sphere{8e-3}.distance(p)).margin(1e-15));
     CHECK(along_x.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance({p.y(), p.z(), p.x()})).margin(1e-15));
     CHECK(along_y.distance(p) == Approx(Capsule{6e-3, 10e-3}.distance({p.z(), p.x(), p.y()})).margin(1e-15));
@@ -158,7 +158,7 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
   const MeshIndenter tool(surface, 48);
   double sag = 0.0;   // the facets lie inside the sphere by this much
   for (const auto& t : surface.triangles) {
-    const Vec3 middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] + surface.vertices[std::size_t(t[2])]) / 3.0;
+    const Vec3d middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] + surface.vertices[std::size_t(t[2])]) / 3.0;
     sag = std::max(sag, R - middle.norm());
   }
   CHECK(sag < 5e-6);    // 1 − cos of half the angle across the largest facet, 5.03°: 4.8 µm
@@ -167,7 +167,7 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
   std::mt19937 random(8);
   std::normal_distribution<double> n;
   for (int k = 0; k < 300; ++k) {
-    const Vec3 u = Vec3(n(random), n(random), n(random)).normalized(), p = (R + 2e-4 * n(random)) * u;
+    const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized(), p = (R + 2e-4 * n(random)) * u;
     const DistanceSample d = tool.sample(p), exact = Sphere{2 * R}.sample(p);
     CHECK(std::abs(d.distance - exact.distance) < sag + tool.grid().error_m() + 1e-7);
     CHECK(d.gradient.norm() == Approx(1.0).margin(0.03));   // the facets meet at edges of three degrees
@@ -182,7 +182,7 @@ TEST_CASE("off its grid a mesh tool tells the distance itself, with a normal of 
   std::mt19937 random(8);
   std::normal_distribution<double> n;
   for (int k = 0; k < 60; ++k) {
-    const Vec3 u = Vec3(n(random), n(random), n(random)).normalized();
+    const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized();
     for (const double gap : {-0.1e-3, 0.0, 0.3e-3, 0.5e-3, 1e-3, 2e-3, 50e-3}) {
       const DistanceSample d = tool.sample((R + gap) * u);
       CHECK(d.distance >= gap - 1e-6);   // facets lie inside the sphere
@@ -195,7 +195,7 @@ TEST_CASE("off its grid a mesh tool tells the distance itself, with a normal of 
   // Across the cell in which spline and exact distance meet, along each axis: no more than 1-Lipschitz, and derivatives are those of what is given.
   for (int a = 0; a < 3; ++a)
     for (int k = 0; k < 40; ++k) {
-      const Vec3 p = Vec3(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3::Unit(a), step = 1e-7 * Vec3(0.3, -0.5, 0.8).normalized();
+      const Vec3d p = Vec3d(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3d::Unit(a), step = 1e-7 * Vec3d(0.3, -0.5, 0.8).normalized();
       const DistanceSample low = tool.sample(p - step), here = tool.sample(p), high = tool.sample(p + step);
       CHECK((high.distance - low.distance) / 2.0 == Approx(here.gradient.dot(step)).margin(1e-13));
       CHECK(std::abs(high.distance - low.distance) <= 2e-7 * 1.03);
@@ -218,7 +218,7 @@ TEST_CASE("signs hold where many thin triangles meet, as the winding number has 
   std::uniform_real_distribution<double> u(-1.0, 1.0);
   int inside = 0;
   for (int k = 0; k < 2000; ++k) {
-    const Vec3 p(5e-3 * u(random), 5e-3 * u(random), 3e-3 + 7e-3 * u(random));
+    const Vec3d p(5e-3 * u(random), 5e-3 * u(random), 3e-3 + 7e-3 * u(random));
     const bool solid = winding_number(s, p) > 0.5;
     inside += solid;
     CHECK((exact.sample(p).distance < 0.0) == solid);
@@ -227,9 +227,9 @@ TEST_CASE("signs hold where many thin triangles meet, as the winding number has 
 }
 
 TEST_CASE("one surface read twice is one tool") {
-  CHECK(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3::Constant(1e-3)), 16));
-  CHECK_FALSE(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3::Constant(1e-3)), 17));
-  CHECK_FALSE(MeshIndenter(brick(Vec3::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3(1e-3, 1e-3, 0.9e-3)), 16));
+  CHECK(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d::Constant(1e-3)), 16));
+  CHECK_FALSE(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d::Constant(1e-3)), 17));
+  CHECK_FALSE(MeshIndenter(brick(Vec3d::Constant(1e-3)), 16) == MeshIndenter(brick(Vec3d(1e-3, 1e-3, 0.9e-3)), 16));
 }
 
 TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
@@ -242,8 +242,8 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
   std::mt19937 random(8);
   std::uniform_real_distribution<double> u(-7e-3, 7e-3);
   for (int k = 0; k < 400; ++k) {
-    const Vec3 p(u(random), u(random), u(random));
-    const auto inside = [&](const Vec3& half) { return (p.cwiseAbs().array() < half.array()).all(); };
+    const Vec3d p(u(random), u(random), u(random));
+    const auto inside = [&](const Vec3d& half) { return (p.cwiseAbs().array() < half.array()).all(); };
     const bool solid = inside({6e-3, 4e-3, 3e-3}) && !inside({2e-3, 1.5e-3, 1e-3});
     double brute = 1e9;
     for (const auto& t : s.triangles)
@@ -291,7 +291,7 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
 
 TEST_CASE("bad surface files are refused with one line that says where") {
   const TemporaryFolder folder;
-  const std::string good = obj_of(brick(Vec3::Constant(1e-3)), 1e-3);
+  const std::string good = obj_of(brick(Vec3d::Constant(1e-3)), 1e-3);
   const auto refuses = [&](const std::string& name, const std::string& bytes, const std::string& why) {
     const auto path = folder.write(name, bytes);
     CHECK_THROWS_WITH(read_surface(path), Catch::Contains(why));
@@ -314,10 +314,10 @@ TEST_CASE("bad surface files are refused with one line that says where") {
   refuses("k.stl", "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nendloop\n", "line 5: 'vertex' was expected");
   refuses("l.stl", "solid x\nfacet normal 0 0 1\n", "'outer' was expected");
   refuses("m.stl", std::string(84, '\xff'), "a binary .stl of 4294967295 triangles");
-  refuses("n.stl", binary_stl_of(brick(Vec3::Constant(1e-3)), 1e-3).substr(0, 300), "has 300 bytes");
+  refuses("n.stl", binary_stl_of(brick(Vec3d::Constant(1e-3)), 1e-3).substr(0, 300), "has 300 bytes");
   refuses("o.stl", "", "has 0 bytes");
   refuses("p.ply", "ply\n", "must end in .obj or .stl");
-  TriangleSurface turned = brick(Vec3::Constant(1e-3));
+  TriangleSurface turned = brick(Vec3d::Constant(1e-3));
   for (auto& t : turned.triangles) std::swap(t[1], t[2]);
   refuses("q.obj", obj_of(turned, 1e-3), "inside out");
   refuses("r.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 nan\nv 1 nan 0\nf 1 2 3\n", "not finite");
@@ -339,11 +339,11 @@ TEST_CASE("first touch of tools with edges is that of a dense sample of the exac
       for (double y : {0.0, 11e-3}) {
         const Scenario<std::decay_t<decltype(tool)>> s{tool, angle * pi / 180, y};
         const Touch t = first_touch(body, mesh, s);
-        const Vec3 dir = s.direction(), far = body.pivot + Vec3(0, y, 0) - 0.2 * dir;
+        const Vec3d dir = s.direction(), far = body.pivot + Vec3d(0, y, 0) - 0.2 * dir;
         double least = 1e9;
-        const auto reach = [&](const Vec3& p) {
-          if (const Vec3 e = p - far; (e - e.dot(dir) * dir).norm() > tool.radius_m()) return;
-          least = std::min(least, detail::advance_to(tool, far, dir, p, 1.0));
+        const auto reach = [&](const Vec3d& p) {
+          if (const Vec3d e = p - far; (e - e.dot(dir) * dir).norm() > tool.radius_m()) return;
+          least = std::min(least, advance_to(tool, far, dir, p, 1.0));
         };
         for (int j = -20; j <= 20; ++j)
           for (int k = 0; k <= 20000; ++k) reach({w * std::cos(pi * k / 20000), y + 5e-4 * j, fp + ep * std::sin(pi * k / 20000)});
@@ -366,5 +366,5 @@ TEST_CASE("tools of impossible size are refused in one line") {
   CHECK_THROWS_WITH(validate(Box{{1e-3, 1e-3, 1e-3}, 1e-3}), Catch::Contains("edge radius"));
   CHECK_THROWS_AS(validate(Cylinder{10e-3, std::nan(""), 0.0}), InvalidArgument);
   CHECK_THROWS_AS(validate(Capsule{10e-3, -1e-3}), InvalidArgument);
-  CHECK_THROWS_WITH(validate(Oriented{Sphere{}, Mat3(2.0 * Mat3::Identity())}), Catch::Contains("must be a rotation"));
+  CHECK_THROWS_WITH(validate(Oriented{Sphere{}, Mat3d(2.0 * Mat3d::Identity())}), Catch::Contains("must be a rotation"));
 }

@@ -11,15 +11,15 @@
 // One suite for every hyperelastic material: the laws that stand beside the concept.
 namespace lumo::test {
 
-inline Mat3 random_deformation(std::mt19937& random, double size) {
+inline Mat3d random_deformation(std::mt19937& random, double size) {
   std::uniform_real_distribution<double> u(-size, size);
-  Mat3 F;
-  do F = Mat3::Identity() + Mat3::NullaryExpr([&] { return u(random); });
+  Mat3d F;
+  do F = Mat3d::Identity() + Mat3d::NullaryExpr([&] { return u(random); });
   while (F.determinant() < 0.2);
   return F;
 }
 
-inline Mat3 random_rotation(std::mt19937& random) {
+inline Mat3d random_rotation(std::mt19937& random) {
   std::normal_distribution<double> n;
   return Eigen::Quaterniond(n(random), n(random), n(random), n(random)).normalized().toRotationMatrix();
 }
@@ -28,32 +28,32 @@ template <HyperelasticMaterial M>
 void check_material_laws(const M& m) {
   std::mt19937 random(1);
   const double scale = m.shear_modulus() + m.volumetric(1.0).stiffness;
-  CHECK(first_piola(m, Mat3::Identity()).norm() < 1e-12 * scale);
-  CHECK(std::abs(energy_density(m, Mat3::Identity())) < 1e-12 * scale);
+  CHECK(first_piola(m, Mat3d::Identity()).norm() < 1e-12 * scale);
+  CHECK(std::abs(energy_density(m, Mat3d::Identity())) < 1e-12 * scale);
   for (int k = 0; k < 20; ++k) {
-    const Mat3 F = random_deformation(random, 0.4), Q = random_rotation(random);
+    const Mat3d F = random_deformation(random, 0.4), Q = random_rotation(random);
     const double w = energy_density(m, F);
     CHECK(w > 0.0);
-    CHECK(energy_density(m, Mat3(Q * F)) == Approx(w).epsilon(1e-12));
-    CHECK(energy_density(m, Mat3(F * Q)) == Approx(w).epsilon(1e-12));  // isotropy
-    CHECK((first_piola(m, Mat3(Q * F)) - Q * first_piola(m, F)).norm() < 1e-10 * scale);
+    CHECK(energy_density(m, Mat3d(Q * F)) == Approx(w).epsilon(1e-12));
+    CHECK(energy_density(m, Mat3d(F * Q)) == Approx(w).epsilon(1e-12));  // isotropy
+    CHECK((first_piola(m, Mat3d(Q * F)) - Q * first_piola(m, F)).norm() < 1e-10 * scale);
     const double h = 1e-6;
-    const Mat3 P = first_piola(m, F);
-    const Mat9 A = elasticity_tangent(m, F);
+    const Mat3d P = first_piola(m, F);
+    const Mat9d A = elasticity_tangent(m, F);
     for (int i = 0; i < 9; ++i) {
-      Mat3 up = F, down = F;
+      Mat3d up = F, down = F;
       up.data()[i] += h, down.data()[i] -= h;
       CHECK((energy_density(m, up) - energy_density(m, down)) / (2 * h) == Approx(P.data()[i]).margin(1e-7 * scale).epsilon(1e-7));
-      const Mat3 slope = (first_piola(m, up) - first_piola(m, down)) / (2 * h);
+      const Mat3d slope = (first_piola(m, up) - first_piola(m, down)) / (2 * h);
       for (int j = 0; j < 9; ++j) CHECK(slope.data()[j] == Approx(A(j, i)).margin(2e-7 * scale).epsilon(1e-7));
     }
     CHECK((A - A.transpose()).norm() < 1e-12 * A.norm());
     CHECK(first_piola(m, Q).norm() < 1e-10 * scale);
   }
   // Small strain: an isotropic tangent whose shear modulus is the one that the material names.
-  const Mat9 A = elasticity_tangent(m, Mat3::Identity());
+  const Mat9d A = elasticity_tangent(m, Mat3d::Identity());
   const double mu = m.shear_modulus(), lambda = A(0, 4);
-  Mat9 hooke = Mat9::Zero();
+  Mat9d hooke = Mat9d::Zero();
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       hooke(4 * i, 4 * j) += lambda;
@@ -63,14 +63,14 @@ void check_material_laws(const M& m) {
   CHECK((A - hooke).norm() < 1e-12 * A.norm());
   // Inside out: no bound on the energy, or a finite one with the stress that belongs to it. Never NaN.
   for (double squeeze : {-0.3, -1e-3, 0.0}) {
-    const Mat3 F = random_rotation(random) * Mat3(Vec3(squeeze, 1.1, 0.9).asDiagonal());
+    const Mat3d F = random_rotation(random) * Mat3d(Vec3d(squeeze, 1.1, 0.9).asDiagonal());
     const double w = energy_density(m, F);
     if (w == std::numeric_limits<double>::infinity()) continue;
     REQUIRE(std::isfinite(w));
     const double h = 1e-6;
-    const Mat3 P = first_piola(m, F);
+    const Mat3d P = first_piola(m, F);
     for (int i = 0; i < 9; ++i) {
-      Mat3 up = F, down = F;
+      Mat3d up = F, down = F;
       up.data()[i] += h, down.data()[i] -= h;
       CHECK((energy_density(m, up) - energy_density(m, down)) / (2 * h) == Approx(P.data()[i]).margin(1e-7 * scale));
     }

@@ -12,7 +12,7 @@ using namespace lumo;
 static_assert(HyperelasticMaterial<NeoHookean> && HyperelasticMaterial<StableNeoHookean> && HyperelasticMaterial<MooneyRivlin> && HyperelasticMaterial<Yeoh>);
 static_assert(HyperelasticMaterial<Ogden>);
 static_assert(!HyperelasticMaterial<int>);
-static_assert(!HyperelasticMaterial<Mat3>);
+static_assert(!HyperelasticMaterial<Mat3d>);
 
 TEST_CASE("a Neo-Hookean solid obeys the laws of a hyperelastic material") {
   test::check_material_laws(NeoHookean{.mu = 106.0e3, .lambda = 10.494e6});
@@ -39,19 +39,19 @@ TEST_CASE("two solids that are one in other words agree to rounding") {
   const MooneyRivlin first{c10, 0.0, bulk};
   const Yeoh yeoh{c10, 0.0, 0.0, bulk};
   std::mt19937 random(5);
-  const auto same = [&](const auto& a, const auto& b, const Mat3& F, double tolerance) {
+  const auto same = [&](const auto& a, const auto& b, const Mat3d& F, double tolerance) {
     CHECK(energy_density(a, F) == Approx(energy_density(b, F)).epsilon(tolerance));
     CHECK((first_piola(a, F) - first_piola(b, F)).norm() < tolerance * bulk);
     CHECK((elasticity_tangent(a, F) - elasticity_tangent(b, F)).norm() < tolerance * elasticity_tangent(b, F).norm());
   };
   for (int k = 0; k < 20; ++k) {
-    const Mat3 F = test::random_deformation(random, 0.4);
+    const Mat3d F = test::random_deformation(random, 0.4);
     same(mooney, ogden, F, 1e-11);
     same(first, yeoh, F, 1e-14);
   }
   // Equal and nearly equal stretches are no special case.
   for (double apart : {0.0, 1e-16, 1e-12, 1e-8, 1e-4}) {
-    const Mat3 F = test::random_rotation(random) * Mat3(Vec3(1.2, 1.2 + apart, 0.8).asDiagonal()) * test::random_rotation(random);
+    const Mat3d F = test::random_rotation(random) * Mat3d(Vec3d(1.2, 1.2 + apart, 0.8).asDiagonal()) * test::random_rotation(random);
     same(mooney, ogden, F, 1e-11);
   }
 }
@@ -63,7 +63,7 @@ TEST_CASE("uniaxial and equibiaxial tension match the closed forms of incompress
     for (double stretch : {0.7, 1.3, 2.0, 3.0})
       for (bool two : {false, true}) {
         double low = 0.05, high = 3.0;
-        const auto P = [&](double t) { return first_piola(m, Mat3((two ? Vec3(stretch, stretch, t) : Vec3(stretch, t, t)).asDiagonal())); };
+        const auto P = [&](double t) { return first_piola(m, Mat3d((two ? Vec3d(stretch, stretch, t) : Vec3d(stretch, t, t)).asDiagonal())); };
         for (int k = 0; k < 200; ++k) {
           const double t = 0.5 * (low + high);
           (P(t)(2, 2) > 0.0 ? high : low) = t;
@@ -97,14 +97,14 @@ TEST_CASE("solids with volume and shape apart have the bulk modulus that they na
   // Hydrostatic compression: pressure = −dU/dJ of the closed form, and the distortion adds nothing.
   const Yeoh yeoh{.c1 = 5.0e4, .c2 = 1.0e4, .c3 = 0.0, .bulk = 2.0e6};
   for (double t : {0.8, 0.95, 1.1}) {
-    const double J = t * t * t, cauchy = first_piola(yeoh, Mat3(t * Mat3::Identity()))(0, 0) / (t * t);
+    const double J = t * t * t, cauchy = first_piola(yeoh, Mat3d(t * Mat3d::Identity()))(0, 0) / (t * t);
     CHECK(cauchy == Approx(0.5 * yeoh.bulk * (J - 1 / J)).epsilon(1e-10));
   }
 }
 
 TEST_CASE("a Neo-Hookean solid has the Lame constants of linear elasticity at small strain") {
   const NeoHookean m{.mu = 2.0e5, .lambda = 7.0e5};
-  const Mat9 A = elasticity_tangent(m, Mat3::Identity());
+  const Mat9d A = elasticity_tangent(m, Mat3d::Identity());
   const auto c = [&](int i, int j, int k, int l) { return A(i + 3 * j, k + 3 * l); };
   CHECK(c(0, 0, 0, 0) == Approx(7.0e5 + 2 * 2.0e5));
   CHECK(c(0, 0, 1, 1) == Approx(7.0e5));
@@ -114,7 +114,7 @@ TEST_CASE("a Neo-Hookean solid has the Lame constants of linear elasticity at sm
 
 TEST_CASE("a Neo-Hookean solid resists inversion without limit") {
   const NeoHookean m;
-  Mat3 F = Mat3::Identity();
+  Mat3d F = Mat3d::Identity();
   F(0, 0) = -0.1;
   CHECK(std::isinf(energy_density(m, F)));
   F(0, 0) = 0.0;
@@ -131,10 +131,10 @@ TEST_CASE("uniaxial tension of a Neo-Hookean bar matches its closed form") {
       double low = 0.3, high = 3.0;
       for (int k = 0; k < 200; ++k) {
         const double t = 0.5 * (low + high);
-        const Mat3 P = first_piola(m, Mat3(Vec3(stretch, t, t).asDiagonal()));
+        const Mat3d P = first_piola(m, Mat3d(Vec3d(stretch, t, t).asDiagonal()));
         (P(1, 1) > 0.0 ? high : low) = t;
       }
-      const double P = first_piola(m, Mat3(Vec3(stretch, low, low).asDiagonal()))(0, 0);
+      const double P = first_piola(m, Mat3d(Vec3d(stretch, low, low).asDiagonal()))(0, 0);
       CHECK(P == Approx(m.mu * (stretch - 1.0 / (stretch * stretch))).epsilon(1.5 / ratio));
     }
   }

@@ -60,7 +60,7 @@ void check_vertex_blocks(const Material& material) {
         VertexBlock vu, vd;
         vertices.add(v, up, start, rate, vu);
         vertices.add(v, down, start, rate, vd);
-        const Vec3 slope = (vd.force - fd.force - vu.force + fu.force) / (2 * h);
+        const Vec3d slope = (vd.force - fd.force - vu.force + fu.force) / (2 * h);
         CHECK((slope - (whole.block - elastic.block).col(c)).norm() < 0.2 * (whole.block - elastic.block).norm());   // Gauss–Newton: without the bend of C
       }
     }
@@ -75,7 +75,7 @@ struct Bench {
   TetMesh mesh;
 };
 Bench block(int order, int n = 4) {
-  const auto [body, mesh] = test::symmetric_block(Vec3(5e-3, 5e-3, 5e-3), test::even(n), test::even(n), test::even(n), order);
+  const auto [body, mesh] = test::symmetric_block(Vec3d(5e-3, 5e-3, 5e-3), test::even(n), test::even(n), test::even(n), order);
   return {body, mesh};
 }
 
@@ -105,9 +105,9 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
   const auto dissipation = [&](const Positions& at) {   // ½ η/Δt Σ V |C − C₀|²
     double sum = 0.0;
     for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
-      Mat3 F = Mat3::Zero(), F0 = F;
+      Mat3d F = Mat3d::Zero(), F0 = F;
       for (int a = 0; a < 4; ++a) {
-        const Vec3 g = vertices.gradient(int(e), 0).col(a);
+        const Vec3d g = vertices.gradient(int(e), 0).col(a);
         F += at.col(mesh.tets[e][std::size_t(a)]) * g.transpose();
         F0 += start.col(mesh.tets[e][std::size_t(a)]) * g.transpose();
       }
@@ -126,7 +126,7 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
       CHECK((dissipation(up) - dissipation(down)) / (2 * h) == Approx((without.force - with.force)[c]).margin(1e-6));
     }
     VertexBlock rigid, still;
-    const Positions turned = Eigen::AngleAxisd(0.3, Vec3(1, 2, 2).normalized()).toRotationMatrix() * start;
+    const Positions turned = Eigen::AngleAxisd(0.3, Vec3d(1, 2, 2).normalized()).toRotationMatrix() * start;
     vertices.add(v, turned, start, rate, rigid);
     vertices.add(v, turned, start, 0.0, still);
     CHECK((rigid.force - still.force).norm() < 1e-9);
@@ -153,8 +153,8 @@ TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", N
         lanes.remember(batch, before, remembered);
         std::array<VertexBlock, Lanes::width> out;
         lanes.add(batch, now, remembered, rate, out);
-        std::array<Vec3, Lanes::width> steps;
-        for (std::size_t l = 0; l < Lanes::width; ++l) steps[l] = Vec3(1e-3 * double(l) - 4e-3, 2e-3, -1e-3);
+        std::array<Vec3d, Lanes::width> steps;
+        for (std::size_t l = 0; l < Lanes::width; ++l) steps[l] = Vec3d(1e-3 * double(l) - 4e-3, 2e-3, -1e-3);
         const auto parts = lanes.feasible_parts(batch, now, steps);
         for (std::size_t l = 0; l < Lanes::width; ++l) {
           if (!batch.moves[l]) continue;
@@ -178,7 +178,7 @@ TEST_CASE("a feasible part of a step keeps every element from turning inside out
   std::normal_distribution<double> n;
   int cut = 0;
   for (int v = 0; v < int(mesh.nodes.size()); ++v) {
-    const Vec3 step = 3e-3 * Vec3(n(random), n(random), n(random));
+    const Vec3d step = 3e-3 * Vec3d(n(random), n(random), n(random));
     const double t = vertices.feasible_part(v, x, step);
     Positions y = x;
     y.col(v) += t * step;
@@ -234,10 +234,10 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   config.viscosity_Pa_s = 1.0;
   const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {}, {1e9}, {}, config);
   const Sphere sphere{10e-3};
-  const Touch touch{Vec3(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3(4e-3, 3e-3, test::small_size.z())};
-  detail::Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3::UnitZ(), config, Serial{});
+  const Touch touch{Vec3d(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3d(4e-3, 3e-3, test::small_size.z())};
+  Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config, Serial{});
   const auto momentum = [&](const Positions& before) {
-    Vec3 sum = Vec3::Zero();
+    Vec3d sum = Vec3d::Zero();
     for (Eigen::Index v = 0; v < before.cols(); ++v) sum += model.mass[std::size_t(v)] * (descent.positions().col(v) - before.col(v)) / config.time_step_s;
     return sum;
   };
@@ -378,8 +378,8 @@ TEST_CASE("an element is refused on a mesh of another order") {
 namespace {
 /// A law that gives out under a compression of a hundredth.
 struct Brittle : StableNeoHookean {
-  Mat3 distortion_stress(const Mat3& F) const {
-    return F(2, 2) < 0.99 ? Mat3(Mat3::Constant(std::numeric_limits<double>::quiet_NaN())) : StableNeoHookean::distortion_stress(F);
+  Mat3d distortion_stress(const Mat3d& F) const {
+    return F(2, 2) < 0.99 ? Mat3d(Mat3d::Constant(std::numeric_limits<double>::quiet_NaN())) : StableNeoHookean::distortion_stress(F);
   }
 };
 }  // namespace
@@ -392,7 +392,7 @@ TEST_CASE("a step that ends in NaN is a status, and what is given is the state b
     CHECK(s.status == (s.load_N > 0.2 ? Status::non_finite : s.status));
     for (const double v : {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m}) CHECK(std::isfinite(v));
     CHECK_FALSE(std::isnan(s.residual_N));
-    for (const Vec3& u : s.displacement) CHECK(u.allFinite());
+    for (const Vec3d& u : s.displacement) CHECK(u.allFinite());
     for (const double p : s.pressure_Pa) CHECK(std::isfinite(p));
   }
   Scenario<Sphere> hard = kPress;

@@ -12,14 +12,14 @@ namespace {
 constexpr double radius = 5e-3;
 
 /// A dent of 0.4 mm that spreads over 2 mm, and the exact normal of the sphere with it (Nanson: F⁻ᵀ n).
-Vec3 dent(const Vec3& p) {
-  const Vec3 at = radius * Vec3(1, 2, 2) / 3.0;
-  return -0.4e-3 * std::exp(-(p - at).squaredNorm() / (2.0 * 2e-3 * 2e-3)) * Vec3(1, 2, 2) / 3.0;
+Vec3d dent(const Vec3d& p) {
+  const Vec3d at = radius * Vec3d(1, 2, 2) / 3.0;
+  return -0.4e-3 * std::exp(-(p - at).squaredNorm() / (2.0 * 2e-3 * 2e-3)) * Vec3d(1, 2, 2) / 3.0;
 }
 
-Vec3 dented_normal(const Vec3& p) {
-  Mat3 f;
-  for (int j = 0; j < 3; ++j) f.col(j) = Vec3::Unit(j) + (dent(p + 1e-7 * Vec3::Unit(j)) - dent(p - 1e-7 * Vec3::Unit(j))) / 2e-7;
+Vec3d dented_normal(const Vec3d& p) {
+  Mat3d f;
+  for (int j = 0; j < 3; ++j) f.col(j) = Vec3d::Unit(j) + (dent(p + 1e-7 * Vec3d::Unit(j)) - dent(p - 1e-7 * Vec3d::Unit(j))) / 2e-7;
   return (f.inverse().transpose() * p.normalized()).normalized();
 }
 
@@ -32,8 +32,8 @@ Errors errors(int cells, int order) {
   m.mesh.order = order;
   if (order == 1)
     for (BoundaryFace& f : m.mesh.faces) f.nodes[3] = f.nodes[4] = f.nodes[5] = -1;
-  std::vector<Vec3> displacement;
-  for (const Vec3& p : m.mesh.nodes) displacement.push_back(dent(p));
+  std::vector<Vec3d> displacement;
+  for (const Vec3d& p : m.mesh.nodes) displacement.push_back(dent(p));
   const OpticalScene scene(m.body, m.mesh, displacement, {}, {}, {});
   Errors e;
   int count = 0;
@@ -41,15 +41,15 @@ Errors errors(int cells, int order) {
     for (const auto& [b1, b2] : {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
       ScenePoint at;
       at.face = int(f), at.b1 = b1, at.b2 = b2;
-      const Vec3 exact = dented_normal(radius * scene.reference(at).normalized());
-      std::array<Vec3, 6> deformed;
+      const Vec3d exact = dented_normal(radius * scene.reference(at).normalized());
+      std::array<Vec3d, 6> deformed;
       for (std::size_t k = 0; k < 6; ++k) {
         const std::array<int, 6>& nodes = m.mesh.faces[f].nodes;
-        const auto place = [&](std::size_t n) { return Vec3(m.mesh.nodes[std::size_t(nodes[n])] + displacement[std::size_t(nodes[n])]); };
-        deformed[k] = nodes[k] >= 0 ? place(k) : Vec3(0.5 * (place(k - 3) + place((k - 2) % 3)));
+        const auto place = [&](std::size_t n) { return Vec3d(m.mesh.nodes[std::size_t(nodes[n])] + displacement[std::size_t(nodes[n])]); };
+        deformed[k] = nodes[k] >= 0 ? place(k) : Vec3d(0.5 * (place(k - 3) + place((k - 2) % 3)));
       }
       e.recovered += (scene.smooth_normal(at) - exact).squaredNorm();
-      e.own += (lumo::detail::quadratic_normal(deformed, b1, b2) - exact).squaredNorm();
+      e.own += (lumo::quadratic_normal(deformed, b1, b2) - exact).squaredNorm();
       ++count;
     }
   return {std::sqrt(e.recovered / count), std::sqrt(e.own / count)};
@@ -74,16 +74,16 @@ TEST_CASE("Recovered normals of a mesh with straight edges converge too", "[scen
 }
 
 TEST_CASE("Each side of a crease keeps its own normal, and turns with it", "[scene]") {
-  const Model m = box(Vec3(1, 2, 3) * 1e-3, {});
-  const Mat3 turn = Eigen::AngleAxisd(0.3, Vec3(1, -1, 2).normalized()).toRotationMatrix();
-  std::vector<Vec3> displacement;
-  for (const Vec3& p : m.mesh.nodes) displacement.push_back(turn * p - p);
+  const Model m = box(Vec3d(1, 2, 3) * 1e-3, {});
+  const Mat3d turn = Eigen::AngleAxisd(0.3, Vec3d(1, -1, 2).normalized()).toRotationMatrix();
+  std::vector<Vec3d> displacement;
+  for (const Vec3d& p : m.mesh.nodes) displacement.push_back(turn * p - p);
   const OpticalScene scene(m.body, m.mesh, displacement, {}, {}, {});
   for (std::size_t f = 0; f < scene.face_count(); ++f)
     for (const double b : {0.0, 0.3, 1.0}) {
       ScenePoint at;
       at.face = int(f), at.b1 = b, at.b2 = 0.5 * (1.0 - b);
-      const Vec3 side = std::get<Plane>(m.body.patches[std::size_t(scene.patch_number(at))].shape).direction;
+      const Vec3d side = std::get<Plane>(m.body.patches[std::size_t(scene.patch_number(at))].shape).direction;
       CHECK((scene.smooth_normal(at) - turn * side).norm() < 1e-9);
     }
 }

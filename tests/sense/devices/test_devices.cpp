@@ -38,11 +38,11 @@ struct FakeMotor {
 };
 
 struct Bus {
-  detail::Descriptor host, motor;
+  Descriptor host, motor;
   Bus() {
     int fd[2];
     REQUIRE(::socketpair(AF_UNIX, SOCK_SEQPACKET, 0, fd) == 0);
-    host = detail::Descriptor(fd[0]), motor = detail::Descriptor(fd[1]);
+    host = Descriptor(fd[0]), motor = Descriptor(fd[1]);
   }
 };
 
@@ -94,7 +94,7 @@ TEST_CASE("motors over a socket pair: commands go out, samples come back in the 
   CHECK(motors.state() == StreamState::open);
   CHECK_THROWS_AS(motors.command(std::span(command).first(1)), InvalidArgument);
 
-  bus.motor = detail::Descriptor();  // unplugged
+  bus.motor = Descriptor();  // unplugged
   CHECK_FALSE(motors.next());
   CHECK(motors.state() == StreamState::failed);
   motors.command(command);
@@ -126,16 +126,16 @@ TEST_CASE("no bus, bad motors: typed errors", "[device]") {
   CHECK_THROWS_AS(MiniCheetahMotors::open(std::string(100, 'x'), {}), InputError);
   MiniCheetahMotors::Config c;
   c.motors = {1, 1};
-  CHECK_THROWS_AS(MiniCheetahMotors(detail::Descriptor(), c), InvalidArgument);
+  CHECK_THROWS_AS(MiniCheetahMotors(Descriptor(), c), InvalidArgument);
   c.motors = {1, 2, 3}, c.sign = {1.0, -1.0};
-  CHECK_THROWS_AS(MiniCheetahMotors(detail::Descriptor(), c), InvalidArgument);
+  CHECK_THROWS_AS(MiniCheetahMotors(Descriptor(), c), InvalidArgument);
 }
 
 TEST_CASE("photodiodes over a pipe: whole lines only, bad ones are counted", "[device]") {
   int fd[2];
   REQUIRE(::pipe(fd) == 0);
   const auto write = [&](const std::string& s) { REQUIRE(::write(fd[1], s.data(), s.size()) == ssize_t(s.size())); };
-  SerialPhotodiodes diodes(detail::Descriptor{fd[0]}, {3, 115200, fixed_time});
+  SerialPhotodiodes diodes(Descriptor{fd[0]}, {3, 115200, fixed_time});
   CHECK_FALSE(diodes.next());
   write("1.5,2.25,");
   CHECK_FALSE(diodes.next());
@@ -157,7 +157,7 @@ TEST_CASE("photodiodes over a pipe: whole lines only, bad ones are counted", "[d
 }
 
 TEST_CASE("photodiodes over a pseudo-terminal, what is no serial line is refused", "[device]") {
-  detail::Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY));
+  Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY));
   if (master.get() < 0 || ::grantpt(master.get()) != 0 || ::unlockpt(master.get()) != 0) {
     FAIL("no pseudo-terminals here: this test says nothing of serial lines");
   }
@@ -174,7 +174,7 @@ TEST_CASE("photodiodes over a pseudo-terminal, what is no serial line is refused
   REQUIRE(s);
   CHECK(s->signal_V == Eigen::VectorXd{{0.5, 0.75}});
   CHECK(diodes.bad_lines() == 0);
-  detail::Descriptor line(::open(name, O_RDWR | O_NOCTTY));
+  Descriptor line(::open(name, O_RDWR | O_NOCTTY));
   termios settings{};
   REQUIRE(::tcgetattr(line.get(), &settings) == 0);
   CHECK((settings.c_cflag & (CSTOPB | CRTSCTS)) == 0);

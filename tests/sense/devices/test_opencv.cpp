@@ -139,7 +139,6 @@ struct Bad {
 }  // namespace
 
 TEST_CASE("a video's decoder may hang, crash or eat memory: the camera fails, and nothing is left behind", "[opencv]") {
-  using detail::VideoProcess;
   const VideoProcess::Limits limits{0.5, 0.5, std::uint64_t{256} << 20};
   for (const char* path : {"none", "crash", "hang"}) {
     const VideoProcess video(Bad{}, path, limits);
@@ -148,7 +147,7 @@ TEST_CASE("a video's decoder may hang, crash or eat memory: the camera fails, an
   }
   for (const Bad::Way way : {Bad::good, Bad::hangs, Bad::crashes, Bad::throws, Bad::eats, Bad::lies}) {
     INFO("way " << int(way));
-    if (way == Bad::eats && !detail::limit_address_space) continue;
+    if (way == Bad::eats && !limit_address_space) continue;
     Image image;
     int pid = 0;
     {

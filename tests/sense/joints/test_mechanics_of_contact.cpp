@@ -16,7 +16,7 @@ using namespace lumo;
 
 namespace {
 
-Eigen::Isometry3d pose(const Vec3& at, double angle = 0.0, const Vec3& axis = Vec3::UnitZ()) {
+Eigen::Isometry3d pose(const Vec3d& at, double angle = 0.0, const Vec3d& axis = Vec3d::UnitZ()) {
   Eigen::Isometry3d p = Eigen::Isometry3d::Identity();
   p.translate(at);
   p.rotate(Eigen::AngleAxisd(angle, axis.normalized()));
@@ -25,7 +25,7 @@ Eigen::Isometry3d pose(const Vec3& at, double angle = 0.0, const Vec3& axis = Ve
 
 /// Two joints, 70 mm apart, pads 45 mm beyond their joints; the second is skewed so that nothing cancels by symmetry.
 SerialChain two_links() {
-  return SerialChain({{pose({0, 0, 0}), Vec3::UnitX(), pose({0, 0.045, 0.01})}, {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3::UnitY())}});
+  return SerialChain({{pose({0, 0, 0}), Vec3d::UnitX(), pose({0, 0.045, 0.01})}, {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3d(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3d::UnitY())}});
 }
 
 JointVector angles(double a, double b) {
@@ -47,7 +47,7 @@ TEST_CASE("contact Jacobians: torque is the virtual work of the normal force, sl
         for (int j = 0; j < 2; ++j) {
           JointVector up = q, down = q;
           up[j] += h, down[j] -= h;
-          const Vec3 moved = (chain.position(up, c) - chain.position(down, c)) / (2 * h);
+          const Vec3d moved = (chain.position(up, c) - chain.position(down, c)) / (2 * h);
           CHECK(column[j] == Approx(chain.normal(q, c).dot(moved)).margin(1e-9));
         }
         const JointVector change = (chain.column(q, {link, y + h}) - chain.column(q, {link, y - h})) / (2 * h);
@@ -58,13 +58,13 @@ TEST_CASE("contact Jacobians: torque is the virtual work of the normal force, sl
   CHECK_THROWS_AS(SerialChain({}), InvalidArgument);
   Eigen::Isometry3d mirrored = Eigen::Isometry3d::Identity(), stretched = mirrored;
   mirrored.linear()(0, 0) = -1.0, stretched.linear()(1, 1) = 1.01;
-  CHECK_THROWS_AS(SerialChain({{mirrored, Vec3::UnitX(), pose({0, 0, 0})}}), InvalidArgument);
-  CHECK_THROWS_AS(SerialChain({{pose({0, 0, 0}), Vec3::UnitX(), stretched}}), InvalidArgument);
+  CHECK_THROWS_AS(SerialChain({{mirrored, Vec3d::UnitX(), pose({0, 0, 0})}}), InvalidArgument);
+  CHECK_THROWS_AS(SerialChain({{pose({0, 0, 0}), Vec3d::UnitX(), stretched}}), InvalidArgument);
 }
 
 TEST_CASE("the moment arm is the chain's one-joint model", "[jacobian]") {
   const MomentArm arm{0.045};
-  const SerialChain chain({{pose({0.1, 0.2, 0.3}, 0.5), Vec3::UnitX(), pose({0, 0.045, 0.0})}});
+  const SerialChain chain({{pose({0.1, 0.2, 0.3}, 0.5), Vec3d::UnitX(), pose({0, 0.045, 0.0})}});
   const JointVector q = JointVector::Constant(1, 0.7);
   for (const double y : {-0.02, 0.01}) {
     CHECK(arm.column(q, {0, y})[0] == Approx(chain.column(q, {0, y})[0]));
@@ -295,8 +295,8 @@ TEST_CASE("a planar finger is the serial chain of the same joints, and the momen
     for (int k = 1; k < joints; ++k) ways.push_back(0.03 + 0.01 * k);
     const PlanarFinger finger(ways, 0.05);
     std::vector<SerialChain::Link> links(static_cast<std::size_t>(joints));
-    for (int k = 1; k < joints; ++k) links[std::size_t(k)].joint.translation() = Vec3(0.0, ways[std::size_t(k - 1)], 0.0);
-    links.back().finger.translation() = Vec3(0.0, 0.05, 0.0);
+    for (int k = 1; k < joints; ++k) links[std::size_t(k)].joint.translation() = Vec3d(0.0, ways[std::size_t(k - 1)], 0.0);
+    links.back().finger.translation() = Vec3d(0.0, 0.05, 0.0);
     const SerialChain chain(links);
     for (int trial = 0; trial < 20; ++trial) {
       JointVector q(joints);

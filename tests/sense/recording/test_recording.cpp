@@ -51,7 +51,7 @@ void record(const std::string& folder) {
         view, [&](double y, double across) { return synthetic::leds(y, across, 90.0) + 1.6 * force(t) * std::exp(-0.5 * std::pow((y - place(t)) / 4.5e-3, 2)); }, 2.0, 100 + std::uint64_t(k));
     log.frames.push_back({t, "f" + std::to_string(1000 + k) + ".png", 0.001, 64.0});
     write_image(folder + "/frames/" + log.frames.back().file, image.view());
-    log.wrenches.push_back({t, Vec3(0, 0, -force(t)), Vec3::Zero()});
+    log.wrenches.push_back({t, Vec3d(0, 0, -force(t)), Vec3d::Zero()});
   }
   synthetic::Normal normal(4);
   const TorqueModel m = joint_truth();

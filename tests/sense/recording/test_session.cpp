@@ -129,7 +129,7 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   log.session.title = "two frames";
   log.frames = {{1, "a.png", 0.001, 64.0}, {2, "b.png", 0.001, 64.0}};
   log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
-  log.wrenches = {{7, Vec3(0, 0, -2), Vec3::Zero()}};
+  log.wrenches = {{7, Vec3d(0, 0, -2), Vec3d::Zero()}};
   write_log_folder(log);
   const RecordedLog r = read_log_folder(name);
   CHECK(r.session.title == "two frames");

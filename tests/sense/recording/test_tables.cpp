@@ -51,7 +51,7 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
     const std::int64_t t = -5 + i * 1'000'003LL;
     samples.push_back({t, a, b, c, Effort::torque_Nm});
     records.push_back({t, "f" + std::to_string(i) + ".png", 0.001, 64.0});
-    wrench.push_back({t, Vec3(normal(), normal(), normal()), Vec3(normal(), 0, 1)});
+    wrench.push_back({t, Vec3d(normal(), normal(), normal()), Vec3d(normal(), 0, 1)});
     marker.push_back({t, normal()});
     light.push_back({t, Eigen::VectorXd::Constant(3, normal())});
   }
@@ -81,7 +81,7 @@ TEST_CASE("what a student writes by hand is read: any order, spaces, seconds, ot
   CHECK(s[1].velocity_rad_per_s[0] == -0.1);
   CHECK(s[0].unit == Effort::current_A);
   CHECK(from("stamp_ns,file\n1,a/b.png", frames).at(0).exposure_s == 0.0);
-  CHECK(from("stamp_ns,force_x_N,force_y_N,force_z_N\n1,2,3,4\n", wrenches).at(0).torque_Nm == Vec3::Zero());
+  CHECK(from("stamp_ns,force_x_N,force_y_N,force_z_N\n1,2,3,4\n", wrenches).at(0).torque_Nm == Vec3d::Zero());
 }
 
 TEST_CASE("every fault of a table is one line with file, line and column", "[log]") {
@@ -114,7 +114,7 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(frame("stamp_ns,file,exposure_s\n1,a.png,-1\n") == "t.csv:2: column exposure_s: '-1' s is negative");
   CHECK(frame("stamp_ns,file,gain\n1,a.png,x\n") == "t.csv:2: column gain: 'x' is no finite number");
   CHECK(frame("stamp_ns,file\n1,a\x01.png\n") == "t.csv:2: column file: 'a?.png' is no path below frames/");
-  CHECK(message([] { detail::open_text("/nonexistent/joint.csv"); }) == "/nonexistent/joint.csv: cannot be opened");
+  CHECK(message([] { open_text("/nonexistent/joint.csv"); }) == "/nonexistent/joint.csv: cannot be opened");
 }
 
 TEST_CASE("clocks: offset and drift are found again, the residual is the jitter", "[log]") {
@@ -205,7 +205,7 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
   std::vector<WrenchSample> samples;
   for (int k = 0; k <= 40; ++k) {
     const std::int64_t t = k * 50'000'000LL;
-    if (k != 30) samples.push_back({t, Vec3(9.0, -7.0, -(0.5 + (k == 20 ? 3.0 : 0.0))), Vec3(1, 2, 3)});   // one is lost
+    if (k != 30) samples.push_back({t, Vec3d(9.0, -7.0, -(0.5 + (k == 20 ? 3.0 : 0.0))), Vec3d(1, 2, 3)});   // one is lost
   }
   const TimeSeries raw = normal_force(samples);
   CHECK((*raw.at(1'000'000'000, 0.1))[0] == 3.5);

@@ -13,23 +13,20 @@ namespace lumo {
 struct Carrier {
   std::vector<RigidBox> boxes;
 
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const {
+  double distance(const Vec3d& p) const {
     double least = std::numeric_limits<double>::infinity();
     for (const RigidBox& b : boxes) least = std::min(least, to_box(b, p).distance);
     return least;
   }
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  DistanceSample sample(In<Vec3> p) const {
-    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3::UnitZ(), Mat3::Zero()};
+  DistanceSample sample(const Vec3d& p) const {
+    DistanceSample nearest{std::numeric_limits<double>::infinity(), Vec3d::UnitZ(), Mat3d::Zero()};
     for (const RigidBox& b : boxes)
       if (const DistanceSample d = to_box(b, p); d.distance < nearest.distance) nearest = d;
     return nearest;
   }
 
  private:
-  template <class Vec3 = Vec3>
-  static DistanceSample to_box(const RigidBox& b, In<Vec3> p) { return detail::distance_to_box(b.half, p - b.center); }
+  static DistanceSample to_box(const RigidBox& b, const Vec3d& p) { return distance_to_box(b.half, p - b.center); }
 };
 
 }  // namespace lumo

@@ -26,16 +26,14 @@ struct SetOverlap {
 /// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
 /// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
 /// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
-template <ContactHandler Contact, class Tool, class Positions = Positions>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x);
+template <ContactHandler Contact, class Tool>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-template <class Positions = Positions>
-double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x);
+inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-template <class Positions = Positions>
-SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x);
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
 
 namespace detail {
 
@@ -48,7 +46,6 @@ struct ClipPolygon {
   std::vector<Corner> corners;
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
-  template <class Corner = Corner>
   void clip(std::size_t k) {
     std::vector<Corner> kept;
     for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -62,7 +59,6 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
-  template <class = void>
   double fraction() const {
     double twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
@@ -72,31 +68,30 @@ struct ClipPolygon {
 };
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit, class Vec3 = Vec3, class Positions = Positions>
-void for_sub_triangles(const ContactSurface& surface, In<Positions> x, Visit&& visit) {
+template <class Visit>
+void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
   const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < parts; ++part) {
       std::array<int, 3> node;
       for (std::size_t k = 0; k < 3; ++k) node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
-      const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
+      const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
       visit(0.5 * (b - a).cross(c - a).norm(), node);
     }
 }
 
 // A point of the edge of contact with the direction in which the gap opens there.
 struct EdgeSample {
-  Vec3 point;
-  Vec3 outward;
+  Vec3d point;
+  Vec3d outward;
   double spacing;   // of the nodes about it
 };
 
 // Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
 // G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-template <class Vec3 = Vec3, class Positions = Positions, class EdgeSample = EdgeSample>
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In<Positions> x, const std::vector<double>& gap, double tolerance) {
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
   struct Free {
-    Vec3 middle, outward;
+    Vec3d middle, outward;
     double power, slope, spacing;
   };
   std::vector<Free> free;
@@ -107,9 +102,9 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
       if (!(g > tolerance)) return;
       power[k] = std::cbrt(g * g);
     }
-    const Vec3 a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
-    const Vec3 normal = e1.cross(e2);
-    const Vec3 gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
+    const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
+    const Vec3d normal = e1.cross(e2);
+    const Vec3d gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
                  std::sqrt(2.3 * area)};
     if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
@@ -135,12 +130,11 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, In
 
 // Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
 // (algebraic spheres through oriented points).
-template <class Vec3 = Vec3, class EdgeSample = EdgeSample>
-inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> samples, In<Vec3> p) {
+inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
-  Vec3 sum_p = Vec3::Zero(), sum_n = Vec3::Zero();
+  Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
   for (const EdgeSample& s : samples) {
-    const Vec3 d = s.point - p;
+    const Vec3d d = s.point - p;
     const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
     if (t >= 1.0) continue;
     const double k = std::pow(1.0 - t, 4);
@@ -153,7 +147,7 @@ inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> sample
   if (!(w > 0.0)) return std::nullopt;
   const double spread = pp - sum_p.squaredNorm() / w;
   const double q = spread > 1e-12 * pp ? 0.5 * (pn - sum_p.dot(sum_n) / w) / spread : 0.0;
-  const Vec3 l = (sum_n - 2.0 * q * sum_p) / w;
+  const Vec3d l = (sum_n - 2.0 * q * sum_p) / w;
   const double c = -(l.dot(sum_p) + q * pp) / w;
   // c + l·x + q x² at x = 0, turned into a distance along its slope; the circle's own root where it bends.
   const double root = l.squaredNorm() - 4.0 * q * c;
@@ -163,8 +157,8 @@ inline std::optional<double> distance_to_edge(In<std::vector<EdgeSample>> sample
 
 }  // namespace detail
 
-template <ContactHandler Contact, class Tool, class Positions>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x) {
+template <ContactHandler Contact, class Tool>
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -201,8 +195,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-template <class Positions>
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, In<Positions> x) {
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
     const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
@@ -219,8 +212,7 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
   return sum;
 }
 
-template <class Positions>
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, In<Positions> x) {
+inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
   return contact_overlap(surface, field, field, x).both;
 }
 

@@ -22,7 +22,6 @@ struct SurfacePoint {
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
-template <class = void>
 inline const std::array<std::array<int, 3>, 4>& face_parts() {
   static constexpr std::array<std::array<int, 3>, 4> parts = {{{0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}}};
   return parts;
@@ -48,19 +47,17 @@ class ContactSurface {
   const BoundaryFace& face(std::size_t f) const { return faces_[f]; }
   const std::vector<SurfacePoint>& points(std::size_t f) const { return points_[f]; }
 
-  template <class Vec3 = Vec3, class Positions = Positions>
-  Vec3 position(std::size_t f, const SurfacePoint& p, In<Positions> x) const {
-    Vec3 at = Vec3::Zero();
-    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3(x.col(faces_[f].nodes[k]));
+  Vec3d position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
+    Vec3d at = Vec3d::Zero();
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
     return at;
   }
 
   /// A ball that holds the deformed face: its midpoint and radius. The face stays in the hull of its Bézier points.
-  template <class Vec3 = Vec3, class Positions = Positions>
-  std::pair<Vec3, double> ball(std::size_t f, In<Positions> x) const {
+  std::pair<Vec3d, double> ball(std::size_t f, const Positions& x) const {
     const auto& n = faces_[f].nodes;
-    const auto at = [&](std::size_t k) -> Vec3 { return x.col(n[k]); };
-    const Vec3 a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
+    const auto at = [&](std::size_t k) -> Vec3d { return x.col(n[k]); };
+    const Vec3d a = at(0), b = at(1), c = at(2), middle = (a + b + c) / 3.0;
     double r = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
     if (mesh_->order == 2)
       for (std::size_t k = 0; k < 3; ++k)
@@ -71,9 +68,7 @@ class ContactSurface {
   int nodes_per_face() const { return mesh_->nodes_per_face(); }
 
  private:
-  template <class Vec3 = Vec3, class SurfacePoint = SurfacePoint>
   void add(const BoundaryFace& face);
-  template <class SurfacePoint = SurfacePoint>
   void gather_at_vertices(double area_per_vertex);
 
   const TetMesh* mesh_;
@@ -89,7 +84,6 @@ struct ContactSums {
   double penetration_m = 0.0; ///< largest overlap
 };
 
-template <class Vec3, class SurfacePoint>
 inline void ContactSurface::add(const BoundaryFace& face) {
   const int order = mesh_->order;
   std::vector<SurfacePoint> points;
@@ -109,7 +103,7 @@ inline void ContactSurface::add(const BoundaryFace& face) {
         for (std::size_t m = 0; m < 3; ++m) u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
         p.shape = face_shape(u, v, order);
         const auto d = face_shape_derivatives(u, v, order);
-        Vec3 by_u = Vec3::Zero(), by_v = Vec3::Zero();
+        Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
         for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) {
           by_u += d[k][0] * mesh_->nodes[std::size_t(face.nodes[k])];
           by_v += d[k][1] * mesh_->nodes[std::size_t(face.nodes[k])];
@@ -124,7 +118,6 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 }
 
 // Every node once, on the first face that has it, with all of its area.
-template <class SurfacePoint>
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
@@ -149,13 +142,12 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
 template <class Tool>
 struct Moving {
-  using Vec3 = Dependent<lumo::Vec3, Tool>;
   const Tool* tool;
-  Vec3 origin;      ///< of the tool's frame, now [m]
-  Vec3 direction;   ///< of its advance, unit
+  Vec3d origin;      ///< of the tool's frame, now [m]
+  Vec3d direction;   ///< of its advance, unit
 
-  double distance(const Vec3& p) const { return tool->distance(p - origin); }
-  DistanceSample sample(const Vec3& p) const { return tool->sample(p - origin); }
+  double distance(const Vec3d& p) const { return tool->distance(p - origin); }
+  DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
 };
 
 namespace detail {
@@ -163,17 +155,16 @@ namespace detail {
 // What a contact without friction would answer.
 struct NoFriction {
   struct Answer {
-    Vec3 traction;
-    Mat3 stiffness;
+    Vec3d traction;
+    Mat3d stiffness;
   };
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  Answer answer(std::size_t, std::size_t, In<Vec3>, In<Vec3>, In<Vec3>, double) const { return {Vec3::Zero(), Mat3::Zero()}; }
+  Answer answer(std::size_t, std::size_t, const Vec3d&, const Vec3d&, const Vec3d&, double) const { return {Vec3d::Zero(), Mat3d::Zero()}; }
 };
 
 // Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
 // reaches, or all when the law sees other gaps than the present ones.
-template <class Tool, class Visit, class Positions = Positions>
-void for_contact_points(const ContactSurface& surface, In<Positions> x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+template <class Tool, class Visit>
+void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
@@ -191,19 +182,19 @@ using SeenGaps = std::vector<std::vector<double>>;
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
 /// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
 /// Friction, where a history of it is given, enters forces but not the energy.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Positions = Positions>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, std::type_identity_t<Positions>* force,
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, std::type_identity_t<Positions>* force,
                                const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
     const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
     if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
     if (gamma >= 0.0) return;
     const ContactResponse r = contact.respond(gamma);
     sums.energy += p.weight_m2 * r.energy;
     const double pressure = r.pressure + r.stiffness * (gamma - gap);
-    const Vec3 normal = rigid.sample(at).gradient;
-    Vec3 traction = p.weight_m2 * pressure * normal;
+    const Vec3d normal = rigid.sample(at).gradient;
+    Vec3d traction = p.weight_m2 * pressure * normal;
     if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
     sums.push_N += traction.dot(rigid.direction);
     if (!force) return;
@@ -213,13 +204,12 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
-template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction, class Vec3 = Vec3, class Mat3 = Mat3, class Matrix18d = Eigen::Matrix<double, 18, 18>,
-          class VectorXd = Eigen::VectorXd, class Positions = Positions, class DistanceSample = DistanceSample>
-ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, In<Positions> x, const Equations& eq,
-                                double* values, std::type_identity_t<VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
+                                double* values, std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
-  Matrix18d K;
+  Eigen::Matrix<double, 18, 18> K;
   std::size_t open = std::size_t(-1);
   const auto flush = [&] {
     if (open == std::size_t(-1)) return;
@@ -230,7 +220,7 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
         if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
       }
   };
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3& at) {
+  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
     const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
     if (gamma >= 0.0) return;
     if (f != open) {
@@ -240,14 +230,14 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
     }
     const DistanceSample d = rigid.sample(at);
     const ContactResponse r = contact.respond(gamma);
-    Mat3 block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+    Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
     if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
     sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
     for (std::size_t a = 0; a < nodes; ++a) {
       for (std::size_t b = 0; b < nodes; ++b)
         K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
       if (!coupling) continue;
-      const Vec3 c = -p.shape[a] * (block * rigid.direction);
+      const Vec3d c = -p.shape[a] * (block * rigid.direction);
       for (std::size_t i = 0; i < 3; ++i)
         if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0) (*coupling)[row] += c[Eigen::Index(i)];
     }
@@ -258,9 +248,9 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
 
 /// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
 /// `linear` with the rigid thing at `then`.
-template <class Tool, class Positions = Positions>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, In<Positions> x, const Moving<Tool>& then, In<Positions> linear,
-                        In<Positions> dx, double ds) {
+template <class Tool>
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
+                        const Positions& dx, double ds) {
   SeenGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))

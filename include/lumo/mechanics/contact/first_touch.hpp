@@ -12,21 +12,19 @@ namespace lumo {
 
 /// Where an indenter that comes along a line first meets the exact undeformed surface.
 struct Touch {
-  Vec3 origin;        ///< of the indenter's frame at first touch [m]
-  Vec3 point;         ///< of the surface [m]
+  Vec3d origin;        ///< of the indenter's frame at first touch [m]
+  Vec3d point;         ///< of the surface [m]
 };
 
 /// First touch with the body's contactable patches, on their exact shapes (never on facets), to 10 nm for convex tools with edges and far
 /// better for round ones. The mesh only says where a patch ends.
 /// Throws InvalidArgument when the indenter passes by.
-template <Indenter Tool, class Vec3 = Vec3>
+template <Indenter Tool>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario);
 
-namespace detail {
-
 // How far the tool can advance from `start` until it reaches p: sphere tracing, because distance is 1-Lipschitz. +∞: it passes by.
-template <Indenter Tool, class Vec3 = Vec3>
-double advance_to(const Tool& tool, In<Vec3> start, In<Vec3> direction, In<Vec3> p, double limit) {
+template <Indenter Tool>
+double advance_to(const Tool& tool, const Vec3d& start, const Vec3d& direction, const Vec3d& p, double limit) {
   double s = 0.0, before = 0.0;
   for (int i = 0; i < 500; ++i) {
     const double gap = tool.distance(p - start - s * direction);
@@ -45,53 +43,51 @@ double advance_to(const Tool& tool, In<Vec3> start, In<Vec3> direction, In<Vec3>
   return s > limit ? std::numeric_limits<double>::infinity() : s;
 }
 
-}  // namespace detail
-
-template <Indenter Tool, class Vec3>
+template <Indenter Tool>
 Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
-  const Vec3 direction = scenario.direction();
+  const Vec3d direction = scenario.direction();
   double size = 0.0;
-  for (const Vec3& p : mesh.nodes) size = std::max(size, p.norm());
+  for (const Vec3d& p : mesh.nodes) size = std::max(size, p.norm());
   const double reach = 2.0 * size + 2.0 * scenario.indenter.radius_m() + std::abs(scenario.y_m);
-  const Vec3 start = body.pivot + Vec3(0, scenario.y_m, 0) - reach * direction;
+  const Vec3d start = body.pivot + Vec3d(0, scenario.y_m, 0) - reach * direction;
 
   double best = std::numeric_limits<double>::infinity();
-  Vec3 point = Vec3::Zero();
+  Vec3d point = Vec3d::Zero();
   for (std::size_t patch = 0; patch < body.patches.size(); ++patch) {
     if (!body.patches[patch].contactable) continue;
     // The patch's box trims its shape; images in symmetry planes are searched as one patch each.
     for (int image = 0; image < 4; ++image) {
       const double sx = image & 1 ? -1.0 : 1.0, sy = image & 2 ? -1.0 : 1.0;
       if ((sx < 0 && !body.symmetry.x) || (sy < 0 && !body.symmetry.y)) continue;
-      const auto fold = [&](const Vec3& p) { return Vec3(sx * p.x(), sy * p.y(), p.z()); };
-      Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low, seed = Vec3::Zero();
+      const auto fold = [&](const Vec3d& p) { return Vec3d(sx * p.x(), sy * p.y(), p.z()); };
+      Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low, seed = Vec3d::Zero();
       double nearest = std::numeric_limits<double>::infinity();
       for (const BoundaryFace& f : mesh.faces) {
         if (f.patch != int(patch)) continue;
         for (std::size_t k = 0; k < std::size_t(mesh.nodes_per_face()); ++k) {
-          const Vec3 q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
+          const Vec3d q = fold(mesh.nodes[std::size_t(f.nodes[k])]);
           if ((body.symmetry.x && q.x() < 0) || (body.symmetry.y && q.y() < 0)) continue;
           low = elementwise_min(low, q);
           high = elementwise_max(high, q);
-          const double s = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
+          const double s = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach);
           if (s < nearest) nearest = s, seed = q;
         }
       }
       if (!(low.x() <= high.x())) continue;   // no face
       const double slack = 1e-12 * size;
-      const auto into_box = [&](const Vec3& p) { return elementwise_min(elementwise_max(p, low), high); };
-      const auto inside = [&](const Vec3& p) {
+      const auto into_box = [&](const Vec3d& p) { return elementwise_min(elementwise_max(p, low), high); };
+      const auto inside = [&](const Vec3d& p) {
         for (int axis = 0; axis < 3; ++axis)
           if (!(p[axis] >= low[axis] - slack && p[axis] <= high[axis] + slack)) return false;
         return true;
       };
       // Nodes may be too far apart for a small tool: also start from where the tool's centre line comes closest.
       for (double s = 0.0; s < 2.0 * reach;) {
-        const Vec3 center = fold(start + s * direction);
-        const Vec3 q = closest_point(body.patches[patch].shape, into_box(center));
+        const Vec3d center = fold(start + s * direction);
+        const Vec3d q = closest_point(body.patches[patch].shape, into_box(center));
         const double apart = (q - center).norm();
         if (inside(q) && apart < 1.01 * scenario.indenter.radius_m())
-          if (const double t = detail::advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
+          if (const double t = advance_to(scenario.indenter, start, direction, fold(q), 2.0 * reach); t < nearest) nearest = t, seed = q;
         s += std::max(0.2 * apart, 1e-3 * scenario.indenter.radius_m());
       }
       if (!std::isfinite(nearest)) continue;
@@ -100,13 +96,13 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
         for (double step = first_step; step > 1e-9; step *= 0.5)
           for (bool moved = true; moved; spun += spin) {
             moved = false;
-            const Vec3 n = outward_normal(body.patches[patch].shape, seed);
-            const Vec3 u = n.unitOrthogonal(), v = n.cross(u);
+            const Vec3d n = outward_normal(body.patches[patch].shape, seed);
+            const Vec3d u = n.unitOrthogonal(), v = n.cross(u);
             for (int k = 0; k < 8; ++k) {
               const double turn = 0.25 * pi * k + spun;
-              const Vec3 trial = closest_point(body.patches[patch].shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
+              const Vec3d trial = closest_point(body.patches[patch].shape, into_box(seed + step * (std::cos(turn) * u + std::sin(turn) * v)));
               if (!inside(trial)) continue;
-              const double s = detail::advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
+              const double s = advance_to(scenario.indenter, start, direction, fold(trial), 2.0 * reach);
               if (s < nearest - gain) nearest = s, seed = trial, moved = true;
             }
           }
@@ -119,7 +115,7 @@ Touch first_touch(const Body& body, const TetMesh& mesh, const Scenario<Tool>& s
     }
   }
   if (!std::isfinite(best))
-    throw InvalidArgument(detail::text("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi, " deg passes by the body"));
+    throw InvalidArgument(message("the indenter at y = ", scenario.y_m * 1e3, " mm and ", scenario.angle_rad * 180 / pi, " deg passes by the body"));
   return {start + best * direction, point};
 }
 

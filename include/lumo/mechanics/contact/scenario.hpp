@@ -26,7 +26,7 @@ struct Scenario {
   bool operator==(const Scenario&) const = default;
 
   /// Unit vector of the advance (paper §III-B; model reading: −(sin α, 0, cos α)).
-  Vec3 direction() const {
+  Vec3d direction() const {
     const double sideways = -std::sin(angle_rad);
     return {tilt == TiltPlane::xz ? sideways : 0.0, tilt == TiltPlane::yz ? sideways : 0.0, -std::cos(angle_rad)};
   }
@@ -60,7 +60,7 @@ void validate(const Scenario<Tool>& s) {
   double last = 0.0;
   for (double load : s.loads_N) {
     require_in_range("load", load, loads_admitted_N, "N");
-    if (load <= last) throw InvalidArgument(detail::text("loads must increase: ", load, " N follows ", last, " N"));
+    if (load <= last) throw InvalidArgument(message("loads must increase: ", load, " N follows ", last, " N"));
     last = load;
   }
 }

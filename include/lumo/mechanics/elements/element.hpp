@@ -8,10 +8,10 @@
 namespace lumo {
 
 /// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes, class Vec3 = Vec3>
-Eigen::Matrix<typename Vec3::Scalar, 3, Nodes> shape_gradients(In<Vec3> xi) {
+template <int Nodes>
+Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
   static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  Eigen::Matrix<typename Vec3::Scalar, 3, Nodes> g;
+  Eigen::Matrix<double, 3, Nodes> g;
   const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
   for (int i = 0; i < 3; ++i) {
     for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
@@ -46,10 +46,9 @@ struct QuadraticTet {
   static constexpr int points = 4;
   bool mean_dilatation = true;
 
-  template <class Vec3 = Vec3>
-  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int q) {
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
     constexpr double a = 0.58541019662496845446, b = 0.13819660112501051518;
-    return shape_gradients<nodes, Vec3>(Vec3(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
+    return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
   }
   static double weight(int) { return 1.0 / 24.0; }
   /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
@@ -63,8 +62,7 @@ struct LinearTet {
   static constexpr int points = 1;
   bool mean_dilatation = false;
 
-  template <class Vec3 = Vec3>
-  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int) { return shape_gradients<nodes, Vec3>(Vec3::Constant(0.25)); }
+  static Eigen::Matrix<double, 3, nodes> gradients(int) { return shape_gradients<nodes>(Vec3d::Constant(0.25)); }
   static double weight(int) { return 1.0 / 6.0; }
   static double mass_share(int) { return 0.25; }
 };
@@ -77,14 +75,13 @@ struct LinearPatchTet {
   static constexpr int points = 8;
   bool mean_dilatation = true;
 
-  template <class Vec3 = Vec3>
-  static Eigen::Matrix<typename Vec3::Scalar, 3, nodes> gradients(int q) {
-    using Gradients = Eigen::Matrix<typename Vec3::Scalar, 3, nodes>;
+  static Eigen::Matrix<double, 3, nodes> gradients(int q) {
+    using Gradients = Eigen::Matrix<double, 3, nodes>;
     Gradients g = Gradients::Zero();
     const auto& part = parts[q];
-    const auto edge = [&](int k) { return Vec3(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
+    const auto edge = [&](int k) { return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
     for (int k = 1; k < 4; ++k) {
-      const Vec3 u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1), slope = 8.0 * u.cross(v);   // u × v · edge(k) = 1/8, six times the volume
+      const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1), slope = 8.0 * u.cross(v);   // u × v · edge(k) = 1/8, six times the volume
       for (int i = 0; i < 3; ++i) g(i, part[k]) = slope[i], g(i, part[0]) -= slope[i];
     }
     return g;

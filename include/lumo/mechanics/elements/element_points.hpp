@@ -13,8 +13,6 @@ namespace lumo {
 /// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
 template <TetElement Element>
 class ElementPoints {
-  using Vec3 = Dependent<lumo::Vec3, Element>;
-  using Mat3 = Dependent<lumo::Mat3, Element>;
 
  public:
   using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
@@ -22,15 +20,15 @@ class ElementPoints {
   /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to no element, or be missing.
   explicit ElementPoints(const TetMesh& mesh) {
     if (mesh.order != Element::order)
-      throw InvalidArgument(detail::text("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
+      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
     gradients_.reserve(mesh.tets.size() * Element::points);
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)
       for (int q = 0; q < Element::points; ++q) {
         const Gradients by_xi = Element::gradients(q);
-        Mat3 jacobian = Mat3::Zero();
-        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3(by_xi.col(a)).transpose();
-        const Mat3 to_x = inverse_transposed(jacobian);
+        Mat3d jacobian = Mat3d::Zero();
+        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
+        const Mat3d to_x = inverse_transposed(jacobian);
         Gradients& by_x = gradients_.emplace_back();
         for (int a = 0; a < Element::nodes; ++a)
           for (int i = 0; i < 3; ++i) by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);

@@ -25,15 +25,12 @@ struct Equations {
   SparseLower pattern;      ///< lower triangle; values are scratch
   std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
 
-  template <class SparseLower = SparseLower>
   Equations(const Sector& sector, const Body& body, Parity parity);
 
   /// Position in the pattern's values of an entry of the lower triangle.
-  template <class = void>
   int slot(int row, int column) const;
 };
 
-template <class>
 inline int Equations::slot(int row, int column) const {
   if (row < column) std::swap(row, column);
   const int* begin = pattern.innerIndexPtr() + pattern.outerIndexPtr()[column];
@@ -41,7 +38,6 @@ inline int Equations::slot(int row, int column) const {
   return int(std::lower_bound(begin, end, row) - pattern.innerIndexPtr());
 }
 
-template <class SparseLower>
 inline Equations::Equations(const Sector& sector, const Body& body, Parity parity) {
   const TetMesh& mesh = sector.mesh;
   const std::size_t n = mesh.nodes.size();

@@ -22,15 +22,12 @@ concept LinearSolver = std::copyable<S> && std::default_initializable<S> && requ
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
-namespace detail {
-
-/// EigenCholesky as a class template, so that what copies it is compiled only where it is copied.
-template <class SparseLower = SparseLower>
-class EigenCholeskyOf {
+/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
+class EigenCholesky {
  public:
-  EigenCholeskyOf() = default;
-  EigenCholeskyOf(const EigenCholeskyOf& other) { *this = other; }
-  EigenCholeskyOf& operator=(const EigenCholeskyOf& other) {  // Eigen's solver does not copy: analyse again
+  EigenCholesky() = default;
+  EigenCholesky(const EigenCholesky& other) { *this = other; }
+  EigenCholesky& operator=(const EigenCholesky& other) {  // Eigen's solver does not copy: analyse again
     if (this != &other && other.pattern_.size() > 0) analyze(other.pattern_);
     return *this;
   }
@@ -39,24 +36,18 @@ class EigenCholeskyOf {
     pattern_ = lower;
     solver_.analyzePattern(lower);
   }
-  template <class ArrayXd = Eigen::ArrayXd>
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
-    if (!Eigen::Map<const ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
-  template <class MatrixXd = Eigen::MatrixXd>
-  Eigen::MatrixXd solve(In<MatrixXd> rhs) const { return solver_.solve(rhs); }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& rhs) const { return solver_.solve(rhs); }
 
  private:
   SparseLower pattern_;
   Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
 };
 
-}  // namespace detail
-
-/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
-using EigenCholesky = detail::EigenCholeskyOf<>;
 
 }  // namespace lumo

@@ -14,7 +14,6 @@ namespace lumo {
 /// Deformed node positions, 3 × nodes [m].
 using Positions = Eigen::Matrix3Xd;
 
-template <class Positions = Positions>
 inline Positions positions_of(const TetMesh& mesh) {
   Positions x(3, Eigen::Index(mesh.nodes.size()));
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) x.col(Eigen::Index(k)) = mesh.nodes[k];
@@ -24,10 +23,6 @@ inline Positions positions_of(const TetMesh& mesh) {
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
 template <HyperelasticMaterial Material, TetElement Element>
 class Solid {
-  using Vec3 = Dependent<lumo::Vec3, Material>;
-  using Mat3 = Dependent<lumo::Mat3, Material>;
-  using Mat9 = Dependent<lumo::Mat9, Material>;
-  using Positions = Dependent<lumo::Positions, Material>;
 
  public:
   static constexpr int N = Element::nodes;
@@ -71,7 +66,7 @@ class Solid {
       for (int q = 0; q < Element::points; ++q) {
         const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
-        for (int a = 0; a < N; ++a) rate += Vec3(dx.col(node(e, a))).dot(Vec3(slope.col(a)));
+        for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
         if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
         else J[e * cells() + std::size_t(q)] += rate;
       }
@@ -88,7 +83,7 @@ class Solid {
       for (int q = 0; q < Element::points; ++q) {
         const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
         const VolumetricSample u = material_.volumetric(theta);
-        const Mat3& F = s.F[std::size_t(q)];
+        const Mat3d& F = s.F[std::size_t(q)];
         f += product(weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)), gradient(e, q));
       }
       for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
@@ -132,7 +127,7 @@ class Solid {
 
  private:
   struct ElementState {
-    std::array<Mat3, std::size_t(Element::points)> F;
+    std::array<Mat3d, std::size_t(Element::points)> F;
     std::array<double, std::size_t(Element::points)> J;
     double volume = 0.0;
     double mean_J = 0.0;
@@ -142,7 +137,7 @@ class Solid {
   double weight(std::size_t e, int q) const { return points_.weight(e, q); }
   const Gradients& gradient(std::size_t e, int q) const { return points_.gradient(e, q); }
 
-  static Gradients product(const Mat3& A, const Gradients& g) {
+  static Gradients product(const Mat3d& A, const Gradients& g) {
     Gradients p;
     for (int a = 0; a < N; ++a)
       for (int i = 0; i < 3; ++i) p(i, a) = A(i, 0) * g(0, a) + A(i, 1) * g(1, a) + A(i, 2) * g(2, a);
@@ -156,7 +151,7 @@ class Solid {
     for (int q = 0; q < Element::points; ++q) {
       const std::size_t k = std::size_t(q);
       const Gradients& g = gradient(e, q);
-      s.F[k] = Mat3::Zero();
+      s.F[k] = Mat3d::Zero();
       for (int a = 0; a < N; ++a)
         for (int j = 0; j < 3; ++j)
           for (int i = 0; i < 3; ++i) s.F[k](i, j) += local(i, a) * g(j, a);
@@ -181,11 +176,11 @@ class Solid {
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
     for (int q = 0; q < Element::points; ++q) {
-      const Mat3& F = s.F[std::size_t(q)];
+      const Mat3d& F = s.F[std::size_t(q)];
       const Gradients& g = gradient(e, q);
-      const Mat3 c = cofactor(F);
+      const Mat3d c = cofactor(F);
       const VolumetricSample u = material_.volumetric(ratio(e, q, s, seen));
-      Mat9 A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
+      Mat9d A = material_.distortion_tangent(F) + u.stress * determinant_hessian(F);
       if (element_.mean_dilatation) {
         dJ += product(weight(e, q) * c, g);
       } else {

@@ -17,21 +17,19 @@ struct Capsule {
   double radius_m() const { return 0.5 * (length_m + diameter_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  DistanceSample sample(In<Vec3> p) const {
-    const Vec3 foot = nearest(p), out = p - foot;
+  double distance(const Vec3d& p) const { return (p - nearest(p)).norm() - contact_radius_m(); }
+  DistanceSample sample(const Vec3d& p) const {
+    const Vec3d foot = nearest(p), out = p - foot;
     const double r = out.norm();
-    const Vec3 n = r > 0.0 ? Vec3(out / r) : Vec3(Vec3::UnitX());
+    const Vec3d n = r > 0.0 ? Vec3d(out / r) : Vec3d(Vec3d::UnitX());
     const bool side = std::abs(p.z()) <= 0.5 * length_m;
-    Mat3 across = Mat3::Identity() - n * n.transpose();
-    if (side) across -= Vec3::UnitZ() * Vec3::UnitZ().transpose();
+    Mat3d across = Mat3d::Identity() - n * n.transpose();
+    if (side) across -= Vec3d::UnitZ() * Vec3d::UnitZ().transpose();
     return {r - contact_radius_m(), n, across / (r > 0.0 ? r : contact_radius_m())};
   }
 
  private:
-  Vec3 nearest(const Vec3& p) const { return {0.0, 0.0, std::clamp(p.z(), -0.5 * length_m, 0.5 * length_m)}; }
+  Vec3d nearest(const Vec3d& p) const { return {0.0, 0.0, std::clamp(p.z(), -0.5 * length_m, 0.5 * length_m)}; }
 };
 
 inline void validate(const Capsule& c) {

@@ -18,10 +18,8 @@ struct Cylinder {
   double radius_m() const { return 0.5 * std::hypot(diameter_m, length_m); }
   double contact_radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const { return sample(p).distance; }
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  DistanceSample sample(In<Vec3> p) const;
+  double distance(const Vec3d& p) const { return sample(p).distance; }
+  DistanceSample sample(const Vec3d& p) const;
 };
 
 inline void validate(const Cylinder& c) {
@@ -31,18 +29,17 @@ inline void validate(const Cylinder& c) {
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
-template <class Vec3, class Mat3>
-inline DistanceSample Cylinder::sample(In<Vec3> p) const {
+inline DistanceSample Cylinder::sample(const Vec3d& p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
-  const Vec3 radial = rho > 0.0 ? Vec3(p.x() / rho, p.y() / rho, 0.0) : Vec3(Vec3::UnitX()), axial = up * Vec3::UnitZ();
-  const Vec3 around = Vec3::UnitZ().cross(radial);
+  const Vec3d radial = rho > 0.0 ? Vec3d(p.x() / rho, p.y() / rho, 0.0) : Vec3d(Vec3d::UnitX()), axial = up * Vec3d::UnitZ();
+  const Vec3d around = Vec3d::UnitZ().cross(radial);
   const double beyond = std::abs(p.z()) - 0.5 * length_m + edge_radius_m, aside = rho - 0.5 * diameter_m + edge_radius_m;
   if (beyond > 0.0 && aside > 0.0) {
     const double r = std::hypot(beyond, aside);
-    const Vec3 n = (beyond * axial + aside * radial) / r, t = (aside * axial - beyond * radial) / r;
+    const Vec3d n = (beyond * axial + aside * radial) / r, t = (aside * axial - beyond * radial) / r;
     return {r - edge_radius_m, n, t * t.transpose() / r + aside / (r * rho) * around * around.transpose()};
   }
-  if (beyond > aside) return {beyond - edge_radius_m, axial, Mat3::Zero()};
+  if (beyond > aside) return {beyond - edge_radius_m, axial, Mat3d::Zero()};
   return {aside - edge_radius_m, radial, around * around.transpose() / (rho > 0.0 ? rho : 0.5 * diameter_m)};
 }
 

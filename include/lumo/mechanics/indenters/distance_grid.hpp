@@ -17,17 +17,14 @@ namespace lumo {
 class DistanceGrid {
  public:
   /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
-  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   DistanceGrid(const TriangleSurface& surface, int cells);
   DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const { return sample(p).distance; }
+  double distance(const Vec3d& p) const { return sample(p).distance; }
 
   /// Distance with its derivatives.
-  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
-  DistanceSample sample(In<Vec3> p) const;
+  DistanceSample sample(const Vec3d& p) const;
 
   double spacing_m() const { return h_; }
   const TriangleSurface& surface() const { return surface_; }
@@ -39,38 +36,31 @@ class DistanceGrid {
 
   double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
-  template <class Vec3 = Vec3>
-  Vec3 node(int i, int j, int k) const { return origin_ + h_ * Vec3(i, j, k); }
+  Vec3d node(int i, int j, int k) const { return origin_ + h_ * Vec3d(i, j, k); }
 
-  template <class = void>
   void fill();
-  template <class = void>
   void filter();
-  template <class Vec3 = Vec3>
   void measure();
-  template <class Vec3 = Vec3, class Mat3 = Mat3, class DistanceSample = DistanceSample>
-  DistanceSample spline(In<Vec3> p) const;
-  template <class Vec3 = Vec3>
-  DistanceSample exact(In<Vec3> p) const;
+  DistanceSample spline(const Vec3d& p) const;
+  DistanceSample exact(const Vec3d& p) const;
 
   TriangleSurface surface_;
   SignedDistance exact_;
-  Vec3 origin_, low_, high_;   // first node; box in which the spline holds
+  Vec3d origin_, low_, high_;   // first node; box in which the spline holds
   std::array<int, 3> n_{};     // nodes each way
   double h_ = 0.0, error_ = 0.0;
   std::vector<double> c_;      // spline coefficients
 };
 
-template <class Vec3, class AlignedBox3d>
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
-  if (cells < 8 || cells > 256) throw InvalidArgument(detail::text("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
-  AlignedBox3d box;
-  for (const Vec3& v : surface_.vertices) box.extend(v);
-  const Vec3 size = box.sizes();
+  if (cells < 8 || cells > 256) throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
+  Eigen::AlignedBox3d box;
+  for (const Vec3d& v : surface_.vertices) box.extend(v);
+  const Vec3d size = box.sizes();
   h_ = size.maxCoeff() / cells;
-  origin_ = box.min() - pad * h_ * Vec3::Ones();
+  origin_ = box.min() - pad * h_ * Vec3d::Ones();
   for (int a = 0; a < 3; ++a) n_[std::size_t(a)] = int(std::ceil(size[a] / h_ - 1e-9)) + 2 * pad + 1;
-  low_ = origin_ + rim * h_ * Vec3::Ones();
+  low_ = origin_ + rim * h_ * Vec3d::Ones();
   high_ = node(n_[0] - 1 - rim, n_[1] - 1 - rim, n_[2] - 1 - rim);
   c_.resize(std::size_t(n_[0]) * std::size_t(n_[1]) * std::size_t(n_[2]));
   fill();
@@ -78,7 +68,6 @@ inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : s
   measure();
 }
 
-template <class>
 inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
@@ -87,7 +76,6 @@ inline void DistanceGrid::fill() {
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
-template <class>
 inline void DistanceGrid::filter() {
   const double pole = std::sqrt(3.0) - 2.0;
   const auto line = [&](int count, auto&& value) {
@@ -107,19 +95,17 @@ inline void DistanceGrid::filter() {
     for (int i = 0; i < n_[0]; ++i) line(n_[2], [&](int k) -> double& { return at(i, j, k); });
 }
 
-template <class Vec3>
 inline void DistanceGrid::measure() {
   for (int k = rim; k < n_[2] - 1 - rim; ++k)
     for (int j = rim; j < n_[1] - 1 - rim; ++j)
       for (int i = rim; i < n_[0] - 1 - rim; ++i) {
-        const Vec3 p = node(i, j, k) + Vec3::Constant(0.5 * h_);
+        const Vec3d p = node(i, j, k) + Vec3d::Constant(0.5 * h_);
         const double d = spline(p).distance;
         if (std::abs(d) < h_) error_ = std::max(error_, std::abs(d - exact_.distance(p, 3.0 * h_)));
       }
 }
 
-template <class Vec3, class Mat3, class DistanceSample>
-inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
+inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
   std::array<int, 3> cell;
   std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
@@ -130,7 +116,7 @@ inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
     dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
     ddw[a] = {s / (h_ * h_), (3.0 * t - 2.0) / (h_ * h_), (3.0 * s - 2.0) / (h_ * h_), t / (h_ * h_)};
   }
-  DistanceSample d{0.0, Vec3::Zero(), Mat3::Zero()};
+  DistanceSample d{0.0, Vec3d::Zero(), Mat3d::Zero()};
   for (std::size_t k = 0; k < 4; ++k)
     for (std::size_t j = 0; j < 4; ++j) {
       double f = 0.0, fx = 0.0, fxx = 0.0;
@@ -139,7 +125,7 @@ inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
         f += w[0][i] * c, fx += dw[0][i] * c, fxx += ddw[0][i] * c;
       }
       d.distance += w[1][j] * w[2][k] * f;
-      d.gradient += Vec3(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
+      d.gradient += Vec3d(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
       d.hessian(0, 0) += w[1][j] * w[2][k] * fxx;
       d.hessian(1, 1) += ddw[1][j] * w[2][k] * f;
       d.hessian(2, 2) += w[1][j] * ddw[2][k] * f;
@@ -151,12 +137,11 @@ inline DistanceSample DistanceGrid::spline(In<Vec3> p) const {
   return d;
 }
 
-template <class Vec3, class Mat3, class DistanceSample>
-inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
+inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
   // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
   double gone = 0.0;
-  Vec3 slope = Vec3::Zero();
-  Mat3 bend = Mat3::Zero();
+  Vec3d slope = Vec3d::Zero();
+  Mat3d bend = Mat3d::Zero();
   for (int a = 0; a < 3; ++a) {
     const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0, t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
     if (!(t > 0.0)) continue;
@@ -176,13 +161,12 @@ inline DistanceSample DistanceGrid::sample(In<Vec3> p) const {
   if (gone == 0.0) return near;
   const DistanceSample far = exact(p);
   const double apart = far.distance - near.distance;
-  const Vec3 turn = far.gradient - near.gradient;
+  const Vec3d turn = far.gradient - near.gradient;
   return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
           near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
 }
 
-template <class Vec3>
-inline DistanceSample DistanceGrid::exact(In<Vec3> p) const {
+inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {
   const SignedDistance::Sample s = exact_.sample(p);
   return {s.distance, s.gradient, s.hessian};
 }

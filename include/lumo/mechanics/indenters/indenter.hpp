@@ -10,15 +10,15 @@ namespace lumo {
 /// Signed distance to a rigid surface with its first and second derivatives by the point.
 struct DistanceSample {
   double distance;   ///< [m], negative inside
-  Vec3 gradient;     ///< unit outward normal
-  Mat3 hessian;      ///< [1/m]
+  Vec3d gradient;     ///< unit outward normal
+  Mat3d hessian;      ///< [1/m]
 };
 
 /// A rigid tool, given by its signed distance field in its own frame (origin at its centre); radius_m() is that of a ball about the origin
 /// that holds it.
 /// Laws: |gradient| = 1 almost everywhere; distance is 1-Lipschitz; derivatives match finite differences.
 template <class T>
-concept Indenter = requires(const T& tool, const Vec3& p) {
+concept Indenter = requires(const T& tool, const Vec3d& p) {
   { tool.distance(p) } -> std::convertible_to<double>;
   { tool.sample(p) } -> std::convertible_to<DistanceSample>;
   { tool.radius_m() } -> std::convertible_to<double>;
@@ -47,13 +47,11 @@ struct Sphere {
 
   double radius_m() const { return 0.5 * diameter_m; }
   bool symmetric(int) const { return true; }
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const { return p.norm() - radius_m(); }
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  DistanceSample sample(In<Vec3> p) const {
+  double distance(const Vec3d& p) const { return p.norm() - radius_m(); }
+  DistanceSample sample(const Vec3d& p) const {
     const double r = p.norm();
-    const Vec3 n = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::UnitZ());
-    return {r - radius_m(), n, (Mat3::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
+    const Vec3d n = r > 0.0 ? Vec3d(p / r) : Vec3d(Vec3d::UnitZ());
+    return {r - radius_m(), n, (Mat3d::Identity() - n * n.transpose()) / (r > 0.0 ? r : radius_m())};
   }
 };
 

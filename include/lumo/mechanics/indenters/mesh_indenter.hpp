@@ -12,15 +12,13 @@ namespace lumo {
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
-  template <class Vec3 = Vec3, class AlignedBox3d = Eigen::AlignedBox3d>
   explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
-    AlignedBox3d box;
-    for (const Vec3& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
+    Eigen::AlignedBox3d box;
+    for (const Vec3d& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
   }
 
   /// The same surface on as fine a grid.
-  template <class = void>
   bool operator==(const MeshIndenter& other) const {
     const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
     return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
@@ -28,10 +26,8 @@ class MeshIndenter {
 
   double radius_m() const { return radius_m_; }
   double contact_radius_m() const { return contact_radius_m_; }
-  template <class Vec3 = Vec3>
-  double distance(In<Vec3> p) const { return grid_->distance(p); }
-  template <class Vec3 = Vec3>
-  DistanceSample sample(In<Vec3> p) const { return grid_->sample(p); }
+  double distance(const Vec3d& p) const { return grid_->distance(p); }
+  DistanceSample sample(const Vec3d& p) const { return grid_->sample(p); }
   const DistanceGrid& grid() const { return *grid_; }
 
  private:

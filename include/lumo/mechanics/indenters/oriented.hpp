@@ -11,11 +11,9 @@ namespace lumo {
 /// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
 template <Indenter Tool>
 struct Oriented {
-  using Vec3 = Dependent<lumo::Vec3, Tool>;
-  using Mat3 = Dependent<lumo::Mat3, Tool>;
 
   Tool tool;
-  Mat3 turn{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
+  Mat3d turn{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
 
   bool operator==(const Oriented&) const = default;
 
@@ -26,28 +24,28 @@ struct Oriented {
       if (std::abs(turn(axis, k)) == 1.0) return is_symmetric(tool, k);
     return false;
   }
-  double distance(const Vec3& p) const { return tool.distance(turn.transpose() * p); }
-  DistanceSample sample(const Vec3& p) const {
+  double distance(const Vec3d& p) const { return tool.distance(turn.transpose() * p); }
+  DistanceSample sample(const Vec3d& p) const {
     const auto d = tool.sample(turn.transpose() * p);
     return {d.distance, turn * d.gradient, turn * d.hessian * turn.transpose()};
   }
 };
 
 template <Indenter Tool>
-Oriented(Tool, Mat3) -> Oriented<Tool>;
+Oriented(Tool, Mat3d) -> Oriented<Tool>;
 
 /// A tool that is long along its own z, laid along y, the finger: its z becomes y.
-template <Indenter Tool, class Mat3 = Mat3>
+template <Indenter Tool>
 Oriented<Tool> lying_along_y(const Tool& tool) {
-  Mat3 turn;
+  Mat3d turn;
   turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
   return {tool, turn};
 }
 
 /// The same, laid along x, across the finger.
-template <Indenter Tool, class Mat3 = Mat3>
+template <Indenter Tool>
 Oriented<Tool> lying_along_x(const Tool& tool) {
-  Mat3 turn;
+  Mat3d turn;
   turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   return {tool, turn};
 }
@@ -55,8 +53,8 @@ Oriented<Tool> lying_along_x(const Tool& tool) {
 template <Indenter Tool>
 void validate(const Oriented<Tool>& o) {
   validate(o.tool);
-  if (!((o.turn.transpose() * o.turn - Mat3::Identity()).norm() < 1e-9 && o.turn.determinant() > 0.0))
-    throw InvalidArgument(detail::text("turn of a tool: its determinant is ", o.turn.determinant(), ", must be a rotation"));
+  if (!((o.turn.transpose() * o.turn - Mat3d::Identity()).norm() < 1e-9 && o.turn.determinant() > 0.0))
+    throw InvalidArgument(message("turn of a tool: its determinant is ", o.turn.determinant(), ", must be a rotation"));
 }
 
 static_assert(Indenter<Oriented<Sphere>>);

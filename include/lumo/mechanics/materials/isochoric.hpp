@@ -9,22 +9,17 @@
 namespace lumo {
 
 /// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
-template <class Mat9 = Mat9>
-struct InvariantSampleOf {
+struct InvariantSample {
   double value;
-  Mat3 gradient;
-  Mat9 hessian;
+  Mat3d gradient;
+  Mat9d hessian;
 };
 
-using InvariantSample = InvariantSampleOf<>;
-
 /// Ī₁ = J^(−2/3) tr C; det F must be positive.
-template <class Mat3 = Mat3, class Mat9 = Mat9>
-InvariantSampleOf<Mat9> first_isochoric_invariant(In<Mat3> F);
+inline InvariantSample first_isochoric_invariant(const Mat3d& F);
 
 /// Ī₂ = J^(−4/3) tr cof C; det F must be positive.
-template <class Mat3 = Mat3, class Mat9 = Mat9>
-InvariantSampleOf<Mat9> second_isochoric_invariant(In<Mat3> F);
+inline InvariantSample second_isochoric_invariant(const Mat3d& F);
 
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
@@ -35,11 +30,10 @@ inline VolumetricSample convex_volumetric(double bulk, double J) {
 namespace detail {
 
 // I J^(−m), from I with its derivatives.
-template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample>
-inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, double m) {
+inline InvariantSample without_volume(const Mat3d& F, const InvariantSample& full, double m) {
   const double J = F.determinant(), scale = std::pow(J, -m);
-  const Mat3 c = cofactor(F);
-  const Mat9 mixed = dyad(full.gradient, c);
+  const Mat3d c = cofactor(F);
+  const Mat9d mixed = dyad(full.gradient, c);
   return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
           scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) -
                    (m * full.value / J) * determinant_hessian(F))};
@@ -47,16 +41,14 @@ inline InvariantSample without_volume(In<Mat3> F, In<InvariantSample> full, doub
 
 }  // namespace detail
 
-template <class Mat3, class Mat9>
-inline InvariantSampleOf<Mat9> first_isochoric_invariant(In<Mat3> F) {
+inline InvariantSample first_isochoric_invariant(const Mat3d& F) {
   return detail::without_volume(F, {F.squaredNorm(), 2.0 * F, isotropic(2.0)}, 2.0 / 3.0);
 }
 
-template <class Mat3, class Mat9>
-inline InvariantSampleOf<Mat9> second_isochoric_invariant(In<Mat3> F) {
-  const Mat3 C = F.transpose() * F, B = F * F.transpose();
+inline InvariantSample second_isochoric_invariant(const Mat3d& F) {
+  const Mat3d C = F.transpose() * F, B = F * F.transpose();
   const double I1 = C.trace();
-  Mat9 h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
+  Mat9d h;  // 2 (I₁ dF + 2 (F : dF) F − dF C − F dFᵀ F − B dF)
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       for (int k = 0; k < 3; ++k)

@@ -19,10 +19,10 @@ struct VolumetricSample {
 /// Laws: P(I) = 0; W(QF) = W(F) for rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the
 /// law resists inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
 template <class M>
-concept HyperelasticMaterial = requires(const M& m, const Mat3& F, double J) {
+concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
   { m.distortion_energy(F) } -> std::convertible_to<double>;
-  { m.distortion_stress(F) } -> std::convertible_to<Mat3>;
-  { m.distortion_tangent(F) } -> std::convertible_to<Mat9>;
+  { m.distortion_stress(F) } -> std::convertible_to<Mat3d>;
+  { m.distortion_tangent(F) } -> std::convertible_to<Mat9d>;
   { m.volumetric(J) } -> std::convertible_to<VolumetricSample>;
   { m.shear_modulus() } -> std::convertible_to<double>;
   validate(m);
@@ -42,9 +42,8 @@ concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, c
 };
 
 /// Derivative of det F by F: the cofactor matrix.
-template <class Mat3 = Mat3>
-inline Mat3 cofactor(In<Mat3> F) {
-  Mat3 c;
+inline Mat3d cofactor(const Mat3d& F) {
+  Mat3d c;
   for (int j = 0; j < 3; ++j) {
     const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;
     for (int i = 0; i < 3; ++i) {
@@ -56,16 +55,14 @@ inline Mat3 cofactor(In<Mat3> F) {
 }
 
 /// A⁻ᵀ.
-template <class Mat3 = Mat3>
-inline Mat3 inverse_transposed(In<Mat3> A) {
-  const Mat3 c = cofactor(A);
+inline Mat3d inverse_transposed(const Mat3d& A) {
+  const Mat3d c = cofactor(A);
   return c * (1.0 / (c(0, 0) * A(0, 0) + c(1, 0) * A(1, 0) + c(2, 0) * A(2, 0)));
 }
 
 /// Second derivative of det F by F, flattened by columns.
-template <class Mat3 = Mat3, class Mat9 = Mat9>
-inline Mat9 determinant_hessian(In<Mat3> F) {
-  Mat9 h = Mat9::Zero();
+inline Mat9d determinant_hessian(const Mat3d& F) {
+  Mat9d h = Mat9d::Zero();
   for (int j = 0; j < 3; ++j)
     for (int turn = 1; turn < 3; ++turn)
       for (int i = 0; i < 3; ++i) {
@@ -78,39 +75,37 @@ inline Mat9 determinant_hessian(In<Mat3> F) {
 }
 
 /// a ⊗ b, both flattened by columns.
-template <class Mat3 = Mat3, class Mat9 = Mat9>
-inline Mat9 dyad(In<Mat3> a, In<Mat3> b) {
-  Mat9 product;
+inline Mat9d dyad(const Mat3d& a, const Mat3d& b) {
+  Mat9d product;
   for (int j = 0; j < 9; ++j)
     for (int i = 0; i < 9; ++i) product.data()[i + 9 * j] = a.data()[i] * b.data()[j];
   return product;
 }
 
 /// m I of nine rows.
-template <class Mat9 = Mat9>
-inline Mat9 isotropic(double m) {
-  Mat9 diagonal = Mat9::Zero();
+inline Mat9d isotropic(double m) {
+  Mat9d diagonal = Mat9d::Zero();
   for (int i = 0; i < 9; ++i) diagonal.data()[10 * i] = m;
   return diagonal;
 }
 
 /// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M, class Mat3 = Mat3>
-double energy_density(const M& m, In<Mat3> F) {
+template <HyperelasticMaterial M>
+double energy_density(const M& m, const Mat3d& F) {
   return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
 }
 
 /// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M, class Mat3 = Mat3>
-Mat3 first_piola(const M& m, In<Mat3> F) {
+template <HyperelasticMaterial M>
+Mat3d first_piola(const M& m, const Mat3d& F) {
   return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
 }
 
 /// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M, class Mat3 = Mat3, class Mat9 = Mat9>
-Mat9 elasticity_tangent(const M& m, In<Mat3> F) {
+template <HyperelasticMaterial M>
+Mat9d elasticity_tangent(const M& m, const Mat3d& F) {
   const VolumetricSample u = m.volumetric(F.determinant());
-  const Mat3 c = cofactor(F);
+  const Mat3d c = cofactor(F);
   return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);
 }
 

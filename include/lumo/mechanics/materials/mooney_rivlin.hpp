@@ -14,15 +14,12 @@ struct MooneyRivlin {
 
   double shear_modulus() const { return 2.0 * (c10 + c01); }
 
-  template <class Mat3 = Mat3>
-  double distortion_energy(In<Mat3> F) const {
+  double distortion_energy(const Mat3d& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
   }
-  template <class Mat3 = Mat3>
-  Mat3 distortion_stress(In<Mat3> F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
-  Mat9 distortion_tangent(In<Mat3> F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
+  Mat3d distortion_stress(const Mat3d& F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
+  Mat9d distortion_tangent(const Mat3d& F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 };
 

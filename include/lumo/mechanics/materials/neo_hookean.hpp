@@ -15,18 +15,15 @@ struct NeoHookean {
 
   double shear_modulus() const { return mu; }
 
-  template <class Mat3 = Mat3>
-  double distortion_energy(In<Mat3> F) const {
+  double distortion_energy(const Mat3d& F) const {
     const double J = F.determinant();
     if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
     return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * std::log(J);
   }
-  template <class Mat3 = Mat3>
-  Mat3 distortion_stress(In<Mat3> F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
-  Mat9 distortion_tangent(In<Mat3> F) const {
+  Mat3d distortion_stress(const Mat3d& F) const { return mu * F - (mu / F.determinant()) * cofactor(F); }
+  Mat9d distortion_tangent(const Mat3d& F) const {
     const double J = F.determinant();
-    const Mat3 c = cofactor(F);
+    const Mat3d c = cofactor(F);
     return isotropic(mu) + dyad((mu / (J * J)) * c, c) - (mu / J) * determinant_hessian(F);
   }
   VolumetricSample volumetric(double J) const {

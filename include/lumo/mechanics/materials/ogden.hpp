@@ -25,32 +25,24 @@ struct Ogden {
     return sum;
   }
 
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  double distortion_energy(In<Mat3> F) const;
-  template <class Mat3 = Mat3, class Vec3 = Vec3>
-  Mat3 distortion_stress(In<Mat3> F) const;
-  template <class Mat3 = Mat3, class Mat9 = Mat9, class Vec3 = Vec3>
-  Mat9 distortion_tangent(In<Mat3> F) const;
+  double distortion_energy(const Mat3d& F) const;
+  Mat3d distortion_stress(const Mat3d& F) const;
+  Mat9d distortion_tangent(const Mat3d& F) const;
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 
  private:
   // Principal stretches l, with F = U diag(l) Vᵀ, and gᵢ = lᵢ ∂W/∂lᵢ.
-  template <class Vec3, class Mat3>
   struct Principal {
-    Mat3 U, V;
-    Vec3 l, g;
+    Mat3d U, V;
+    Vec3d l, g;
   };
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  Principal<Vec3, Mat3> principal(In<Mat3> F) const;
+  Principal principal(const Mat3d& F) const;
   // ∂gᵢ/∂ln lⱼ
-  template <class Vec3 = Vec3, class Mat3 = Mat3>
-  Mat3 log_slopes(In<Vec3> l) const;
+  Mat3d log_slopes(const Vec3d& l) const;
   // (gᵢ − gⱼ)/(lᵢ − lⱼ), without cancellation where they meet.
-  template <class Vec3 = Vec3>
-  double divided_difference(In<Vec3> l, int i, int j) const;
+  double divided_difference(const Vec3d& l, int i, int j) const;
 };
 
-template <class = void>
 inline void validate(const Ogden& m) {
   for (const Ogden::Term& t : m.terms) {
     require_in_range("Ogden exponent alpha", t.alpha, -20.0, 20.0, "");
@@ -60,48 +52,43 @@ inline void validate(const Ogden& m) {
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 
-template <class Vec3, class Mat3>
-inline Ogden::Principal<Vec3, Mat3> Ogden::principal(In<Mat3> F) const {
-  const Eigen::JacobiSVD<Mat3> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Principal<Vec3, Mat3> p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3::Zero()};
+inline Ogden::Principal Ogden::principal(const Mat3d& F) const {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Principal p{svd.matrixU(), svd.matrixV(), svd.singularValues(), Vec3d::Zero()};
   const double J = p.l.prod();
   for (const Term& t : terms) {
-    const Vec3 power = t.mu * std::pow(J, -t.alpha / 3.0) * p.l.array().pow(t.alpha).matrix();
-    p.g += power - Vec3::Constant(power.sum() / 3.0);
+    const Vec3d power = t.mu * std::pow(J, -t.alpha / 3.0) * p.l.array().pow(t.alpha).matrix();
+    p.g += power - Vec3d::Constant(power.sum() / 3.0);
   }
   return p;
 }
 
-template <class Vec3, class Mat3>
-inline double Ogden::distortion_energy(In<Mat3> F) const {
+inline double Ogden::distortion_energy(const Mat3d& F) const {
   const double J = F.determinant();
   if (!(J > 0.0)) return std::numeric_limits<double>::infinity();
-  const Vec3 l = principal(F).l / std::cbrt(J);
+  const Vec3d l = principal(F).l / std::cbrt(J);
   double sum = 0.0;
   for (const Term& t : terms)
     if (t.mu != 0.0) sum += t.mu / t.alpha * (l.array().pow(t.alpha).sum() - 3.0);
   return sum;
 }
 
-template <class Mat3, class Vec3>
-inline Mat3 Ogden::distortion_stress(In<Mat3> F) const {
-  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
+inline Mat3d Ogden::distortion_stress(const Mat3d& F) const {
+  const Principal p = principal(F);
   return p.U * p.g.cwiseQuotient(p.l).asDiagonal() * p.V.transpose();
 }
 
-template <class Vec3, class Mat3>
-inline Mat3 Ogden::log_slopes(In<Vec3> l) const {
-  Mat3 d = Mat3::Zero();
+inline Mat3d Ogden::log_slopes(const Vec3d& l) const {
+  Mat3d d = Mat3d::Zero();
   for (const Term& t : terms) {
-    const Vec3 power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
+    const Vec3d power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) d(i, j) += (i == j ? power[i] : 0.0) - (power[i] + power[j]) / 3.0 + power.sum() / 9.0;
   }
   return d;
 }
 
-template <class Vec3>
-inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
+inline double Ogden::divided_difference(const Vec3d& l, int i, int j) const {
   const double apart = l[i] - l[j];
   double sum = 0.0;
   for (const Term& t : terms) {
@@ -112,11 +99,10 @@ inline double Ogden::divided_difference(In<Vec3> l, int i, int j) const {
 }
 
 // In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
-template <class Mat3, class Mat9, class Vec3>
-inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
-  const Principal<Vec3, Mat3> p = principal<Vec3, Mat3>(F);
-  const Mat3 slopes = log_slopes(p.l);
-  Mat9 local = Mat9::Zero();
+inline Mat9d Ogden::distortion_tangent(const Mat3d& F) const {
+  const Principal p = principal(F);
+  const Mat3d slopes = log_slopes(p.l);
+  Mat9d local = Mat9d::Zero();
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       local(4 * i, 4 * j) = (slopes(i, j) - (i == j ? p.g[i] : 0.0)) / (p.l[i] * p.l[j]);
@@ -126,7 +112,7 @@ inline Mat9 Ogden::distortion_tangent(In<Mat3> F) const {
       local(i + 3 * j, i + 3 * j) = 0.5 * (stretch + turn);
       local(i + 3 * j, j + 3 * i) = 0.5 * (stretch - turn);
     }
-  Mat9 frame;  // vec(U X Vᵀ) = frame · vec(X)
+  Mat9d frame;  // vec(U X Vᵀ) = frame · vec(X)
   for (int j = 0; j < 3; ++j)
     for (int l = 0; l < 3; ++l) frame.template block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
   return frame * local * frame.transpose();

@@ -15,12 +15,9 @@ struct StableNeoHookean {
   double shear_modulus() const { return mu; }
 
   // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
-  template <class Mat3 = Mat3>
-  double distortion_energy(In<Mat3> F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
-  template <class Mat3 = Mat3>
-  Mat3 distortion_stress(In<Mat3> F) const { return mu * (F - cofactor(F)); }
-  template <class Mat3 = Mat3, class Mat9 = Mat9>
-  Mat9 distortion_tangent(In<Mat3> F) const { return mu * (isotropic(1.0) - determinant_hessian(F)); }
+  double distortion_energy(const Mat3d& F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
+  Mat3d distortion_stress(const Mat3d& F) const { return mu * (F - cofactor(F)); }
+  Mat9d distortion_tangent(const Mat3d& F) const { return mu * (isotropic(1.0) - determinant_hessian(F)); }
   VolumetricSample volumetric(double J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};

@@ -19,22 +19,19 @@ struct Yeoh {
 
   double shear_modulus() const { return 2.0 * c1; }
 
-  template <class Mat3 = Mat3>
-  double distortion_energy(In<Mat3> F) const {
+  double distortion_energy(const Mat3d& F) const {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     const double s = first_isochoric_invariant(F).value - 3.0;
     return s * (c1 + s * (c2 + s * c3));
   }
-  template <class Mat3 = Mat3, class InvariantSample = InvariantSample>
-  Mat3 distortion_stress(In<Mat3> F) const {
+  Mat3d distortion_stress(const Mat3d& F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     return slope(I.value - 3.0) * I.gradient;
   }
-  template <class Mat3 = Mat3, class Mat9 = Mat9, class InvariantSample = InvariantSample, class Vector9d = Eigen::Matrix<double, 9, 1>>
-  Mat9 distortion_tangent(In<Mat3> F) const {
+  Mat9d distortion_tangent(const Mat3d& F) const {
     const InvariantSample I = first_isochoric_invariant(F);
     const double s = I.value - 3.0;
-    const Eigen::Map<const Vector9d> g(I.gradient.data());
+    const Eigen::Map<const Eigen::Matrix<double, 9, 1>> g(I.gradient.data());
     return slope(s) * I.hessian + (2.0 * c2 + 6.0 * c3 * s) * g * g.transpose();
   }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
@@ -43,14 +40,13 @@ struct Yeoh {
   double slope(double s) const { return c1 + s * (2.0 * c2 + s * 3.0 * c3); }
 };
 
-template <class = void>
 inline void validate(const Yeoh& m) {
   require_positive("Yeoh c1", m.c1, "Pa");
   require_in_range("Yeoh c3", m.c3, 0.0, 1e12, "Pa");
   // c₁ + 2 c₂ s + 3 c₃ s² > 0 for all s ≥ 0; where the parabola only touches 0 there is no stiffness left.
   const double least = -std::sqrt(3.0 * m.c1 * m.c3);
   if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
-    throw InvalidArgument(detail::text("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least, " Pa, or not below 0, and not above 1e12 Pa"));
+    throw InvalidArgument(message("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least, " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 

@@ -38,7 +38,6 @@ struct DescentConfig {
 };
 
 /// Throws InvalidArgument for settings out of range.
-template <class = void>
 inline void validate(const DescentConfig& c) {
   require_in_range("time step", c.time_step_s, 1e-6, 1.0, "s");
   require_in_range("sweeps", c.sweeps, 1, 1e6, "");
@@ -54,7 +53,6 @@ inline void validate(const DescentConfig& c) {
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element>
 struct DescentModel {
-  using Mat3 = Dependent<lumo::Mat3, Material>;
   static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
 
   Sector sector;
@@ -86,7 +84,7 @@ struct DescentModel {
         touchable(sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
         resting(sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law), carrier{body.carrier},
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)), moves(sector.mesh.nodes.size(), 1),
-        resists_inversion(!std::isfinite(energy_density(material, Mat3(-Mat3::Identity())))) {
+        resists_inversion(!std::isfinite(energy_density(material, Mat3d(-Mat3d::Identity())))) {
     for (const BoundaryFace& f : sector.mesh.faces)
       if (body.patches[std::size_t(f.patch)].bonded)
         for (int k = 0; k < sector.mesh.nodes_per_face(); ++k) moves[std::size_t(f.nodes[std::size_t(k)])] = 0;

@@ -52,21 +52,18 @@ struct SectorModel {
 /// Loads are the sector's share of the whole load.
 template <class Model, Indenter Tool>
 struct PressSystem {
-  using Vec3 = Dependent<lumo::Vec3, Model>;
-  using Positions = Dependent<lumo::Positions, Model>;
-  using VectorXd = Dependent<Eigen::VectorXd, Model>;
 
   const Model& model;
   const Tool& tool;
-  Vec3 origin;      ///< of the indenter at first touch
-  Vec3 direction;
+  Vec3d origin;      ///< of the indenter at first touch
+  Vec3d direction;
   double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
   const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
   const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
 
   Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
-  Moving<Carrier> support() const { return {&model.carrier, Vec3::Zero(), Vec3::UnitZ()}; }
+  Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
 
   /// Elastic + contact energy − load · advance [J]; +∞ for an inverted element.
   double energy(const Positions& x, double advance, double load) const {
@@ -94,12 +91,12 @@ struct PressSystem {
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
-  VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
-    VectorXd r(eq.count + 1);
+    Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) r[eq.of[i]] = f.data()[i];
     r[eq.count] = touch.push_N - load;
@@ -109,7 +106,7 @@ struct PressSystem {
   /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own stiffness.
   struct Tangent {
     std::vector<SparseLower> matrix;   ///< one per block asked for
-    VectorXd coupling;
+    Eigen::VectorXd coupling;
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
@@ -127,7 +124,7 @@ struct PressSystem {
     model.solid.add_tangent(x, systems, values, seen ? &seen->ratios : nullptr);
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
-      if (even) t.coupling = VectorXd::Zero(systems[k]->count);
+      if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
       const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
                                                 seen ? &seen->touch : nullptr, touch_friction);
       if (even) t.stiffness = s.push_stiffness;
@@ -136,7 +133,7 @@ struct PressSystem {
   }
 
   /// x moved by a field of the given equations.
-  static void move(Positions& x, const Equations& eq, const VectorXd& by, double factor) {
+  static void move(Positions& x, const Equations& eq, const Eigen::VectorXd& by, double factor) {
     for (std::size_t i = 0; i < eq.of.size(); ++i)
       if (eq.of[i] >= 0) x.data()[i] += factor * by[eq.of[i]];
   }

@@ -65,19 +65,14 @@ struct QuasiStatic {
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
 
-namespace detail {
-
 template <class Model, Indenter Tool>
 class QuasiStaticRun {
-  using Vec3 = Dependent<lumo::Vec3, Model>;
-  using VectorXd = Dependent<Eigen::VectorXd, Model>;
-  using Positions = Dependent<lumo::Positions, Model>;
 
  public:
   QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
       : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
         eq_(model.blocks.front().equations), now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3::Zero()) {
+        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -159,9 +154,9 @@ class QuasiStaticRun {
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
-    VectorXd before;   // residual at the start of the last step; none before the first factor
+    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
-      VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -219,9 +214,9 @@ class QuasiStaticRun {
   }
 
   // Solution with the last factor for all equations, the advance's included.
-  VectorXd solve_factored(const VectorXd& r) {
-    VectorXd d(r.size());
-    const VectorXd z = linear_.front().solve(r.head(eq_.count));
+  Eigen::VectorXd solve_factored(const Eigen::VectorXd& r) {
+    Eigen::VectorXd d(r.size());
+    const Eigen::VectorXd z = linear_.front().solve(r.head(eq_.count));
     d[eq_.count] = (r[eq_.count] - tangent_.coupling.dot(z)) / schur_;
     d.head(eq_.count) = z - d[eq_.count] * response_;
     return d;
@@ -229,8 +224,8 @@ class QuasiStaticRun {
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
   // What refuses even the shortest step says why there is none.
-  Status step(const VectorXd& r, typename System::Seen& seen) {
-    const VectorXd d = -steps_.solve(r, [&](const VectorXd& rest) { return solve_factored(rest); });
+  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+    const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
     const double now = model_.solid.smallest_J(now_.x);
@@ -264,7 +259,7 @@ class QuasiStaticRun {
       const FactorStatus f = linear_[b].factorize(t.matrix[b]);
       if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
       if (b > 0) continue;   // the advance moves with the even fields only
-      const double stiffness = t.stiffness - t.coupling.dot(VectorXd(linear_[b].solve(t.coupling)));
+      const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
       if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
     return Status::converged;
@@ -279,10 +274,10 @@ class QuasiStaticRun {
   FrictionHistory touched_, rested_;        // at the end of the last stride
   Stopwatch watch_;
   typename System::Tangent tangent_;
-  VectorXd response_;   // K⁻¹ k
+  Eigen::VectorXd response_;   // K⁻¹ k
   double schur_ = 0.0;
   SecantPairs steps_;          // with that factor
-  VectorXd last_step_;
+  Eigen::VectorXd last_step_;
   double load_ = 0.0;          // last one that was reached
 };
 
@@ -291,7 +286,7 @@ FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
   if (touched_.coefficient == 0.0) return out;
   const Sector& sector = model_.sector;
-  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3::Zero());
+  out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
   out.push_N = touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes).dot(system_.direction) / sector.fraction();
   for (std::size_t k = 0; k < out.on_nodes.size(); ++k)   // nodes in a bounding plane have as much on the other side
@@ -303,12 +298,10 @@ FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   return out;
 }
 
-}  // namespace detail
-
 template <LinearSolver Linear>
 template <class SomeModel, Indenter Tool>
 std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  detail::QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
+  QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
   for (double load : scenario.loads_N) {

@@ -12,17 +12,12 @@ namespace lumo {
 /// Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020; Newton 1.8).
 template <ContactHandler Contact, class Tool>
 class StepContacts {
-  using Vec3 = Dependent<lumo::Vec3, Contact>;
-  using Mat3 = Dependent<lumo::Mat3, Contact>;
-  using Positions = Dependent<lumo::Positions, Contact>;
-  using VertexBlock = Dependent<lumo::VertexBlock, Contact>;
-  using DistanceSample = Dependent<lumo::DistanceSample, Contact>;
 
  public:
   StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
 
   /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at its place.
-  void find(const Positions& start, const Moving<Tool>& rigid, const Vec3& moved, double reach_m, double stick_m);
+  void find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m);
 
   /// Adds node v's share at positions x.
   void add(int v, const Positions& x, VertexBlock& out) const {
@@ -36,12 +31,12 @@ class StepContacts {
 
   /// Force on the whole surface at positions x, and friction alone on the nodes.
   struct Sums {
-    Vec3 force = Vec3::Zero(), friction = Vec3::Zero();
+    Vec3d force = Vec3d::Zero(), friction = Vec3d::Zero();
   };
-  Sums sum(const Positions& x, std::vector<Vec3>* friction_on_nodes) const {
+  Sums sum(const Positions& x, std::vector<Vec3d>* friction_on_nodes) const {
     Sums s;
     for (const Point& p : points_) {
-      const Vec3 force = response(p, x).force, friction = force - normal_force(p, x);
+      const Vec3d force = response(p, x).force, friction = force - normal_force(p, x);
       s.force += force;
       s.friction += friction;
       if (!friction_on_nodes || law_friction() == 0.0) continue;
@@ -55,9 +50,9 @@ class StepContacts {
   static constexpr bool frozen = requires { requires Contact::plane_frozen; };
   struct Point {
     std::size_t face, number;
-    Vec3 start;     // its place at the step's start
-    Vec3 foot;      // of the plane
-    Vec3 normal;
+    Vec3d start;     // its place at the step's start
+    Vec3d foot;      // of the plane
+    Vec3d normal;
   };
   struct Corner {
     int point;
@@ -65,7 +60,7 @@ class StepContacts {
   };
 
   double law_friction() const { return friction_coefficient(law_); }
-  std::pair<double, Vec3> gap(const Point& p, const Vec3& at) const {
+  std::pair<double, Vec3d> gap(const Point& p, const Vec3d& at) const {
     if constexpr (frozen) {
       return {p.normal.dot(at - p.foot), p.normal};
     } else {
@@ -73,31 +68,31 @@ class StepContacts {
       return {d.distance, d.gradient};
     }
   }
-  Vec3 place(const Point& p, const Positions& x) const { return surface_->position(p.face, surface_->points(p.face)[p.number], x); }
-  Vec3 normal_force(const Point& p, const Positions& x) const {
+  Vec3d place(const Point& p, const Positions& x) const { return surface_->position(p.face, surface_->points(p.face)[p.number], x); }
+  Vec3d normal_force(const Point& p, const Positions& x) const {
     const auto [g, n] = gap(p, place(p, x));
     return surface_->points(p.face)[p.number].weight_m2 * law_.respond(g).pressure * n;
   }
   // Force on the surface at the point, and its stiffness without the curvature of the rigid thing.
   VertexBlock response(const Point& p, const Positions& x) const {
-    const Vec3 at = place(p, x);
+    const Vec3d at = place(p, x);
     const auto [g, n] = gap(p, at);
     if (g >= 0.0) return {};
     const ContactResponse r = law_.respond(g);
     const double weight = surface_->points(p.face)[p.number].weight_m2, push = weight * r.pressure;
     VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
     if (law_friction() == 0.0) return out;
-    const Vec3 slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
+    const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
     const double u = along.norm(), scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
     out.force -= scale * along;
-    out.block += scale * (Mat3::Identity() - n * n.transpose());
+    out.block += scale * (Mat3d::Identity() - n * n.transpose());
     return out;
   }
 
   const ContactSurface* surface_;
   Contact law_;
   Moving<Tool> rigid_{};
-  Vec3 moved_{0.0, 0.0, 0.0};
+  Vec3d moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;
   std::vector<Point> points_;
   std::vector<int> first_;         // per node, into corners_
@@ -105,7 +100,7 @@ class StepContacts {
 };
 
 template <ContactHandler Contact, class Tool>
-void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3& moved, double reach_m, double stick_m) {
+void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
   rigid_ = rigid;
   moved_ = moved;
   stick_m_ = stick_m;
@@ -116,7 +111,7 @@ void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool
     if (rigid.distance(middle) > radius + reach_m) continue;
     const std::vector<SurfacePoint>& points = surface_->points(f);
     for (std::size_t k = 0; k < points.size(); ++k) {
-      const Vec3 at = surface_->position(f, points[k], start);
+      const Vec3d at = surface_->position(f, points[k], start);
       const DistanceSample d = rigid.sample(at);
       if (d.distance > reach_m) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)

@@ -8,19 +8,14 @@ namespace lumo {
 
 /// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
 struct VertexBlock {
-  Vec3 force{0.0, 0.0, 0.0};   ///< [N]
-  Mat3 block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};   ///< [N/m]
+  Vec3d force{0.0, 0.0, 0.0};   ///< [N]
+  Mat3d block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};   ///< [N/m]
 };
 
 /// Elastic and viscous force and stiffness of single nodes, for any material and element.
 /// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has it.
 template <HyperelasticMaterial Material, TetElement Element>
 class VertexElasticity {
-  using Vec3 = Dependent<lumo::Vec3, Material>;
-  using Mat3 = Dependent<lumo::Mat3, Material>;
-  using Mat9 = Dependent<lumo::Mat9, Material>;
-  using Positions = Dependent<lumo::Positions, Material>;
-  using VertexBlock = Dependent<lumo::VertexBlock, Material>;
 
  public:
   /// Throws InvalidArgument where the mesh is not of the element's order.
@@ -33,19 +28,19 @@ class VertexElasticity {
   /// Adds node v's share at positions x; `start` are the positions at the step's start, `rate` = η/Δt [Pa].
   void add(int v, const Positions& x, const Positions& start, double rate, VertexBlock& out) const {
     for (const Incidence& in : at_[std::size_t(v)]) {
-      std::array<Mat3, std::size_t(Element::points)> F;
+      std::array<Mat3d, std::size_t(Element::points)> F;
       double volume = 0.0, changed = 0.0;
       for (int q = 0; q < Element::points; ++q) {
         F[std::size_t(q)] = deformation(in.tet, q, x);
         volume += weight(in.tet, q);
         changed += weight(in.tet, q) * F[std::size_t(q)].determinant();
       }
-      Vec3 dilation = Vec3::Zero();   // of the whole element by the node's place
+      Vec3d dilation = Vec3d::Zero();   // of the whole element by the node's place
       for (int q = 0; q < Element::points; ++q) {
-        const Mat3& f = F[std::size_t(q)];
-        const Vec3 g = gradient(in.tet, q).col(in.place);
+        const Mat3d& f = F[std::size_t(q)];
+        const Vec3d g = gradient(in.tet, q).col(in.place);
         const double w = weight(in.tet, q);
-        const Vec3 c = cofactor(f) * g;
+        const Vec3d c = cofactor(f) * g;
         out.force -= w * (material_.distortion_stress(f) * g);
         out.block += w * contracted(material_.distortion_tangent(f), g);
         dilation += w * c;
@@ -55,8 +50,8 @@ class VertexElasticity {
           out.block += w * u.stiffness * c * c.transpose();   // the second derivative of J vanishes on a node's own block
         }
         if (rate > 0.0) {
-          const Mat3 before = deformation(in.tet, q, start);
-          const Vec3 fg = f * g;
+          const Mat3d before = deformation(in.tet, q, start);
+          const Vec3d fg = f * g;
           out.force -= 2.0 * w * rate * (f * ((f.transpose() * f - before.transpose() * before) * g));
           out.block += 2.0 * w * rate * (g.squaredNorm() * f * f.transpose() + fg * fg.transpose());
         }
@@ -70,11 +65,11 @@ class VertexElasticity {
   }
 
   /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is linear in one node).
-  double feasible_part(int v, const Positions& x, const Vec3& step) const {
+  double feasible_part(int v, const Positions& x, const Vec3d& step) const {
     double t = 1.0;
     for (const Incidence& in : at_[std::size_t(v)])
       for (int q = 0; q < Element::points; ++q) {
-        const Mat3 f = deformation(in.tet, q, x);
+        const Mat3d f = deformation(in.tet, q, x);
         const double slope = (cofactor(f) * gradient(in.tet, q).col(in.place)).dot(step), J = f.determinant();
         if (J + t * slope < 0.1 * J) t = -0.9 * J / slope;
       }
@@ -102,15 +97,15 @@ class VertexElasticity {
  private:
   static constexpr int N = Element::nodes;
 
-  Mat3 deformation(int e, int q, const Positions& x) const {
-    Mat3 F = Mat3::Zero();
+  Mat3d deformation(int e, int q, const Positions& x) const {
+    Mat3d F = Mat3d::Zero();
     for (int a = 0; a < N; ++a) F += x.col(mesh_->tets[std::size_t(e)][std::size_t(a)]) * gradient(e, q).col(a).transpose();
     return F;
   }
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
-  static Mat3 contracted(const Mat9& A, const Vec3& g) {
-    Dependent<Eigen::Matrix<double, 9, 3>, Material> right = A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
+  static Mat3d contracted(const Mat9d& A, const Vec3d& g) {
+    Eigen::Matrix<double, 9, 3> right = A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
     return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] + right.template bottomRows<3>() * g[2];
   }
 

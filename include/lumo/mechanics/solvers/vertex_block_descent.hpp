@@ -45,18 +45,12 @@ struct BlockDescent {
 
 using VertexBlockDescent = BlockDescent<>;
 
-namespace detail {
-
 /// One body under one indenter in time.
 template <class Model, Indenter Tool, Executor E>
 class Descent {
-  using Vec3 = Dependent<lumo::Vec3, Model>;
-  using Mat3 = Dependent<lumo::Mat3, Model>;
-  using Positions = Dependent<lumo::Positions, Model>;
-  using VertexBlock = Dependent<lumo::VertexBlock, Model>;
 
  public:
-  Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3& direction, const DescentConfig& config, const E& executor)
+  Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3d& direction, const DescentConfig& config, const E& executor)
       : model_(model), config_(config), executor_(executor), tool_(tool), origin_(touch.origin), direction_(direction), x_(positions_of(model.sector.mesh)),
         start_(x_), target_(x_), velocity_(Positions::Zero(3, x_.cols())), last_velocity_(velocity_), touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
@@ -73,7 +67,7 @@ class Descent {
     predict();
     place_all();
     touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
-    resting_.find(start_, {&model_.carrier, Vec3::Zero(), Vec3::UnitZ()}, Vec3::Zero(), config_.detection_m, stick);
+    resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
     // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
     if (!(x_.array().abs() < 1e3).all()) {
@@ -89,8 +83,8 @@ class Descent {
   /// What the indenter feels against its advance [N].
   double push() const { return touching_.sum(x_, nullptr).force.dot(direction_); }
   /// Friction on the nodes, and its part of the push.
-  double friction(std::vector<Vec3>& on_nodes) const {
-    on_nodes.assign(std::size_t(x_.cols()), Vec3::Zero());
+  double friction(std::vector<Vec3d>& on_nodes) const {
+    on_nodes.assign(std::size_t(x_.cols()), Vec3d::Zero());
     resting_.sum(x_, &on_nodes);
     return touching_.sum(x_, &on_nodes).friction.dot(direction_);
   }
@@ -153,8 +147,8 @@ class Descent {
         for_batches([&](const auto& batch) {
           std::array<VertexBlock, Lanes::width> blocks;
           model_.lanes->add(batch, points_, lanes_start_, rate(), blocks);
-          std::array<Vec3, Lanes::width> steps;
-          steps.fill(Vec3::Zero());
+          std::array<Vec3d, Lanes::width> steps;
+          steps.fill(Vec3d::Zero());
           for (std::size_t lane = 0; lane < Lanes::width; ++lane)
             if (batch.moves[lane]) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
           if (model_.resists_inversion) {
@@ -170,26 +164,26 @@ class Descent {
       over(color.size(), [&](std::size_t k) {
         VertexBlock b;
         model_.elasticity.add(color[k], x_, start_, rate(), b);
-        const Vec3 step = step_of(color[k], b);
+        const Vec3d step = step_of(color[k], b);
         x_.col(color[k]) += (model_.resists_inversion ? model_.elasticity.feasible_part(color[k], x_, step) : 1.0) * step;
       });
   }
 
   // Adds inertia and contact, and solves for the vertex's step.
-  Vec3 step_of(int v, VertexBlock& b) const {
+  Vec3d step_of(int v, VertexBlock& b) const {
     const double inertia = model_.mass[std::size_t(v)] / (config_.time_step_s * config_.time_step_s);
     b.force += inertia * (target_.col(v) - x_.col(v));
-    b.block += inertia * Mat3::Identity();
+    b.block += inertia * Mat3d::Identity();
     touching_.add(v, x_, b);
     resting_.add(v, x_, b);
-    const Mat3& H = b.block;
-    const Mat3 c = cofactor(H);   // of a symmetric matrix: its inverse times the determinant
+    const Mat3d& H = b.block;
+    const Mat3d c = cofactor(H);   // of a symmetric matrix: its inverse times the determinant
     const double determinant = H.col(0).dot(c.col(0));
     if (H(0, 0) > 0.0 && c(2, 2) > 0.0 && determinant > 1e-14 * H(0, 0) * H(1, 1) * H(2, 2)) return c * b.force / determinant;
-    if (!H.allFinite() || !b.force.allFinite()) return Vec3::Constant(std::numeric_limits<double>::quiet_NaN());   // seen at the step's end
+    if (!H.allFinite() || !b.force.allFinite()) return Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());   // seen at the step's end
     // Curvatures that are negative change sign: a step along them still lowers the energy.
-    const Eigen::SelfAdjointEigenSolver<Mat3> eigen(H);
-    const Vec3 l = eigen.eigenvalues().cwiseAbs();
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(H);
+    const Vec3d l = eigen.eigenvalues().cwiseAbs();
     return eigen.eigenvectors() * (eigen.eigenvectors().transpose() * b.force).cwiseQuotient(l.cwiseMax(1e-9 * l.maxCoeff()));
   }
 
@@ -197,22 +191,20 @@ class Descent {
   const DescentConfig& config_;
   const E& executor_;
   const Tool& tool_;
-  Vec3 origin_, direction_;
+  Vec3d origin_, direction_;
   double advance_ = 0.0;
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<Dependent<Lanes::Point, Model>> points_;  // x_ for the lanes
+  std::vector<Lanes::Point> points_;  // x_ for the lanes
   typename Model::LanesStart lanes_start_;
 };
-
-}  // namespace detail
 
 template <Executor E>
 template <class SomeModel, Indenter Tool>
 std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
-  const detail::Stopwatch watch;
-  detail::Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
+  const Stopwatch watch;
+  Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
   const int hold = int(std::lround(config.hold_s / config.time_step_s));
   std::vector<MechanicalState> states;
   int steps = 0;

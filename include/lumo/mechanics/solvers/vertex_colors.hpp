@@ -11,7 +11,6 @@ namespace lumo {
 /// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of node numbers.
 using VertexColors = std::vector<std::vector<int>>;
 
-template <class = void>
 inline VertexColors color_vertices(const TetMesh& mesh) {
   const std::size_t per = std::size_t(mesh.nodes_per_tet());
   std::vector<std::vector<int>> tets_of(mesh.nodes.size());
@@ -33,22 +32,21 @@ inline VertexColors color_vertices(const TetMesh& mesh) {
 }
 
 /// Throws InvalidArgument unless every node is in one group and no two nodes of a group share a tetrahedron.
-template <class = void>
 inline void validate(const VertexColors& colors, const TetMesh& mesh) {
   std::vector<int> color(mesh.nodes.size(), -1);
   for (std::size_t c = 0; c < colors.size(); ++c)
     for (int v : colors[c]) {
-      if (v < 0 || std::size_t(v) >= mesh.nodes.size()) throw InvalidArgument(detail::text("color ", c, " names node ", v, " of ", mesh.nodes.size()));
-      if (color[std::size_t(v)] >= 0) throw InvalidArgument(detail::text("node ", v, " has more than one color"));
+      if (v < 0 || std::size_t(v) >= mesh.nodes.size()) throw InvalidArgument(message("color ", c, " names node ", v, " of ", mesh.nodes.size()));
+      if (color[std::size_t(v)] >= 0) throw InvalidArgument(message("node ", v, " has more than one color"));
       color[std::size_t(v)] = int(c);
     }
   for (std::size_t v = 0; v < color.size(); ++v)
-    if (color[v] < 0) throw InvalidArgument(detail::text("node ", v, " has no color"));
+    if (color[v] < 0) throw InvalidArgument(message("node ", v, " has no color"));
   for (const auto& t : mesh.tets)
     for (int a = 0; a < mesh.nodes_per_tet(); ++a)
       for (int b = 0; b < a; ++b)
         if (color[std::size_t(t[std::size_t(a)])] == color[std::size_t(t[std::size_t(b)])])
-          throw InvalidArgument(detail::text("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
+          throw InvalidArgument(message("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
 }
 
 }  // namespace lumo

@@ -41,7 +41,7 @@ class VertexLanes {
   void add(const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
-  std::array<double, width> feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3, width>& steps) const;
+  std::array<double, width> feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
 
  private:
   using Vector = std::array<Lanes, 3>;
@@ -109,8 +109,8 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
           // The other nodes of a right-handed tetrahedron, right-handed as seen from each.
           static constexpr int others[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
           const auto& other = others[in.place];
-          const Vec3 axis1 = gradient.col(in.place).normalized(), g0 = gradient.col(other[0]), g1 = gradient.col(other[1]);
-          const Vec3 axis2 = Vec3(g0 - g0.dot(axis1) * axis1).normalized();
+          const Vec3d axis1 = gradient.col(in.place).normalized(), g0 = gradient.col(other[0]), g1 = gradient.col(other[1]);
+          const Vec3d axis2 = Vec3d(g0 - g0.dot(axis1) * axis1).normalized();
           for (std::size_t b = 0; b < 3; ++b) {
             slot.a[b].set(lane, gradient.col(other[b]).dot(axis1));
             slot.node[b][lane] = mesh.tets[std::size_t(in.tet)][std::size_t(other[b])];
@@ -128,7 +128,7 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
 }
 
 template <DilatationalMaterial Material>
-std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3, width>& steps) const {
+std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
   std::array<double, width> part;
   part.fill(1.0);
   Vector step;
@@ -184,7 +184,7 @@ void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start
     }
   }
   for (std::size_t lane = 0; lane < width; ++lane) {
-    out[lane].force += Vec3(force[0][lane], force[1][lane], force[2][lane]);
+    out[lane].force += Vec3d(force[0][lane], force[1][lane], force[2][lane]);
     for (std::size_t m = 0; m < 6; ++m) {
       out[lane].block(Eigen::Index(row[m]), Eigen::Index(column[m])) += block[m][lane];
       if (m > 2) out[lane].block(Eigen::Index(column[m]), Eigen::Index(row[m])) += block[m][lane];

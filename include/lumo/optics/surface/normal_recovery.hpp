@@ -13,10 +13,9 @@
 #include <map>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
-template <class = void>
 inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
   std::vector<std::array<int, 6>> numbers(faces.size());
   std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
@@ -31,9 +30,10 @@ inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<Boundar
 /// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
 /// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
 /// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
-template <class Vec3 = Vec3, class MatrixX3d = Eigen::MatrixX3d, class Vector6d = Eigen::Matrix<double, 6, 1>, class Matrix6d = Eigen::Matrix<double, 6, 6>,
-          class SparseMatrix = Eigen::SparseMatrix<double>>
 inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
+  using Vector6d = Eigen::Matrix<double, 6, 1>;
+  using Matrix6d = Eigen::Matrix<double, 6, 6>;
+  using SparseMatrix = Eigen::SparseMatrix<double>;
   struct Point {
     double weight, b1, b2;
   };
@@ -45,15 +45,15 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   for (const std::array<int, 6>& n : nodes) size = std::max(size, 1 + *std::max_element(n.begin(), n.end()));
   std::vector<Eigen::Triplet<double>> entries;
   entries.reserve(36 * faces.size());
-  MatrixX3d turned = MatrixX3d::Zero(size, 3);
+  Eigen::MatrixX3d turned = Eigen::MatrixX3d::Zero(size, 3);
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    const std::array<Vec3, 6>& x = faces[f].reference;
+    const std::array<Vec3d, 6>& x = faces[f].reference;
     const double area = 0.5 * (x[1] - x[0]).cross(x[2] - x[0]).norm();
     Matrix6d mass = Matrix6d::Zero();
     for (const Point& p : rule) {
       const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
       mass += area * p.weight * shape * shape.transpose();
-      const Vec3 turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
+      const Vec3d turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
       if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
       for (std::size_t k = 0; k < 6; ++k) turned.row(nodes[f][k]) += area * p.weight * shape[int(k)] * turn.transpose();
     }
@@ -70,4 +70,4 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
       faces[f].normal[k] = (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose()).normalized();
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -18,7 +18,7 @@
 #include <map>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its area asks for: points
 /// and directions on it that do not depend on the state, and are mirror images on faces that are mirror images. In a plane of `symmetry`
@@ -28,7 +28,7 @@ class FaceSet {
   struct Face {
     int face;                         ///< of the body; −1: a single triangle
     int triangle;                     ///< of the scene
-    Vec3 mirror;                      ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
+    Vec3d mirror;                      ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
     std::array<int, 3> corner_order;  ///< corners in an order that mirror images share
     std::uint32_t first = 0;          ///< place in the sequence of rays; the same for mirror images
     std::uint32_t count = 0;          ///< samples of this face, a power of two
@@ -37,7 +37,7 @@ class FaceSet {
   /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
   /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
   /// focus is, which must have the symmetry.
-  template <class Predicate, class Vec3 = Vec3>
+  template <class Predicate>
   FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
@@ -49,43 +49,41 @@ class FaceSet {
   struct Sample {
     ScenePoint at;
     PrimaryRay ray;           ///< starts there; its direction is left open
-    Vec3 normal;              ///< unit outward normal of the flat triangle
+    Vec3d normal;              ///< unit outward normal of the flat triangle
     double area = 0.0;        ///< that it stands for [m²]
     std::uint32_t index = 0;  ///< in the sequence
   };
   /// Sample `i` of face `k`. Takes dimensions 2 and 3 of the sequence; 0 and 1 are for its direction.
-  template <class Vec3 = Vec3>
   Sample sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const;
 
  private:
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
-  static std::uint64_t morton(const Vec3& unit_cube);
-  template <class Vec3 = Vec3>
-  void number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
+  static std::uint64_t morton(const Vec3d& unit_cube);
+  void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
   std::vector<char> member_;  ///< per face of the body
 };
 
-inline std::uint64_t FaceSet::morton(const Vec3& p) {
+inline std::uint64_t FaceSet::morton(const Vec3d& p) {
   std::uint64_t code = 0;
   for (int bit = 9; bit >= 0; --bit)
     for (Eigen::Index a = 0; a < 3; ++a) code = (code << 1) | ((std::uint64_t(std::clamp(p[a], 0.0, 1.0) * 1013.37 + 0.318) >> bit) & 1u);
   return code;
 }
 
-template <class Predicate, class Vec3>
+template <class Predicate>
 FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
-  std::vector<Vec3> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
+  std::vector<Vec3d> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
   std::vector<double> shares;     // undeformed area [m²] × density
   std::vector<int> images;        // faces folded onto each
   std::vector<bool> in_plane;
-  const auto add = [&](int f, int triangle, const std::array<Vec3, 3>& corner) {
-    const Vec3 center = (corner[0] + corner[1] + corner[2]) / 3.0;
-    Vec3 mirror = Vec3::Ones();
+  const auto add = [&](int f, int triangle, const std::array<Vec3d, 3>& corner) {
+    const Vec3d center = (corner[0] + corner[1] + corner[2]) / 3.0;
+    Vec3d mirror = Vec3d::Ones();
     for (Eigen::Index a = 0; a < 2; ++a)
       if (center[a] < -1e-9) mirror[a] = -1.0;
     const bool fundamental = !(symmetry.x && mirror.x() < 0.0) && !(symmetry.y && mirror.y() < 0.0);
@@ -118,14 +116,13 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
-template <class Vec3>
-inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
+inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
                             std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
     std::uint32_t first = 0, count = 0;
   };
-  Vec3 low = Vec3::Constant(std::numeric_limits<double>::infinity()), high = -low;
+  Vec3d low = Vec3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   double all = 0.0;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     low = elementwise_min(low, centers[k]), high = elementwise_max(high, centers[k]);
@@ -134,7 +131,7 @@ inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<dou
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, detail::nearest_power_of_two(total * shares[k] / all))});
+    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, nearest_power_of_two(total * shares[k] / all))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
   for (auto& [place, block] : blocks) order[{block.code, place}] = &block;
@@ -149,7 +146,6 @@ inline void FaceSet::number(In<std::vector<Vec3>> centers, const std::vector<dou
   }
 }
 
-template <class Vec3>
 inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
   const Face& f = faces_[k];
   Sample x;
@@ -163,18 +159,18 @@ inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene,
     x.ray.triangle = scene.triangle_at(f.face, b[1], b[2], x.ray.origin);
   } else {
     x.ray.triangle = f.triangle;
-    const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+    const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
     const auto& [p, q, r] = corners;
     x.ray.origin = b[0] * p + b[1] * q + b[2] * r;
   }
   x.ray.key = combine(sequence.seed, x.index);
   x.at = scene.locate(x.ray.triangle, x.ray.origin);
-  const std::array<Vec3, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
+  const std::array<Vec3d, 3>& corners = scene.triangles()[std::size_t(x.ray.triangle)].corners;
   const auto& [p, q, r] = corners;
-  const Vec3 normal = (q - p).cross(r - p);
+  const Vec3d normal = (q - p).cross(r - p);
   x.normal = normal.normalized();
   x.area = 0.5 * normal.norm() * (f.face >= 0 ? per_face_ : 1) / f.count;
   return x;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it goes on.
 struct Tally {
@@ -25,7 +25,7 @@ struct Exit {
   std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
   Escape light;         ///< of the traced one of the mirror images; its region is not looked up
   ScenePoint at;
-  Vec3 normal;          ///< of the flat facet
+  Vec3d normal;          ///< of the flat facet
   int patch;
   double power;  ///< [W], of one image
 };
@@ -34,9 +34,6 @@ struct Exit {
 template <ExitReadout Readout>
 class LightAccounts {
  public:
-  using Vec3 = Dependent<lumo::Vec3, Readout>;
-  using Tally = Dependent<detail::Tally, Readout>;
-  using EnergyLedger = Dependent<lumo::EnergyLedger, Readout>;
 
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
       : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
@@ -71,7 +68,7 @@ class LightAccounts {
   }
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
-    const Vec3 m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
+    const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
     return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
                              e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
@@ -106,10 +103,10 @@ class LightAccounts {
   const OpticalScene& surface_;
   const Readout& readout_;
   std::size_t channels_;
-  std::vector<Dependent<unsigned, Readout>> images_;
+  std::vector<unsigned> images_;
   std::vector<double> direct_, gathered_;  ///< as in Tally
   std::vector<double> arrived_;            ///< per node
   std::vector<int> reached_;               ///< nodes with arrived_ > 0
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -12,19 +12,18 @@
 #include <variant>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Corners of all triangles of Lambertian surfaces, each with the function that is 1 there, 0 at its neighbours and linear in between.
 /// Light that falls on such a surface is shared by the three nodes about it: shares vary continuously with the place and add up to 1.
 /// Source: linear elements for radiosity, Heckbert (thesis, 1991). In a plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
-  template <class Vec3 = Vec3>
   LightNodes(const OpticalScene& scene, Symmetry symmetry) : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
     // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
     std::map<PlaceKey, int> patch_at;
     const auto place = [&](int t) {
-      const std::array<Vec3, 3> corner = scene.reference_corners(t);
+      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
       return place_key(folded((corner[0] + corner[1] + corner[2]) / 3.0, symmetry));
     };
     for (int t = 0; t < int(of_.size()) && scene.on_body(t); ++t)
@@ -37,10 +36,10 @@ class LightNodes {
       const SurfaceOptics& optics = scene.optics(t);
       const Lambertian* surface = std::get_if<Lambertian>(&optics);
       if (surface == nullptr) continue;
-      const std::array<Vec3, 3> corner = scene.reference_corners(t);
-      Vec3 side = Vec3::Zero();
+      const std::array<Vec3d, 3> corner = scene.reference_corners(t);
+      Vec3d side = Vec3d::Zero();
       if (!scene.on_body(t)) {
-        const Vec3 middle = (corner[0] + corner[1] + corner[2]) / 3.0;
+        const Vec3d middle = (corner[0] + corner[1] + corner[2]) / 3.0;
         side = 1e-3 * (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();
         if (symmetry.x && middle.x() < 0.0) side.x() = -side.x();
         if (symmetry.y && middle.y() < 0.0) side.y() = -side.y();
@@ -70,4 +69,4 @@ class LightNodes {
   std::vector<double> albedo_, area_;
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

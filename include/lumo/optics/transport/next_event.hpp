@@ -15,7 +15,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
 /// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
@@ -25,7 +25,6 @@ namespace lumo::detail {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class ExitGather {
  public:
-  using Vec3 = Dependent<lumo::Vec3, Scene>;
 
   ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
@@ -41,7 +40,7 @@ class ExitGather {
         path_(path) {
     for (unsigned image = 0; image < 4; ++image) {
       if (!((image & 1u) && !symmetry.x) && !((image & 2u) && !symmetry.y)) images_.push_back(image);
-      const Vec3 m = sign(image);
+      const Vec3d m = sign(image);
       for (const Emitter& e : emitters)
         if (e.has_intensity() && !e.in_air()) emitters_[image].push_back({e.mirrored(m), mirror(e.axis(), m)});
     }
@@ -59,7 +58,7 @@ class ExitGather {
         if (surface_.in_contact(x.at)) continue;
         reference_ = surface_.reference(x.at);
         for (unsigned image : images_) region_[image] = surface_.region(x.at, image);
-        Vec3 n = surface_.smooth_normal(x.at);
+        Vec3d n = surface_.smooth_normal(x.at);
         if (!n.allFinite()) n = x.normal;
         if constexpr (ConnectedReadout<Readout>) {
           gather_connected(x, n, exits_[k].mirror, sequence, sent);
@@ -81,43 +80,43 @@ class ExitGather {
  private:
   struct Source {
     Emitter emitter;  ///< mirrored to the side of the fundamental face
-    Vec3 axis;
+    Vec3d axis;
   };
 
   /// Direct light is smooth in place: one point of this many will do.
   static constexpr std::uint32_t direct_every = 2;
 
-  static Vec3 mirror(const Vec3& p, const Vec3& m) { return m.cwiseProduct(p); }
-  static Vec3 sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
+  static Vec3d mirror(const Vec3d& p, const Vec3d& m) { return m.cwiseProduct(p); }
+  static Vec3d sign(unsigned image) { return {image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0}; }
 
   // Books `power` for every image, if the way out is free and the readout sees it.
-  void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3& out, double power) const {
+  void book(std::vector<double>& account, const FaceSet::Sample& x, const Vec3d& out, double power) const {
     for (unsigned image : images_) {
       const int channel = channel_of(x, out, image);
       if (channel >= 0 && channel < channels_) account[std::size_t(channel)] += power;
     }
   }
-  int channel_of(const FaceSet::Sample& x, const Vec3& out, unsigned image) const {
-    const Vec3 m = sign(image);
+  int channel_of(const FaceSet::Sample& x, const Vec3d& out, unsigned image) const {
+    const Vec3d m = sign(image);
     return readout_.channel({mirror(reference_, m), mirror(x.ray.origin, m), mirror(out, m), region_[image]});
   }
-  bool seen(const FaceSet::Sample& x, const Vec3& out) const {
+  bool seen(const FaceSet::Sample& x, const Vec3d& out) const {
     bool any = false;
     for (unsigned image : images_) any = any || channel_of(x, out, image) >= 0;
     return any && !scene_.first_hit(x.ray.origin, out, false);
   }
 
-  void gather_direct(const FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, double area) {
+  void gather_direct(const FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, double area) {
     const double u = sequence(x.index, 4), v = sequence(x.index, 5);
     for (const Source& s : emitters_[(m.x() < 0.0 ? 1u : 0u) + (m.y() < 0.0 ? 2u : 0u)]) {
-      const Vec3 from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
+      const Vec3d from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
       const double length = way.norm();
-      const Vec3 d = way / length;
+      const Vec3d d = way / length;
       const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
       if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
       const FresnelSplit split = fresnel(cosine, ratio_);
       if (split.reflectance >= 1.0) continue;
-      const Vec3 out = refract(d, -n, ratio_, split.cosine_behind);
+      const Vec3d out = refract(d, -n, ratio_, split.cosine_behind);
       if (out.dot(x.normal) <= 0.0 || !seen(x, out)) continue;
       ++path_.segments;
       const RayHit hit = scene_.first_hit(from, d, true);
@@ -127,19 +126,19 @@ class ExitGather {
     }
   }
 
-  void gather_diffuse(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
-    const Vec3 out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
+  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+    const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
     double weight = 0.0;
     if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
     book(diffuse_, x, out, radiosity(x, m, weight, sent));
   }
 
   // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3& n, const Vec3& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
     for (unsigned image : images_)
       for (int k = 0; k < readout_.openings(); ++k) {
         const Connection way = readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
-        const Vec3 out = mirror(way.direction, sign(image));
+        const Vec3d out = mirror(way.direction, sign(image));
         double weight = 0.0;
         if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight)) continue;
         const int channel = channel_of(x, out, image);
@@ -150,7 +149,7 @@ class ExitGather {
 
   // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is weight·radiosity of where it comes from,
   // if its directions have a cosine law. False: there is no such light.
-  bool enter(FaceSet::Sample& x, const Vec3& n, const Vec3& out, double& weight) const {
+  bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
     const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
     x.ray.direction = refract(-out, n, 1.0 / ratio_, split.cosine_behind);
@@ -160,7 +159,7 @@ class ExitGather {
     return true;
   }
 
-  double radiosity(const FaceSet::Sample& x, const Vec3& m, double weight, const std::vector<double>& sent) {
+  double radiosity(const FaceSet::Sample& x, const Vec3d& m, double weight, const std::vector<double>& sent) {
     path_.run(x.ray, m, weight / double(images_.size()), false);
     return path_.accounts().collect([&](std::size_t k) { return sent[k] / nodes_.area(k); });
   }
@@ -174,11 +173,11 @@ class ExitGather {
   const LightNodes& nodes_;
   const FaceSet& exits_;
   PathTracer<Scene, Medium, Readout>& path_;
-  std::vector<Dependent<unsigned, Readout>> images_;
+  std::vector<unsigned> images_;
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
-  Vec3 reference_ = Vec3::Zero();  ///< of the sample at hand
+  Vec3d reference_ = Vec3d::Zero();  ///< of the sample at hand
   std::array<int, 4> region_{};    ///< likewise, per image
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/tangents.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/optics/beer_lambert.hpp"
@@ -25,7 +25,7 @@
 #include <variant>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 struct PathLimits {
   double roulette_below, scattered_below;
@@ -37,8 +37,6 @@ struct PathLimits {
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 class PathTracer {
  public:
-  using Vec3 = Dependent<lumo::Vec3, Scene>;
-  using Exit = Dependent<detail::Exit, Scene>;
 
   /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
   PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
@@ -55,7 +53,7 @@ class PathTracer {
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
   /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
   /// `gathers_direct`: ExitGather finds the emitter's direct light.
-  void run(const PrimaryRay& ray, const Vec3& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
+  void run(const PrimaryRay& ray, const Vec3d& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
            bool gathers_direct = true) {
     ++rays;
     mirror_ = mirror;
@@ -82,12 +80,12 @@ class PathTracer {
 
  private:
   struct Branch {
-    Vec3 origin = Vec3::Zero(), direction = Vec3::Zero();
+    Vec3d origin = Vec3d::Zero(), direction = Vec3d::Zero();
     double power = 0.0;
     std::uint64_t key = 0;
     int exit_triangle = -1;
     ScenePoint exit;  ///< where a ray in air left the body
-    Vec3 exit_position = Vec3::Zero();
+    Vec3d exit_position = Vec3d::Zero();
     std::uint64_t route = 0;
     int triangle = -1;  ///< that it starts on
     int events = 0;
@@ -129,7 +127,7 @@ class PathTracer {
   void follow(Branch b);
   void scatter(const Branch& b, double path_m, double power);
   bool meet(Branch& b, int triangle);
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed);
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed);
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
 
   const OpticalScene& surface_;
@@ -142,7 +140,7 @@ class PathTracer {
   LightAccounts<Readout> accounts_;
   std::vector<Exit>* log_ = nullptr;
   std::vector<Branch> stack_;
-  Vec3 mirror_ = Vec3::Ones();
+  Vec3d mirror_ = Vec3d::Ones();
   double start_ = 0.0;
   bool from_emitter_ = true, gathers_direct_ = true;
 };
@@ -162,7 +160,7 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
     }
     if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
     const auto& corner = surface_.triangles()[std::size_t(hit.triangle)].corners;
-    const Vec3 n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+    const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
     const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
     const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
     if (b.inside) {
@@ -192,10 +190,10 @@ void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m,
     c.key = combine(b.key, 6);
     c.scattered = true;
     if (!survives(c)) return;
-    const Vec3 axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
+    const Vec3d axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
     const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))), azimuth = 2.0 * pi * uniform(combine(c.key, 3));
     const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
-    Vec3 t1, t2;
+    Vec3d t1, t2;
     tangents(axis, t1, t2);
     c.origin += medium_.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
     c.direction = mirror_.cwiseProduct((sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
@@ -221,12 +219,12 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
     return false;
   }
   b.carrier_last = !b.inside;
-  return reflect_off(b, optics, b.inside ? Vec3(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
+  return reflect_off(b, optics, b.inside ? Vec3d(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
 }
 
 // At an opaque surface whose unit normal points back to where the light comes from.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3& normal, double& absorbed) {
+bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
   b.key = combine(b.key, 1);
   std::visit(
       [&](const auto& s) {
@@ -249,7 +247,7 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
     return false;
   }
   if (touched && !is_dielectric(surface_.touched())) {  // the tool wets it: no air is left between
-    const Vec3 flat = -surface_.flat_normal(triangle), curved = -surface_.smooth_normal(at);
+    const Vec3d flat = -surface_.flat_normal(triangle), curved = -surface_.smooth_normal(at);
     const bool specular = std::holds_alternative<Mirror>(surface_.touched());
     b.spread = b.spread || !specular;
     const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
@@ -257,10 +255,10 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   }
   const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
   const double ratio = b.inside ? medium_.refractive_index() / outer_index_ : outer_index_ / medium_.refractive_index();
-  const Vec3 flat = side * Vec3(surface_.flat_normal(triangle));
-  Vec3 n = side * Vec3(surface_.smooth_normal(at));
+  const Vec3d flat = side * Vec3d(surface_.flat_normal(triangle));
+  Vec3d n = side * Vec3d(surface_.smooth_normal(at));
   FresnelSplit split{};
-  Vec3 back, on;
+  Vec3d back, on;
   const auto turn = [&] {
     const double cosine = std::min(1.0, -b.direction.dot(n));
     split = fresnel(cosine, ratio);
@@ -303,4 +301,4 @@ bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle
   return survives(b);
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -7,11 +7,10 @@
 #include <array>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Adds `factor` × the accounts of `part`, `emitted` too.
-template <class = void>
-inline void add(EnergyLedger& sum, const EnergyLedger& part, double factor) {
+inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double factor) {
   for (std::size_t c = 0; c < sum.channels.size(); ++c) sum.channels[c] += factor * part.channels[c];
   sum.emitted += factor * part.emitted;
   sum.to_indenter += factor * part.to_indenter;
@@ -26,18 +25,16 @@ inline void add(EnergyLedger& sum, const EnergyLedger& part, double factor) {
 /// Where one watt from each node of Lambertian faces goes.
 class CarrierTransport {
  public:
-  template <class = void>
   CarrierTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
     for (Tally& t : sums_) t.gathered.assign(std::size_t(channels), 0.0), t.ledger.channels = t.gathered;
   }
   /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the nodes.
-  template <class = void>
   void add(const Tally& ray, const std::array<int, 3>& nodes, const std::array<double, 3>& shares, double area_m2) {
     for (std::size_t k = 0; k < 3; ++k) {
       const double w = shares[k] * area_m2;
       Tally& sum = sums_[std::size_t(nodes[k])];
       weights_[std::size_t(nodes[k])] += w;
-      detail::add(sum.ledger, ray.ledger, w);
+      add_scaled(sum.ledger, ray.ledger, w);
       for (std::size_t c = 0; c < sum.gathered.size(); ++c) sum.gathered[c] += w * ray.gathered[c];
       for (const auto& [j, power] : ray.arrived) sum.arrived.emplace_back(j, w * power);
     }
@@ -57,7 +54,6 @@ class CarrierTransport {
 /// at the nodes, bounce after bounce, until less than 1e-13 of the emitted power is under way. `total`: the emitters' own tally, completed
 /// here. Returns what each node sent [W]. Jacobi iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is
 /// at most 1.
-template <class = void>
 inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransport& transport, Tally& total) {
   std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
   for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;
@@ -81,7 +77,7 @@ inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransp
   }
   for (std::size_t k = 0; k < nodes.size(); ++k) {
     const double each = sent[k] * transport.per_watt(k);
-    add(ledger, transport.sum(k).ledger, each);
+    add_scaled(ledger, transport.sum(k).ledger, each);
     for (std::size_t c = 0; c < total.gathered.size(); ++c) total.gathered[c] += each * transport.sum(k).gathered[c];
   }
   ledger.emitted = emitted;
@@ -89,4 +85,4 @@ inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransp
   return sent;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -2,7 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/tangents.hpp"
+#include "lumo/core/types.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
@@ -20,8 +20,8 @@ namespace lumo {
 
 /// A primary ray and what later events of its path draw their numbers from.
 struct PrimaryRay {
-  Vec3 origin{0.0, 0.0, 0.0};      ///< [m]
-  Vec3 direction{0.0, 0.0, 1.0};  ///< unit
+  Vec3d origin{0.0, 0.0, 0.0};      ///< [m]
+  Vec3d direction{0.0, 0.0, 1.0};  ///< unit
   std::uint64_t key = 0;           ///< the same for mirror images of a path
   int triangle = -1;               ///< of the scene that it starts on, if known
 };
@@ -34,9 +34,9 @@ class RayPattern {
   /// The rays of one emitter that belong to one mirror image.
   struct Beam {
     Emitter source;  ///< moved to the fundamental quadrant
-    Vec3 axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
+    Vec3d axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
     double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
-    Vec3 mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
+    Vec3d mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
     std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
     std::uint32_t rays = 0;      ///< per replicate
     double power_W = 0.0;        ///< per ray
@@ -44,41 +44,33 @@ class RayPattern {
 
   /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two. With `symmetry` only one
   /// beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
-  template <class Vec3 = Vec3>
   RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
 
   const std::vector<Beam>& beams() const { return beams_; }
 
   /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
-  template <class Vec3 = Vec3>
   static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
     const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
     const Polar polar = beam.source.polar(u[0]);
-    const Vec3 d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 + polar.cosine * beam.axis).normalized();
-    const Vec3 p = beam.source.point(u[2], u[3]);
-    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), detail::combine(detail::combine(seed, beam.orbit), index), -1};
+    const Vec3d d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 + polar.cosine * beam.axis).normalized();
+    const Vec3d p = beam.source.point(u[2], u[3]);
+    return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
-  template <class = void>
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
     return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
-  template <class Vec3 = Vec3>
   static Symmetry symmetry_of(const std::vector<Emitter>& emitters);
 
  private:
   std::vector<Beam> beams_;
 };
 
-namespace detail {
-
 /// Lengths below which two places of an emitter are one [m].
-template <class = void>
 inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
-template <class = void>
 inline bool same(const Emitter& a, const Emitter& b) {
   if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air()) return false;
   const double reach = tolerance(a);
@@ -91,10 +83,9 @@ inline bool same(const Emitter& a, const Emitter& b) {
 }
 
 /// The mirror image with centre (and, in a plane, axis) in x ≥ 0, y ≥ 0.
-template <class Vec3 = Vec3>
-inline Emitter fundamental(const Emitter& e, Vec3& mirror) {
-  const Vec3 center = e.center(), axis = e.axis();
-  mirror = Vec3::Ones();
+inline Emitter fundamental(const Emitter& e, Vec3d& mirror) {
+  const Vec3d center = e.center(), axis = e.axis();
+  mirror = Vec3d::Ones();
   for (Eigen::Index a = 0; a < 2; ++a) {
     const bool in_plane = std::abs(center[a]) <= tolerance(e);
     if (in_plane ? axis[a] < -1e-9 : center[a] < 0.0) mirror[a] = -1.0;
@@ -102,21 +93,17 @@ inline Emitter fundamental(const Emitter& e, Vec3& mirror) {
   return e.mirrored(mirror);
 }
 
-inline const Vec3 flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
+inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 
-}  // namespace detail
-
-template <class Vec3>
 inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
-  const auto closed = [&](const Vec3& m) {
+  const auto closed = [&](const Vec3d& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
-      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return detail::same(e.mirrored(m), other); });
+      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return same(e.mirrored(m), other); });
     });
   };
-  return {closed(detail::flip_x), closed(detail::flip_y)};
+  return {closed(flip_x), closed(flip_y)};
 }
 
-template <class Vec3>
 inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
@@ -127,25 +114,25 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
   for (const Emitter& e : emitters) density += focus.density(e.center().y()) / double(emitters.size());
   std::vector<Emitter> orbits;
   for (const Emitter& e : emitters) {
-    Vec3 home;
-    Beam beam{detail::fundamental(e, home)};
-    const auto known = std::find_if(orbits.begin(), orbits.end(), [&](const auto& o) { return detail::same(o, beam.source); });
+    Vec3d home;
+    Beam beam{fundamental(e, home)};
+    const auto known = std::find_if(orbits.begin(), orbits.end(), [&](const auto& o) { return same(o, beam.source); });
     beam.orbit = std::uint64_t(known - orbits.begin());
     if (known == orbits.end()) orbits.push_back(beam.source);
     beam.source = orbits[beam.orbit];  // the very same bits for all images
     beam.axis = beam.source.axis();
-    const bool own_x = detail::same(beam.source.mirrored(detail::flip_x), beam.source);
-    const bool own_y = detail::same(beam.source.mirrored(detail::flip_y), beam.source);
-    detail::tangents(beam.axis, beam.tangent1, beam.tangent2);
+    const bool own_x = same(beam.source.mirrored(flip_x), beam.source);
+    const bool own_y = same(beam.source.mirrored(flip_y), beam.source);
+    tangents(beam.axis, beam.tangent1, beam.tangent2);
     if (own_x || own_y) {
-      beam.tangent1 = own_x ? Vec3::UnitX() : Vec3::UnitY();
+      beam.tangent1 = own_x ? Vec3d::UnitX() : Vec3d::UnitY();
       beam.tangent2 = beam.axis.cross(beam.tangent1);
       beam.azimuth_from = own_x && own_y ? 0.0 : -0.5 * pi;
       beam.azimuth_range = own_x && own_y ? 0.5 * pi : pi;
     }
     const std::uint32_t images = (own_x ? 2u : 1u) * (own_y ? 2u : 1u);
     const double wish = rays * focus.density(e.center().y()) / density;
-    beam.rays = std::max(1u, std::max(4u, detail::nearest_power_of_two(wish)) / images);
+    beam.rays = std::max(1u, std::max(4u, nearest_power_of_two(wish)) / images);
     beam.power_W = e.power_W() / double(beam.rays * images);
     for (std::uint32_t image = 0; image < 4; ++image) {
       if (((image & 1u) && !own_x) || ((image & 2u) && !own_y)) continue;

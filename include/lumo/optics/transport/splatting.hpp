@@ -12,7 +12,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Light from the emitters that reaches the readout by reflections, without the noise of rays that jump over borders of regions: rays from one
 /// point of an emitter form a grid of directions, and where the three rays of a triangle of neighbours go the same way, their power is
@@ -21,9 +21,6 @@ namespace lumo::detail {
 template <class Path>
 class ExitBeams {
  public:
-  using Vec3 = Dependent<lumo::Vec3, Path>;
-  using Exit = Dependent<detail::Exit, Path>;
-  using Escape = Dependent<lumo::Escape, Path>;
 
   explicit ExitBeams(Path& path) : path_(path) {}
 
@@ -94,7 +91,7 @@ class ExitBeams {
   int channel(const Weights& w) const {
     Exit e = *corner_[0];
     e.at.face = -1;  // between the rays: its place on the surface is not known
-    for (Vec3 Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
+    for (Vec3d Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
       e.light.*part = w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
     e.light.direction.normalize();
     return path_.accounts().channel(e, image_);
@@ -152,4 +149,4 @@ class ExitBeams {
   unsigned image_ = 0;
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -14,18 +14,16 @@ namespace lumo {
 class PlaceFilter {
  public:
   /// Throws InvalidArgument for fewer than two places or a change that is no probability.
-  template <class VectorXd = Eigen::VectorXd>
-  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
+  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
   /// Takes the log likelihoods of the places (up to a constant) under the next response.
-  template <class VectorXd = Eigen::VectorXd>
-  const Eigen::VectorXd& update(In<VectorXd> log_likelihood) {
-    VectorXd& p = probability_;
+  const Eigen::VectorXd& update(const Eigen::VectorXd& log_likelihood) {
+    Eigen::VectorXd& p = probability_;
     const double n = double(p.size());
     p = ((1.0 - change_) * p.array() + change_ / n).max(1e-300);
-    p = detail::decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
+    p = decoding_of((p.array().log() + log_likelihood.array()).matrix()).probability;
     return probability_;
   }
   const Eigen::VectorXd& probability() const { return probability_; }
@@ -44,17 +42,15 @@ struct BayesDecoder {
 
   class Model {
    public:
-    template <class = void>
     Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
-    template <class VectorXd = Eigen::VectorXd>
-    Decoding decode(In<VectorXd> response) const {
+    Decoding decode(const Eigen::VectorXd& response) const {
       const auto n = Eigen::Index(steps_.size());
-      if (response.size() % n != 0) throw InvalidArgument(detail::text("response has ", response.size(), " features, must be ", n, " steps of as many"));
+      if (response.size() % n != 0) throw InvalidArgument(message("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);
       for (Eigen::Index k = 0; k < n; ++k) filter.update(steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
-      const VectorXd& p = filter.probability();
-      return detail::decoding_of(p.array().max(1e-300).log().matrix());
+      const Eigen::VectorXd& p = filter.probability();
+      return decoding_of(p.array().max(1e-300).log().matrix());
     }
 
    private:
@@ -64,12 +60,12 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class LabelledResponses = LabelledResponses, class Step = LinearDecoder::Model>
-  Model fit(In<LabelledResponses> training) const {
+  template <class Step = LinearDecoder::Model>
+  Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
-      throw InvalidArgument(detail::text("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
+      throw InvalidArgument(message("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
     std::vector<Step> models;
     const Eigen::Index rows = training.response.rows() / steps;
     for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));

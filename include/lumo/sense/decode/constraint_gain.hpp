@@ -23,19 +23,17 @@ struct OnsetDetector {
     double baseline_N = 0.0;
   };
   /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are not finite.
-  template <class Onset = Onset>
   std::optional<Onset> find(std::span<const double> force_N) const;
 };
 
-template <class Onset>
-inline std::optional<Onset> OnsetDetector::find(std::span<const double> force_N) const {
+inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const double> force_N) const {
   require_in_range("samples without contact", baseline, 2, 1e9, "");
   require_in_range("samples above the threshold", hold, 1, 1e6, "");
   require_in_range("threshold of the onset", threshold, 0.0, 1e6, "standard deviations");
   require_in_range("least force of the onset", min_force_N, 0.0, 1e6, "N");
   require_in_range("samples of the onset's line", fit, 0, 1e6, "");
   const auto n = std::ptrdiff_t(force_N.size());
-  if (n <= baseline) throw InvalidArgument(detail::text("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
+  if (n <= baseline) throw InvalidArgument(message("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
   for (const double f : force_N)
     if (!std::isfinite(f)) throw InvalidArgument("onset: forces must be finite");
   double mean = 0.0, squares = 0.0;
@@ -64,9 +62,8 @@ inline std::optional<Onset> OnsetDetector::find(std::span<const double> force_N)
 
 /// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches `force_N`, interpolated linearly [m].
 /// Nothing when there is no onset or the force is not reached. Both series at the same times.
-template <class OnsetDetector = OnsetDetector>
-inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, In<OnsetDetector> detector = {}) {
-  if (force.size() != marker_m.size()) throw InvalidArgument(detail::text("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
+inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, const OnsetDetector& detector = {}) {
+  if (force.size() != marker_m.size()) throw InvalidArgument(message("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
   require_positive("force to reach", force_N, "N");
   for (const double x : marker_m)
     if (!std::isfinite(x)) throw InvalidArgument("displacement: marker places must be finite");

@@ -23,14 +23,14 @@ struct DecodingReport {
 
 /// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it. `fold[i]` of observation i.
 /// Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
-template <Decoder D, class LabelledResponses = LabelledResponses, class Decoding = Decoding, class MatrixXi = Eigen::MatrixXi>
-DecodingReport cross_validate(const D& decoder, In<LabelledResponses> data, const std::vector<int>& fold) {
+template <Decoder D>
+DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
   validate(data);
-  if (fold.size() != data.place.size()) throw InvalidArgument(detail::text("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
+  if (fold.size() != data.place.size()) throw InvalidArgument(message("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
   const std::set<int> folds(fold.begin(), fold.end());
   if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
   DecodingReport report;
-  report.confusion = MatrixXi::Zero(data.places(), data.places());
+  report.confusion = Eigen::MatrixXi::Zero(data.places(), data.places());
   report.predictions.resize(data.place.size());
   int right = 0;
   for (const int out : folds) {

@@ -15,15 +15,14 @@ struct CycleRun {
 /// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
 /// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
 /// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
-    for (const MatrixXd& cycles : run.load) {
+    for (const Eigen::MatrixXd& cycles : run.load) {
       if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(detail::text("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
+        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
-      const VectorXd middle = pointwise_median(cycles);
+      const Eigen::VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
     }
   if (deviation.empty()) throw InvalidArgument("cycle variation: no runs");
@@ -31,10 +30,9 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
 }
 
 /// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline Eigen::VectorXd regional_rms_change(In<MatrixXd> low, In<MatrixXd> high) {
+inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
-    throw InvalidArgument(detail::text("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
+    throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
         " responses, must be the same, at least one re-contact"));
   if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();

@@ -20,22 +20,21 @@ struct LabelledResponses {
 };
 
 /// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
-template <class = void>
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
-    throw InvalidArgument(detail::text("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
+    throw InvalidArgument(message("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
         d.places(), " places"));
   if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
   for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
     if (!(d.place_m[i] > d.place_m[i - 1]))
-      throw InvalidArgument(detail::text("labelled responses: place ", i, " lies at ", d.place_m[i], " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
+      throw InvalidArgument(message("labelled responses: place ", i, " lies at ", d.place_m[i], " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
-    if (p < 0 || p >= d.places()) throw InvalidArgument(detail::text("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
+    if (p < 0 || p >= d.places()) throw InvalidArgument(message("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
     seen[std::size_t(p)] = true;
   }
   for (std::size_t p = 0; p < seen.size(); ++p)
-    if (!seen[p]) throw InvalidArgument(detail::text("labelled responses: no observation of place ", p));
+    if (!seen[p]) throw InvalidArgument(message("labelled responses: no observation of place ", p));
 }
 
 /// What a decoder says of one response.
@@ -52,11 +51,8 @@ concept Decoder = requires(const D& decoder, const LabelledResponses& training, 
   { decoder.fit(training).decode(response) } -> std::same_as<Decoding>;
 };
 
-namespace detail {
-
 /// Softmax of log weights, and its mode.
-template <class VectorXd = Eigen::VectorXd>
-inline Decoding decoding_of(In<VectorXd> log_weight) {
+inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
   Decoding d;
   Eigen::Index top = 0;
   const double most = log_weight.maxCoeff(&top);
@@ -67,14 +63,11 @@ inline Decoding decoding_of(In<VectorXd> log_weight) {
 }
 
 /// Mean response of each place, features × places.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses>
-inline Eigen::MatrixXd place_means(In<LabelledResponses> t) {
-  MatrixXd mean = MatrixXd::Zero(t.response.rows(), t.places());
-  VectorXd count = VectorXd::Zero(t.places());
+inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
+  Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
+  Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
   for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
   return mean * count.cwiseInverse().asDiagonal();
 }
-
-}  // namespace detail
 
 }  // namespace lumo

@@ -20,15 +20,14 @@ struct GaussianProcessDecoder {
 
   class Model {
    public:
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class LabelledResponses = LabelledResponses, class TrainingData = TrainingData>
-    Model(In<LabelledResponses> t, const GaussianProcessDecoder& config) : grid_(VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
-      const VectorXd& coordinate = grid_;
-      TrainingData data{MatrixXd(1, n), VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
+      const Eigen::VectorXd& coordinate = grid_;
+      TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
       for (Eigen::Index i = 0; i < n; ++i) data.x(0, i) = t.place_m[t.place[std::size_t(i)]];
-      MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
-      MatrixXd mean(d, t.places());
-      MatrixXd variance(d, t.places());
+      Eigen::MatrixXd residual(d, n), on_grid(d, config.grid), grid_variance(d, config.grid);
+      Eigen::MatrixXd mean(d, t.places());
+      Eigen::MatrixXd variance(d, t.places());
       for (Eigen::Index f = 0; f < d; ++f) {
         data.y = t.response.row(f).transpose();
         const auto process = GaussianProcess<>::fit(data);
@@ -38,33 +37,30 @@ struct GaussianProcessDecoder {
         on_grid.row(f) = fine.mean.transpose(), grid_variance.row(f) = fine.variance.transpose();
       }
       double share = config.shrinkage;
-      covariance_ = detail::shrunk_covariance(residual, t.places(), share);
+      covariance_ = shrunk_covariance(residual, t.places(), share);
       for (Eigen::Index p = 0; p < mean.cols(); ++p) place_.push_back(factor(variance.col(p)));
       for (Eigen::Index g = 0; g < grid_.size(); ++g) fine_.push_back(factor(grid_variance.col(g)));
       mean_ = std::move(mean);
       grid_mean_ = std::move(on_grid);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class VectorXd = Eigen::VectorXd>
-    Decoding decode(In<VectorXd> response) const { return weigh(response, mean_, place_); }
+    Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
-    template <class VectorXd = Eigen::VectorXd>
-    double coordinate_m(In<VectorXd> response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
+    double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
-    template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    Factor factor(In<VectorXd> variance) const { return Factor(covariance_ + MatrixXd(variance.asDiagonal())); }
-    template <class Some, class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-    static Decoding weigh(In<VectorXd> response, In<MatrixXd> mean, const std::vector<Some>& factors) {
-      if (response.size() != mean.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean.rows()));
-      VectorXd log_likelihood(mean.cols());
+    Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
+    template <class Some>
+    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Some>& factors) {
+      if (response.size() != mean.rows()) throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean.rows()));
+      Eigen::VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
         const Some& l = factors[std::size_t(p)];
-        const VectorXd z = l.matrixL().solve(response - mean.col(p));
+        const Eigen::VectorXd z = l.matrixL().solve(response - mean.col(p));
         log_likelihood[p] = -0.5 * z.squaredNorm() - l.matrixLLT().diagonal().array().log().sum();
       }
-      return detail::decoding_of(log_likelihood);
+      return decoding_of(log_likelihood);
     }
 
     Eigen::VectorXd grid_;
@@ -73,7 +69,6 @@ struct GaussianProcessDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
-  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");

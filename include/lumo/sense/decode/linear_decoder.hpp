@@ -8,16 +8,13 @@
 
 namespace lumo {
 
-namespace detail {
-
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
-template <class MatrixXd = Eigen::MatrixXd>
-inline Eigen::MatrixXd shrunk_covariance(In<MatrixXd> residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
-  const MatrixXd s = residual * residual.transpose() / double(n);
+  const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);
-  const MatrixXd target = level * MatrixXd::Identity(d, d);
+  const Eigen::MatrixXd target = level * Eigen::MatrixXd::Identity(d, d);
   if (shrinkage < 0.0) {
     double scatter = 0.0;
     for (Eigen::Index i = 0; i < n; ++i) scatter += (residual.col(i) * residual.col(i).transpose() - s).squaredNorm();
@@ -28,8 +25,6 @@ inline Eigen::MatrixXd shrunk_covariance(In<MatrixXd> residual, Eigen::Index par
   return ((1.0 - shrinkage) * s + (shrinkage + 1e-9) * target) / left;
 }
 
-}  // namespace detail
-
 /// Regularised linear discriminant: Gaussians about the places' means with one covariance, shrunk towards a multiple of the identity because a
 /// finger gives few re-contacts for many regions. Source: Friedman 1989; the shrinkage is Ledoit & Wolf's (2004) from the data, or given.
 struct LinearDecoder {
@@ -37,25 +32,22 @@ struct LinearDecoder {
 
   class Model {
    public:
-    template <class MatrixXd = Eigen::MatrixXd>
-    Model(const LabelledResponses& t, double shrinkage) : mean_(detail::place_means(t)) {
-      const MatrixXd& mean = mean_;
-      MatrixXd residual = t.response;
+    Model(const LabelledResponses& t, double shrinkage) : mean_(place_means(t)) {
+      const Eigen::MatrixXd& mean = mean_;
+      Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean.col(t.place[std::size_t(i)]);
-      const MatrixXd covariance = detail::shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
+      const Eigen::MatrixXd covariance = shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean);
       offset_ = -0.5 * mean.cwiseProduct(weight_).colwise().sum().transpose();
     }
     /// Throws InvalidArgument for another number of features.
-    template <class VectorXd = Eigen::VectorXd>
-    Decoding decode(In<VectorXd> response) const { return detail::decoding_of(log_likelihood(response)); }
+    Decoding decode(const Eigen::VectorXd& response) const { return decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
-    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
-    Eigen::VectorXd log_likelihood(In<VectorXd> response) const {
-      if (response.size() != mean_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the decoder ", mean_.rows()));
-      const MatrixXd& weight = weight_;
+    Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
+      if (response.size() != mean_.rows()) throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean_.rows()));
+      const Eigen::MatrixXd& weight = weight_;
       return weight.transpose() * response + offset_;
     }
     double shrinkage() const { return shrinkage_; }
@@ -68,7 +60,6 @@ struct LinearDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
-  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("shrinkage", shrinkage, -1e300, 1.0, "");

@@ -12,20 +12,18 @@ namespace lumo {
 struct NearestTemplate {
   class Model {
    public:
-    template <class MatrixXd = Eigen::MatrixXd, class LabelledResponses = LabelledResponses>
-    explicit Model(In<LabelledResponses> training) : template_(detail::place_means(training)) {
-      const MatrixXd& means = template_;
+    explicit Model(const LabelledResponses& training) : template_(place_means(training)) {
+      const Eigen::MatrixXd& means = template_;
       double squares = 0.0;
       for (std::size_t i = 0; i < training.place.size(); ++i) squares += (training.response.col(Eigen::Index(i)) - means.col(training.place[i])).squaredNorm();
       const double freedom = double(training.response.rows()) * std::max(1.0, double(training.place.size()) - double(training.places()));
       variance_ = std::max(squares / freedom, 1e-12 * means.cwiseAbs2().maxCoeff() + 1e-300);
     }
     /// Throws InvalidArgument for another number of features.
-    template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
-    Decoding decode(In<VectorXd> response) const {
-      const MatrixXd& means = template_;
-      if (response.size() != template_.rows()) throw InvalidArgument(detail::text("response has ", response.size(), " features, the templates ", template_.rows()));
-      return detail::decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
+    Decoding decode(const Eigen::VectorXd& response) const {
+      const Eigen::MatrixXd& means = template_;
+      if (response.size() != template_.rows()) throw InvalidArgument(message("response has ", response.size(), " features, the templates ", template_.rows()));
+      return decoding_of((means.colwise() - response).colwise().squaredNorm().transpose() * (-0.5 / variance_));
     }
     const Eigen::MatrixXd& templates() const { return template_; }
 
@@ -35,7 +33,6 @@ struct NearestTemplate {
   };
 
   /// Throws InvalidArgument for data that do not fit together.
-  template <class = void>
   Model fit(const LabelledResponses& training) const {
     validate(training);
     return Model(training);

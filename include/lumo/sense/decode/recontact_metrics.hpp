@@ -11,12 +11,11 @@ namespace lumo {
 
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-inline Eigen::VectorXd intensity_force_slope(In<MatrixXd> response, In<VectorXd> force_N) {
+inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, const Eigen::VectorXd& force_N) {
   if (force_N.size() < 2 || response.cols() != force_N.size())
-    throw InvalidArgument(detail::text("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
+    throw InvalidArgument(message("slope over force: ", response.cols(), " responses and ", force_N.size(), " loads, must be as many, at least 2"));
   if (!response.allFinite() || !force_N.allFinite()) throw InvalidArgument("slope over force: numbers must be finite");
-  const VectorXd centred = force_N.array() - force_N.mean();
+  const Eigen::VectorXd centred = force_N.array() - force_N.mean();
   const double spread = centred.squaredNorm();
   if (!(spread > 1e-12 * force_N.squaredNorm())) throw InvalidArgument("slope over force: all loads are the same");
   return response * centred / spread;
@@ -40,27 +39,24 @@ struct RecontactQuality {
 
 /// `slope[i]`: profiles of slopes at place i along the finger, channels × re-contacts. Throws InvalidArgument for fewer than two places, no
 /// re-contacts, or shapes that differ.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-RecontactMetrics recontact_metrics(In<std::vector<MatrixXd>> slope);
+inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope);
 
 /// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median). The interval is a parametric bootstrap
 /// of log Q: re-contacts are drawn about each place's median from a Gaussian with the covariance that the place's own re-contacts have (channels scatter
 /// together where a contact shifts), and the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do: few of
 /// them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani 1993, §6.5 and §13.
 /// Throws InvalidArgument where Q is not defined.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
-RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
+inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000, std::uint64_t seed = 1, double confidence = 0.95);
 
-template <class MatrixXd, class VectorXd>
-inline RecontactMetrics recontact_metrics(In<std::vector<MatrixXd>> slope) {
-  if (slope.size() < 2) throw InvalidArgument(detail::text("re-contact metrics have ", slope.size(), " places, must have at least 2"));
-  std::vector<VectorXd> middle;
+inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& slope) {
+  if (slope.size() < 2) throw InvalidArgument(message("re-contact metrics have ", slope.size(), " places, must have at least 2"));
+  std::vector<Eigen::VectorXd> middle;
   std::vector<double> between, within;
-  for (const MatrixXd& p : slope) {
+  for (const Eigen::MatrixXd& p : slope) {
     if (p.cols() < 1 || p.rows() != slope.front().rows() || p.rows() < 1)
-      throw InvalidArgument(detail::text("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
+      throw InvalidArgument(message("re-contact metrics: place ", middle.size(), " has ", p.rows(), " channels × ", p.cols(), " re-contacts, the first ",
           slope.front().rows(), " channels"));
-    if (!p.allFinite()) throw InvalidArgument(detail::text("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
+    if (!p.allFinite()) throw InvalidArgument(message("re-contact metrics: slopes at place ", middle.size(), " must be finite"));
     middle.push_back(pointwise_median(p));
     for (Eigen::Index r = 0; r < p.cols(); ++r) within.push_back(rms(p.col(r) - middle.back()));
   }
@@ -70,20 +66,19 @@ inline RecontactMetrics recontact_metrics(In<std::vector<MatrixXd>> slope) {
   return m;
 }
 
-template <class MatrixXd, class VectorXd>
-inline RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int resamples, std::uint64_t seed, double confidence) {
+inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples, std::uint64_t seed, double confidence) {
   require_in_range("bootstrap resamples", resamples, 20, 1e6, "");
   require_in_range("confidence", confidence, 0.0, 1.0, "");
   RecontactQuality q;
   q.metrics = recontact_metrics(slope);
   const Eigen::Index repeats = slope.front().cols();
-  for (const MatrixXd& p : slope)
+  for (const Eigen::MatrixXd& p : slope)
     if (p.cols() != repeats || repeats < 3)
-      throw InvalidArgument(detail::text("re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
+      throw InvalidArgument(message("re-contact quality needs as many re-contacts everywhere, at least 3; has ", p.cols(), " and ", repeats));
   if (!q.metrics.Q) throw InvalidArgument("re-contact quality is not defined: all re-contacts are the same");
   if (!(*q.metrics.Q > 0.0)) throw InvalidArgument("re-contact quality is not defined: all places are the same");
   q.Q_low = q.Q_high = *q.metrics.Q;
-  std::vector<MatrixXd> some(slope.size());
+  std::vector<Eigen::MatrixXd> some(slope.size());
   for (Eigen::Index left_out = 0; left_out < repeats; ++left_out) {
     for (std::size_t i = 0; i < slope.size(); ++i) {
       some[i].resize(slope[i].rows(), repeats - 1);
@@ -91,17 +86,17 @@ inline RecontactQuality recontact_quality(In<std::vector<MatrixXd>> slope, int r
     }
     if (const auto without = recontact_metrics(some).Q) q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
   }
-  std::vector<VectorXd> middle;
-  std::vector<MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
-  for (const MatrixXd& p : slope) {
+  std::vector<Eigen::VectorXd> middle;
+  std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place
+  for (const Eigen::MatrixXd& p : slope) {
     middle.push_back(pointwise_median(p));
     scatter.push_back((p.colwise() - p.rowwise().mean()) / std::sqrt(double(repeats) - 1.0));
   }
-  detail::CountedNormals normal(seed);
-  VectorXd numbers(repeats);
+  CountedNormals normal(seed);
+  Eigen::VectorXd numbers(repeats);
   const auto deviation = [&](std::size_t place) {
     for (double& z : numbers) z = normal();
-    return VectorXd(scatter[place] * numbers);
+    return Eigen::VectorXd(scatter[place] * numbers);
   };
   std::vector<double> sizes, error;
   for (int k = 0; k < resamples; ++k)

@@ -26,14 +26,13 @@ struct HoldResponse {
 
 /// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
 /// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-template <class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse, class Profile = Profile>
-inline std::vector<HoldResponse> hold_responses(In<std::span<const Profile>> profiles, const std::vector<Segment>& segments) {
+inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles, const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
-    std::pair<VectorXd, int> m{VectorXd(), 0};
+    std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
     for (const Profile& p : profiles) {
       if (p.stamp_ns < s.from_ns || p.stamp_ns > s.to_ns) continue;
-      if (m.second == 0) m.first = VectorXd::Zero(p.value.size());
-      if (p.value.size() != m.first.size()) throw InvalidArgument(detail::text("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
+      if (m.second == 0) m.first = Eigen::VectorXd::Zero(p.value.size());
+      if (p.value.size() != m.first.size()) throw InvalidArgument(message("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
       m.first += p.value;
       ++m.second;
     }
@@ -41,26 +40,25 @@ inline std::vector<HoldResponse> hold_responses(In<std::span<const Profile>> pro
     return m;
   };
   std::vector<HoldResponse> list;
-  std::map<std::size_t, VectorXd> unloaded;
+  std::map<std::size_t, Eigen::VectorXd> unloaded;
   for (const Segment& s : segments) {
     if (s.kind != "hold" && s.kind != "cycle") continue;
     const Segment* before = nullptr;
     for (const Segment& u : segments)
       if (u.kind == "unloaded" && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
-    if (!before) throw InvalidArgument(detail::text("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
+    if (!before) throw InvalidArgument(message("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
     auto& reference = unloaded[std::size_t(before - segments.data())];
     if (reference.size() == 0) reference = mean(*before).first;
     const auto [value, count] = mean(s);
     if (count == 0) continue;
-    if (reference.size() != value.size()) throw InvalidArgument(detail::text("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
+    if (reference.size() != value.size()) throw InvalidArgument(message("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
     list.push_back({s, value - reference, count});
   }
   return list;
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-template <class HoldResponse = HoldResponse>
-inline std::vector<HoldResponse> responses_of(In<std::vector<HoldResponse>> holds, double diameter_mm, double angle_deg) {
+inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -71,8 +69,7 @@ namespace detail {
 
 /// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
 /// places, numbered along the finger, ascend in y.
-template <class HoldResponse = HoldResponse>
-inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(In<std::vector<HoldResponse>> holds) {
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
@@ -80,19 +77,19 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
     if (s.kind != "hold" || s.place < 0 || s.repetition < 0) continue;
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
-      throw InvalidArgument(text("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg, "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
+      throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg, "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
           "°, must be of one: take each by itself"));
     if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
-      throw InvalidArgument(text("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
+      throw InvalidArgument(message("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
   }
   const Segment* before = nullptr;
   for (const auto& place : by_place) {
     const Segment& s = place.second.begin()->second.begin()->second->segment;
     for (const auto& recontact : place.second)
       for (const auto& hold : recontact.second)
-        if (hold.second->segment.y_mm != s.y_mm) throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
+        if (hold.second->segment.y_mm != s.y_mm) throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
     if (before && !(s.y_mm > before->y_mm))
-      throw InvalidArgument(text("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ", before->place, ", ", before->y_mm, " mm"));
+      throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ", before->place, ", ", before->y_mm, " mm"));
     before = &s;
   }
   return by_place;
@@ -102,18 +99,17 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 /// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
 /// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class HoldResponse = HoldResponse>
-inline std::vector<Eigen::MatrixXd> slope_profiles(In<std::vector<HoldResponse>> holds) {
-  std::vector<MatrixXd> slopes;
+inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
+  std::vector<Eigen::MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
-    if (next >= 0 && place.first != next) throw InvalidArgument(detail::text("place ", next, " has no re-contacts, but places before and after it have"));
+    if (next >= 0 && place.first != next) throw InvalidArgument(message("place ", next, " has no re-contacts, but places before and after it have"));
     next = place.first + 1;
-    MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
+    Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
     for (const auto& recontact : place.second) {
-      MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
-      VectorXd load(response.cols());
+      Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
+      Eigen::VectorXd load(response.cols());
       Eigen::Index k = 0;
       for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
       m.col(column++) = intensity_force_slope(response, load);
@@ -130,8 +126,7 @@ struct DecodingTask {
 };
 
 /// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as slope_profiles does.
-template <class HoldResponse = HoldResponse>
-inline std::vector<double> common_loads(In<std::vector<HoldResponse>> holds, double least_N) {
+inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, double least_N) {
   std::map<double, int> count;
   int recontacts = 0;
   for (const auto& place : detail::recontacts(holds))
@@ -147,9 +142,8 @@ inline std::vector<double> common_loads(In<std::vector<HoldResponse>> holds, dou
 
 /// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
 /// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
-template <class DecodingTask = DecodingTask, class HoldResponse = HoldResponse>
-inline DecodingTask decoding_task(In<std::vector<HoldResponse>> holds, const std::vector<double>& load_N) {
-  if (load_N.size() < 2) throw InvalidArgument(detail::text("decoding needs at least 2 loads, has ", load_N.size()));
+inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
+  if (load_N.size() < 2) throw InvalidArgument(message("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
     int place, repetition;
     std::vector<const HoldResponse*> at;  // the loads
@@ -166,7 +160,7 @@ inline DecodingTask decoding_task(In<std::vector<HoldResponse>> holds, const std
       place_m[c.place] = 1e-3 * c.at.front()->segment.y_mm;
       contacts.push_back(std::move(c));
     }
-  if (place_m.size() < 2) throw InvalidArgument(detail::text("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
+  if (place_m.size() < 2) throw InvalidArgument(message("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
   DecodingTask task;
   const Eigen::Index channels = contacts.front().at.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
   task.data.response.resize(channels * steps, Eigen::Index(contacts.size()));
@@ -188,8 +182,7 @@ inline DecodingTask decoding_task(In<std::vector<HoldResponse>> holds, const std
 }
 
 /// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
-template <class MatrixXd = Eigen::MatrixXd, class HoldResponse = HoldResponse, class CycleRun = CycleRun>
-inline std::vector<CycleRun> cycle_runs(In<std::vector<HoldResponse>> holds) {
+inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
     if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
@@ -197,7 +190,7 @@ inline std::vector<CycleRun> cycle_runs(In<std::vector<HoldResponse>> holds) {
   for (const auto& run : runs) {
     CycleRun r;
     for (const auto& load : run.second) {
-      MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
+      Eigen::MatrixXd m(load.second.front()->response.size(), Eigen::Index(load.second.size()));
       for (Eigen::Index k = 0; k < m.cols(); ++k) m.col(k) = load.second[std::size_t(k)]->response;
       r.load.push_back(std::move(m));
     }

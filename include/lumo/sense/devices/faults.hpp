@@ -45,7 +45,6 @@ class Faults {
 };
 
 /// Names, separated by spaces.
-template <class = void>
 inline std::string to_string(Faults faults) {
   static constexpr std::array<const char*, std::size_t(Fault::count)> names{
       "frame_dropped", "frames_missing", "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",

@@ -18,7 +18,6 @@ struct FixedRange {
   int bits;
 
   double step() const { return (high - low) / double((1u << bits) - 1u); }
-  template <class = void>
   std::uint32_t pack(double v) const { return std::uint32_t(std::lround((std::clamp(v, low, high) - low) / step())); }
   double unpack(std::uint32_t n) const { return low + step() * double(n); }
 };
@@ -50,7 +49,6 @@ struct MiniCheetahProtocol {
   static constexpr Bytes zero{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xfe};   ///< here is position 0
 
   /// Values beyond a range are clamped to it. Throws InvalidArgument for numbers that are not finite.
-  template <class = void>
   Bytes pack(const Command& c) const {
     for (const double v : {c.position_rad, c.velocity_rad_per_s, c.kp, c.kd, c.torque_Nm})
       if (!std::isfinite(v)) throw InvalidArgument("motor command: numbers must be finite");
@@ -60,7 +58,6 @@ struct MiniCheetahProtocol {
             std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
   }
   /// Nothing for fewer than six bytes.
-  template <class Reply = Reply>
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
     const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
@@ -72,7 +69,6 @@ struct MiniCheetahProtocol {
 };
 
 /// Throws InvalidArgument for a range that is not positive.
-template <class = void>
 inline void validate(const MiniCheetahProtocol& p) {
   require_positive("motor's position range", p.position_rad, "rad");
   require_positive("motor's velocity range", p.velocity_rad_per_s, "rad/s");

@@ -29,24 +29,22 @@ class PhotodiodeArray {
   };
 
   /// Throws InvalidArgument for lengths that differ, positions that do not ascend, or numbers that are not finite.
-  template <class VectorXd = Eigen::VectorXd>
   explicit PhotodiodeArray(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
-    if (n < 2) throw InvalidArgument(detail::text("photodiode array has ", n, " diodes, must have at least 2"));
-    if (config_.dark_V.size() == 0) config_.dark_V = VectorXd::Zero(n);
-    if (config_.scale.size() == 0) config_.scale = VectorXd::Ones(n);
+    if (n < 2) throw InvalidArgument(message("photodiode array has ", n, " diodes, must have at least 2"));
+    if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
+    if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
-      throw InvalidArgument(detail::text("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
+      throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
           " scales, must be as many"));
     if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite()) throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))
-        throw InvalidArgument(detail::text("photodiode ", i, " is at ", config_.position_m[i], " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+        throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i], " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
-  template <class PhotodiodeSample = PhotodiodeSample>
-  bool read(In<PhotodiodeSample> sample, Profile& profile) const {
+  bool read(const PhotodiodeSample& sample, Profile& profile) const {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;
     profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);

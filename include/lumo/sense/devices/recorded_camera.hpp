@@ -18,10 +18,8 @@ struct RecordedFrame {
 /// Frames that are in memory, given as fast as they are asked for.
 class RecordedCamera {
  public:
-  template <class = void>
   explicit RecordedCamera(std::vector<RecordedFrame> frames) : frames_(std::move(frames)) {}
 
-  template <class = void>
   std::optional<Frame> next() {
     if (next_ == frames_.size()) return std::nullopt;
     const RecordedFrame& f = frames_[next_];

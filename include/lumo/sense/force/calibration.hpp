@@ -26,8 +26,7 @@ struct StiffnessFit {
 /// Fits force = factor · nominal(depth − onset). `nominal_N`: force of the nominal pad at a depth [m], 0 below 0, increasing: with the ratio of moduli kept, force is
 /// proportional to the modulus at given depth. Samples of one press are not independent (the silicone creeps, the servo swings), so that the
 /// interval counts `independent` of them (0: all). Throws InvalidArgument for fewer than three samples in contact, or ones that do not tell both.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d>
-StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
+inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent = 0);
 
 /// Photon transfer of a camera (EMVA 1288): temporal variance of pixels over their signal. Row offsets and common changes of the lamps are taken out of each
 /// pair of frames, fixed patterns fall out of their difference.
@@ -39,11 +38,9 @@ class PhotonTransfer {
   };
 
   /// One frame; the next one makes a pair with it. Throws InvalidArgument for another size or format.
-  template <class ImageView = ImageView>
-  void add(In<ImageView> v);
+  void add(const ImageView& v);
   /// From pixels with a mean below `full_DN` (above, the top of the range cuts the noise). Linear cameras only. Throws InvalidArgument for fewer than 8 pairs
   /// or signals that are all alike.
-  template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2d = Eigen::Matrix2d>
   Result result(double black_DN = 0.0, double full_DN = 230.0) const;
   int pairs() const { return std::max(0, frames_ - 1); }
 
@@ -60,7 +57,6 @@ struct LampLevel {
 };
 
 /// `lit` and `dark` are mean pictures of one view. Throws InvalidArgument for sizes that differ, or no light.
-template <class = void>
 inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const Interval& gain_DN_per_electron) {
   if (lit.empty() || lit.width != dark.width || lit.height != dark.height) throw InvalidArgument("lamp level: the lit and the dark picture must have one size");
   std::vector<double> difference;
@@ -76,14 +72,13 @@ inline LampLevel lamp_level(const ImageView& lit, const ImageView& dark, const I
   return {level, {level / gain_DN_per_electron.value, level / gain_DN_per_electron.high, level / gain_DN_per_electron.low}};
 }
 
-template <class MatrixXd, class VectorXd, class Vector2d>
 inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<const double> force_N, const std::function<double(double)>& nominal_N, int independent) {
-  if (depth_m.size() != force_N.size()) throw InvalidArgument(detail::text("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
+  if (depth_m.size() != force_N.size()) throw InvalidArgument(message("press curve has ", depth_m.size(), " depths and ", force_N.size(), " forces, must have as many"));
   const auto n = Eigen::Index(depth_m.size());
   StiffnessFit fit{{1.0, 1.0, 1.0}, 0.0, 0.0};
   constexpr double step_m = 1e-6;
-  MatrixXd a(n, 2);
-  VectorXd left(n);
+  Eigen::MatrixXd a(n, 2);
+  Eigen::VectorXd left(n);
   Identification last;
   for (int k = 0; k < 30; ++k) {
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -92,7 +87,7 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
       left[i] = force_N[std::size_t(i)] - fit.factor.value * f;
     }
     if ((a.col(0).array() > 0.0).count() < 3) throw InvalidArgument("press curve: fewer than three samples in contact");
-    last = identify(a, left, Vector2d(1.0, 1e-4), 0.0, 1e-4);
+    last = identify(a, left, Eigen::Vector2d(1.0, 1e-4), 0.0, 1e-4);
     if (!last.complete()) throw InvalidArgument("press curve does not tell stiffness and onset apart");
     fit.factor.value = std::max(0.01, fit.factor.value + last.value[0]);
     fit.onset_m += std::clamp(last.value[1], -1e-3, 1e-3);
@@ -104,8 +99,7 @@ inline StiffnessFit fit_stiffness(std::span<const double> depth_m, std::span<con
   return fit;
 }
 
-template <class ImageView>
-inline void PhotonTransfer::add(In<ImageView> v) {
+inline void PhotonTransfer::add(const ImageView& v) {
   if (v.empty()) throw InvalidArgument("photon transfer: a picture is empty");
   const auto n = std::size_t(v.width) * std::size_t(v.height);
   if (frames_ == 0) sum_.assign(n, 0.0), squares_.assign(n, 0.0);
@@ -127,9 +121,8 @@ inline void PhotonTransfer::add(In<ImageView> v) {
   ++frames_;
 }
 
-template <class MatrixXd, class VectorXd, class Vector2d, class Matrix2d>
 inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double full_DN) const {
-  if (pairs() < 8) throw InvalidArgument(detail::text("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
+  if (pairs() < 8) throw InvalidArgument(message("photon transfer has ", pairs(), " pairs of pictures, must have at least 8"));
   std::vector<double> signal, variance;
   for (std::size_t i = 0; i < sum_.size(); ++i)
     if (const double mean = sum_[i] / frames_; mean < full_DN && mean > black_DN + 1.0) signal.push_back(mean - black_DN), variance.push_back(squares_[i] / pairs());
@@ -137,19 +130,19 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
   const double low = signal.empty() ? 0.0 : quantile(signal, 0.02), high = signal.empty() ? 0.0 : quantile(signal, 0.98);
   if (n < 100 || !(high > 1.5 * low + 5.0)) throw InvalidArgument("photon transfer: signals are all alike, they tell no slope");
   // Variance of a variance is 2 σ⁴/pairs: weights by the signal, from a first look.
-  Vector2d line(0.5, 0.02);
-  Matrix2d covariance = Matrix2d::Zero();
+  Eigen::Vector2d line(0.5, 0.02);
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
   for (int k = 0; k < 4; ++k) {
-    MatrixXd a(n, 2);
-    VectorXd b(n);
+    Eigen::MatrixXd a(n, 2);
+    Eigen::VectorXd b(n);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double weight = 1.0 / std::max(line[0] + line[1] * signal[std::size_t(i)], 0.05);
       a.row(i) << weight, weight * signal[std::size_t(i)];
       b[i] = weight * variance[std::size_t(i)];
     }
     // Normal equations: pixels are many, parameters two.
-    const Matrix2d normal = a.transpose() * a;
-    const Matrix2d inverse = normal.inverse();
+    const Eigen::Matrix2d normal = a.transpose() * a;
+    const Eigen::Matrix2d inverse = normal.inverse();
     line = inverse * (a.transpose() * b);
     covariance = (a * line - b).squaredNorm() / double(n - 2) * inverse;
   }

@@ -32,10 +32,6 @@ struct ContactBelief {
 /// A measurement that arrives late is put where it belongs, and what came after it is done again.
 template <ContactJacobian Jacobian>
 class ContactFilter {
-  using Vector2d = Dependent<Eigen::Vector2d, Jacobian>;
-  using Matrix2d = Dependent<Eigen::Matrix2d, Jacobian>;
-  using JointVector = Dependent<lumo::JointVector, Jacobian>;
-  using ContactBelief = Dependent<lumo::ContactBelief, Jacobian>;
 
  public:
   struct Config {
@@ -58,7 +54,7 @@ class ContactFilter {
   /// as add_location does, for numbers that are not finite or belong to no finger.
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
-      throw InvalidArgument(detail::text("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
+      throw InvalidArgument(message("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
     for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
       require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
       require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
@@ -187,7 +183,7 @@ void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
 }
 
 template <ContactJacobian Jacobian>
-typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
+ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVector& q) const {
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
@@ -195,7 +191,7 @@ typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std:
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
-  Matrix2d information;
+  Eigen::Matrix2d information;
   for (int k = 0; k < 8; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
     const JointVector a = jacobian_.column(q, {config_.link, inside}), slope = jacobian_.slope(q, {config_.link, inside});
@@ -208,7 +204,7 @@ typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std:
     }
     if (k == 0) force = at / aa;  // of that place
     information << place_weight, 0.0, 0.0, aa;
-    Vector2d gradient(place_weight * (place - y), at - aa * force);
+    Eigen::Vector2d gradient(place_weight * (place - y), at - aa * force);
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];
       const double weight = 1.0 / std::max(t.xx, 1e-14), h = slope[j] * force;
@@ -218,7 +214,7 @@ typename ContactFilter<Jacobian>::ContactBelief ContactFilter<Jacobian>::at(std:
     }
     information(1, 0) = information(0, 1);
     belief.covariance = information.inverse();
-    const Vector2d step = belief.covariance * gradient;
+    const Eigen::Vector2d step = belief.covariance * gradient;
     y = std::clamp(y + step[0], config_.from_m - 5.0_mm, config_.to_m + 5.0_mm);
     force += step[1];
     if (std::abs(step[0]) < 1e-9 && std::abs(step[1]) < 1e-7) break;

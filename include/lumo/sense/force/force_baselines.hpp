@@ -40,7 +40,6 @@ struct ForceErrors {
   Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
   /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
   /// no gap.
-  template <class = void>
   std::optional<double> recovery() const {
     const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
     return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
@@ -51,20 +50,16 @@ struct ForceErrors {
 class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
-  template <class = void>
   ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
-  template <class VectorXd = Eigen::VectorXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
   int joints() const { return joints_; }
   /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
-  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
-  template <class = void>
   static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;
@@ -72,7 +67,7 @@ class ContactTorques {
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const JointSample& s = samples[i];
       if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n)
-        throw InvalidArgument(detail::text("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
+        throw InvalidArgument(message("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
       stamp.push_back(clock(s.stamp_ns) - std::llround(1e9 * delay_s));
       for (Eigen::Index j = 0; j < n; ++j) {
         const TorqueModel& m = models[std::size_t(j)];

@@ -32,10 +32,6 @@ namespace lumo {
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile, ContactJacobian Jacobian = MomentArm>
   requires std::same_as<typename Readout_::Sample, Frame>
 class ForceEstimator {
-  using JointVector = Dependent<lumo::JointVector, Jacobian>;
-  using MatrixXd = Dependent<Eigen::MatrixXd, Jacobian>;
-  using Vector2d = Dependent<Eigen::Vector2d, Jacobian>;
-  using Matrix2d = Dependent<Eigen::Matrix2d, Jacobian>;
 
   static_assert(!std::same_as<Readout_, PositiveGreenProfile>,
       "frames are checked by their light against the unloaded finger's: the readout must be linear in it, as GreenProfile is");
@@ -126,10 +122,10 @@ ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::ForceEstimato
       filter_(std::move(jacobian), config_.filter) {
   const int n = filter_.jacobian().joints();
   if (int(config_.torque.size()) != n || config_.joints.joints != n)
-    throw InvalidArgument(detail::text("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints,
+    throw InvalidArgument(message("force estimator has ", n, " joints in its Jacobian, ", config_.torque.size(), " torque models and ", config_.joints.joints,
         " joints to watch"));
   if (unloaded_.mean().size() != readout_.positions_m().size())
-    throw InvalidArgument(detail::text("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
+    throw InvalidArgument(message("unloaded reference has ", unloaded_.mean().size(), " values, the readout ", readout_.positions_m().size()));
   joint_q_ = joint_torque_ = joint_variance_ = JointVector::Zero(n);
   for (const TorqueModel& m : config_.torque) validate(m);
   require_in_range("delay of the frames", config_.frame_delay_s, -10.0, 10.0, "s");
@@ -236,7 +232,7 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   ContactBelief b = filter_.at(now_ns_, joint_q_);
   const ContactPoint point{config_.filter.link, std::clamp(b.y_m, config_.filter.from_m, config_.filter.to_m)};
   const JointVector arm = filter_.jacobian().column(joint_q_, point), slope = filter_.jacobian().slope(joint_q_, point);
-  const Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
+  const Eigen::Vector2d shift(1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
   b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
   ContactForce& c = e.contact[0];
   c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1), c.covariance_m_N = b.covariance(0, 1);
@@ -246,9 +242,9 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   if (std::sqrt(c.y_variance_m2) <= config_.known_location_m) c.y_m = point.y_m;
   if (std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = force;
   // Directions of the posterior that are wider than what counts as known are open.
-  const Vector2d unit(config_.known_location_m, config_.known_force_N);
-  const Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
-  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
+  const Eigen::Vector2d unit(config_.known_location_m, config_.known_force_N);
+  const Eigen::Matrix2d scaled = unit.cwiseInverse().asDiagonal() * b.covariance * unit.cwiseInverse().asDiagonal();
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes;
   axes.computeDirect(scaled);  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
@@ -259,7 +255,7 @@ template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Reado
 void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe_two(ForceEstimate& e, bool with_forces) const {
   const int link = config_.filter.link;
   const double map2 = config_.map_sigma_m * config_.map_sigma_m, force2 = config_.filter.force_prior_N * config_.filter.force_prior_N;
-  std::array<Dependent<ContactPoint, Jacobian>, 2> points;
+  std::array<ContactPoint, 2> points;
   for (std::size_t i = 0; i < 2; ++i) {
     points[i] = {link, location_.contact[i].y_m};
     e.contact[i].y_m = location_.contact[i].y_m;
@@ -273,15 +269,15 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   JointVector torque = joint_torque_;
   for (int j = 0; j < int(torque.size()); ++j) torque[j] -= filter_.torque_offset(j);
   const double bias = config_.filter.torque_bias_Nm, sigma = std::sqrt(bias * bias + joint_variance_.maxCoeff());  // of the joint that is worst
-  const Dependent<Identification, Jacobian> forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
+  const Identification forces = solve_forces(filter_.jacobian(), joint_q_, torque, points, sigma);
   // A place that is off by dy takes F a'(y) dy of torque for force: dF = −A⁺ a' F dy, with A⁺ = (AᵀA)⁺ Aᵀ. The map's error is the same for both.
-  const MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
-  Matrix2d by_place;
+  const Eigen::MatrixXd inverse = forces.covariance / (sigma * sigma) * contact_columns(filter_.jacobian(), joint_q_, std::span<const ContactPoint>(points)).transpose();
+  Eigen::Matrix2d by_place;
   for (Eigen::Index i = 0; i < 2; ++i) by_place.col(i) = -forces.value[i] * (inverse * filter_.jacobian().slope(joint_q_, points[std::size_t(i)]));
-  Matrix2d place = Matrix2d::Constant(map2);
+  Eigen::Matrix2d place = Eigen::Matrix2d::Constant(map2);
   for (Eigen::Index i = 0; i < 2; ++i) place(i, i) += location_.contact[std::size_t(i)].variance_m2;
-  const Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
-  const Matrix2d mixed = place * by_place.transpose();  // of places with forces
+  const Eigen::Matrix2d covariance = forces.covariance + by_place * place * by_place.transpose() + force2 * forces.null_space * forces.null_space.transpose();
+  const Eigen::Matrix2d mixed = place * by_place.transpose();  // of places with forces
   for (Eigen::Index i = 0; i < 2; ++i) {
     ContactForce& c = e.contact[std::size_t(i)];
     c.force_variance_N2 = covariance(i, i);
@@ -289,8 +285,8 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
     if (forces.complete() && std::sqrt(c.force_variance_N2) <= config_.known_force_N) c.force_N = std::max(0.0, forces.value[i]);
   }
   // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
-  Eigen::SelfAdjointEigenSolver<Matrix2d> axes;
-  axes.computeDirect(Matrix2d(covariance / (config_.known_force_N * config_.known_force_N)));  // ascending
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes;
+  axes.computeDirect(Eigen::Matrix2d(covariance / (config_.known_force_N * config_.known_force_N)));  // ascending
   e.rank = int((axes.eigenvalues().array() <= 1.0).count());
   e.null_directions = axes.eigenvectors();
 }

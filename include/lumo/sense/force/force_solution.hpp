@@ -10,14 +10,14 @@ namespace lumo {
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not tell apart come back
 /// as null directions: three contacts on two joints, two on one link of one joint, any at a joint's axis.
-template <ContactJacobian J, class JointVector = JointVector, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
-Identification solve_forces(const J& jacobian, In<JointVector> q, In<JointVector> contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+template <ContactJacobian J>
+Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
   // A contact within a tenth of a millimetre of all axes counts as on them.
-  const MatrixXd a = contact_columns(jacobian, q, contacts);
+  const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < 1e-4) return {VectorXd::Zero(m), MatrixXd::Zero(m, m), 0, MatrixXd::Identity(m, m), 0.0};
-  return identify(a, contact_torque_Nm, VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
+  if (largest < 1e-4) return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
+  return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
 }
 
 /// One contact from torques alone: place and force together, as far as the joints tell.
@@ -31,9 +31,8 @@ struct TorqueOnlySolution {
 
 /// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only
 /// baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the range's middle.
-template <ContactJacobian J, class JointVector = JointVector, class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd, class Vector2d = Eigen::Vector2d,
-          class Identification = Identification>
-TorqueOnlySolution solve_torque_only(const J& jacobian, In<JointVector> q, In<JointVector> contact_torque_Nm, int link, double from_m, double to_m,
+template <ContactJacobian J>
+TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m,
     double torque_sigma_Nm) {
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
@@ -48,12 +47,12 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, In<JointVector> q, In<Jo
   double misfit = 0.0;
   s.force_N = force_at(s.y_m, misfit);
   const auto sensitivity = [&] {
-    MatrixXd h(jacobian.joints(), 2);
+    Eigen::MatrixXd h(jacobian.joints(), 2);
     h.col(0) = 0.01 * s.force_N * jacobian.slope(q, {link, s.y_m});
     h.col(1) = jacobian.column(q, {link, s.y_m});
     return h;
   };
-  const auto look = [&] { return identify(sensitivity(), VectorXd(contact_torque_Nm), Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
+  const auto look = [&] { return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
   Identification local = look();
   if (local.complete()) {
     constexpr int cells = 64;
@@ -71,7 +70,7 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, In<JointVector> q, In<Jo
   s.rank = int(local.rank);
   if (s.rank == 1) s.null_direction = local.null_space.col(0);
   if (s.rank == 2) {
-    const Vector2d unit(0.01, 1.0);
+    const Eigen::Vector2d unit(0.01, 1.0);
     s.covariance = unit.asDiagonal() * local.covariance * unit.asDiagonal();
   }
   return s;

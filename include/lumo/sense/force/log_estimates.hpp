@@ -47,7 +47,6 @@ struct LogReference {
 
 /// The probabilistic localiser for a whole finger of 60 mm with clear ends. Contacts are sought on the pad's regions only. `bias_m`: how far bumps lie from contacts; chosen, as
 /// the ends' mirror images were, by seeds 1 to 10 of the virtual lab, so these do not judge it.
-template <class = void>
 inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, const UnloadedReference& unloaded, double bias_m = 0.75_mm, double end_bias_m = 1.25_mm) {
   BayesLocalizer::Config c;
   c.position_m = readout.positions_m(), c.noise = unloaded.noise(), c.unloaded = unloaded.mean();
@@ -58,7 +57,7 @@ inline BayesLocalizer::Config finger_localizer(const GreenProfile& readout, cons
 }
 
 /// Localises in profiles of a log. Frames that cannot be read are left out.
-template <LocationEstimator L, class LogEstimate = LogEstimate>
+template <LocationEstimator L>
 std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const UnloadedReference& unloaded, L localizer) {
   std::vector<LogEstimate> list;
   for (Profile p : profiles) {
@@ -72,8 +71,7 @@ std::vector<LogEstimate> locate(const std::vector<Profile>& profiles, const Unlo
 }
 
 /// The step in which a joint's efforts come, as a driver's few bits make it; 0 where they are not whole multiples of one apart.
-template <class JointSample = JointSample>
-double effort_step(In<std::vector<JointSample>> samples, int joint) {
+inline double effort_step(const std::vector<JointSample>& samples, int joint) {
   double step = std::numeric_limits<double>::infinity();
   int changes = 0;
   for (std::size_t i = 1; i < samples.size(); ++i)
@@ -88,8 +86,7 @@ double effort_step(In<std::vector<JointSample>> samples, int joint) {
 
 /// Friction, weight and offset of each joint from all samples before `until_ns` (frames' clock), which must be without contact; what moves tells of friction,
 /// what rests of what sticks. `start`: what such a run does not tell.
-template <class JointSample = JointSample, class JointReference = JointReference>
-inline JointReference identify_joints(In<std::vector<JointSample>> samples, const Session& session, std::int64_t until_ns) {
+inline JointReference identify_joints(const std::vector<JointSample>& samples, const Session& session, std::int64_t until_ns) {
   JointReference reference;
   std::vector<JointSample> free, moving;
   for (const JointSample& s : samples)
@@ -135,8 +132,8 @@ typename Estimator::Config force_config(const JointReference& reference, const S
 
 /// Plays a log to the force estimator as it came, one step at each frame. `make_camera()` gives the log's camera from its start; `samples` are on the frames' clock.
 /// Throws InputError without joint samples, InvalidArgument for parts that do not fit.
-template <class MakeCamera, LocationEstimator L, ContactJacobian J, class JointSample = JointSample, class LogEstimate = LogEstimate>
-std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, In<std::vector<JointSample>> samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
+template <class MakeCamera, LocationEstimator L, ContactJacobian J>
+std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, const std::vector<JointSample>& samples, const std::vector<std::int64_t>& frame_ns, const LogReference& reference,
                                          const LongitudinalBins& bins, const L& localizer, const J& jacobian, const Session& session, double map_sigma_m = 0.0, int link = 0) {
   if (samples.size() < 2 || reference.joints.torque.empty()) throw InputError("the log has no joint samples to estimate a force from");
   using Source = decltype(make_camera());
@@ -154,7 +151,7 @@ std::vector<LogEstimate> estimate_forces(MakeCamera make_camera, In<std::vector<
     actuator.until(now);
     LogEstimate e;
     e.stamp_ns = now;
-    const detail::Stopwatch watch;
+    const Stopwatch watch;
     e.force = estimator.step(now);
     e.seconds = watch.seconds();
     e.location = estimator.location();
@@ -172,8 +169,8 @@ struct LocationScore {
   double coverage_90 = 0.0;  ///< share of the located ones whose 90 % interval holds the truth
 };
 
-template <class PlaceOf, class LogEstimate = LogEstimate, class ContactLocation = ContactLocation>
-LocationScore location_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
+template <class PlaceOf>
+LocationScore location_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, double from_N, PlaceOf place_of) {
   LocationScore s;
   int covered = 0;
   for (const LogEstimate& e : estimates) {
@@ -199,8 +196,8 @@ struct ForceScore {
   double coverage_90 = 0.0;  ///< of the fused force's 90 % interval
 };
 
-template <ContactJacobian J, class LogEstimate = LogEstimate, class ForceSample = ForceSample>
-ForceScore force_score(In<std::vector<LogEstimate>> estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
+template <ContactJacobian J>
+ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth& truth, const J& jacobian, double from_m, double to_m, double torque_sigma_Nm, double from_N = 0.5, int link = 0) {
   std::vector<ForceSample> samples;
   int given = 0, covered = 0;
   for (const LogEstimate& e : estimates) {

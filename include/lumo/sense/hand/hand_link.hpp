@@ -31,14 +31,13 @@ struct HandLink {
 };
 
 /// Throws InvalidArgument for a link that makes no sense.
-template <class = void>
 inline void validate(const HandLink& l) {
-  if (l.joints.empty()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': no joint moves it, at least one must"));
-  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
+  if (l.joints.empty()) throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
   for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
     for (Eigen::Index j = 0; j < k; ++j)
       if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j)); !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(detail::text("link '", detail::printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
+        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -52,25 +51,22 @@ struct LinkMap {
   double residual_px = 0.0;                                    ///< RMS of what the fit leaves
   double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
 
-  template <class Vector2d = Eigen::Vector2d>
   Eigen::Vector2d pixel(double y_m, double z_m) const {
     const double side = z_clockwise ? 1.0 : -1.0;
-    const Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
-    const Vector2d& along = along_px_per_m;
+    const Eigen::Vector2d across(-side * along_px_per_m.y(), side * along_px_per_m.x());
+    const Eigen::Vector2d& along = along_px_per_m;
     return origin_px + y_m * along + z_m * across;
   }
   double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
 
   /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or points that coincide.
-  template <class Matrix2Xd = Eigen::Matrix2Xd>
-  static LinkMap fit(In<Matrix2Xd> point_m, In<Matrix2Xd> pixel, bool z_clockwise);
+  static LinkMap fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise);
 };
 
-template <class Matrix2Xd>
-inline LinkMap LinkMap::fit(In<Matrix2Xd> point_m, In<Matrix2Xd> pixel, bool z_clockwise) {
+inline LinkMap LinkMap::fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise) {
   using Complex = std::complex<double>;
   const Eigen::Index n = point_m.cols();
-  if (n < 2 || pixel.cols() != n) throw InvalidArgument(detail::text("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
+  if (n < 2 || pixel.cols() != n) throw InvalidArgument(message("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
   const auto point = [&](Eigen::Index k) { return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k)); };
   const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
   Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
@@ -106,8 +102,7 @@ struct Hole {
 };
 
 /// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
-template <class Vector2d = Eigen::Vector2d, class Hole = Hole>
-inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expected, double radius, double reach, double min_contrast) {
+inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector2d& expected, double radius, double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
   if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
   // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
@@ -134,23 +129,23 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
   };
   const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())), v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
   double best = min_contrast;
-  std::optional<Vector2d> place;
+  std::optional<Eigen::Vector2d> place;
   for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image.height - 1 - edge); ++cy)
     for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image.width - 1 - edge); ++cx) {
       if (std::hypot(cx - u, cy - v) > reach) continue;
       const auto [disc, around] = look(cx, cy);
-      if (around - disc > best) best = around - disc, place = Vector2d(cx, cy);
+      if (around - disc > best) best = around - disc, place = Eigen::Vector2d(cx, cy);
     }
   if (!place) return std::nullopt;
   for (int pass = 0; pass < 4; ++pass) {   // centroid of the darkness, each time about the last one
     if (place->x() < outer || place->y() < outer || place->x() > image.width - 1 - outer || place->y() > image.height - 1 - outer) return std::nullopt;
     const double light = look(int(std::lround(place->x())), int(std::lround(place->y()))).second;
-    Vector2d moment = Vector2d::Zero();
+    Eigen::Vector2d moment = Eigen::Vector2d::Zero();
     double weight = 0.0;
     for (int y = int(std::ceil(place->y() - rim)); y <= int(std::floor(place->y() + rim)); ++y)
       for (int x = int(std::ceil(place->x() - rim)); x <= int(std::floor(place->x() + rim)); ++x) {
         const double w = std::hypot(x - place->x(), y - place->y()) > rim ? 0.0 : std::max(0.0, light - image.green(x, y));
-        moment += w * Vector2d(x, y);
+        moment += w * Eigen::Vector2d(x, y);
         weight += w;
       }
     if (!(weight > 0.0)) return std::nullopt;
@@ -162,15 +157,14 @@ inline std::optional<Hole> find_hole(const ImageView& image, In<Vector2d> expect
 }  // namespace detail
 
 /// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
-template <class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LinkMap = LinkMap>
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, In<LinkMap> guess, const HoleSearch& search = {}) {
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
-  Matrix2Xd seen(2, n);
+  Eigen::Matrix2Xd seen(2, n);
   double contrast = 255.0;
   for (Eigen::Index k = 0; k < n; ++k) {
-    const Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
+    const Eigen::Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
     const auto hole = detail::find_hole(image, expected, link.hole_radius_m * scale, search.reach_m * scale, search.min_contrast);
     if (!hole) return std::nullopt;
     seen.col(k) = hole->center;

@@ -40,13 +40,8 @@ struct HandEstimate {
 
 /// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting holes, compared with the unloaded picture of the nearest
 /// joint configuration, freed of global and slow differences of green, and what is left in absolute value above the noise is cut into connected regions.
-template <class MatrixXd = Eigen::MatrixXd>
-class HandObserverOf {
+class HandObserver {
  public:
-  using HandLink = Dependent<lumo::HandLink, MatrixXd>;
-  using LinkMap = Dependent<lumo::LinkMap, MatrixXd>;
-  using HandContact = Dependent<lumo::HandContact, MatrixXd>;
-  using HandEstimate = Dependent<lumo::HandEstimate, MatrixXd>;
 
   struct Config {
     double cell_m = 1.0_mm;            ///< of the grid on which a link's side is read
@@ -59,9 +54,9 @@ class HandObserverOf {
   };
 
   /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
-  HandObserverOf(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
+  HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
-    if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(detail::text("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
+    if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(message("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
     require_in_range("cell of the hand's grid", 1e3 * config_.cell_m, 0.1, 10.0, "mm");
     require_in_range("edge of a region", config_.edge, 0.0, config_.threshold, "noises");
@@ -103,7 +98,7 @@ class HandObserverOf {
   }
 
  private:
-  using Grid = MatrixXd;   ///< along × across [DN]
+  using Grid = Eigen::MatrixXd;   ///< along × across [DN]
   struct Cells {
     int along, across;
   };
@@ -130,13 +125,10 @@ class HandObserverOf {
   std::vector<Grid> noise_;                       ///< by link; empty where references have come since
 };
 
-using HandObserver = HandObserverOf<>;
-
-template <class MatrixXd>
-inline std::vector<double> HandObserverOf<MatrixXd>::joints_of(int link, const JointVector& all) const {
+inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
-    if (j < 0 || j >= all.size()) throw InvalidArgument(detail::text("link '", detail::printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
+    if (j < 0 || j >= all.size()) throw InvalidArgument(message("link '", printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
     if (!std::isfinite(all[j])) throw InvalidArgument("positions of joints must be finite");
     own.push_back(all[j]);
   }
@@ -144,8 +136,7 @@ inline std::vector<double> HandObserverOf<MatrixXd>::joints_of(int link, const J
 }
 
 /// Number and distance [rad] of the reference whose farthest joint is nearest; −1 without any.
-template <class MatrixXd>
-inline std::pair<int, double> HandObserverOf<MatrixXd>::nearest(int link, const std::vector<double>& joints) const {
+inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<double>& joints) const {
   std::pair<int, double> best{-1, std::numeric_limits<double>::infinity()};
   const auto& all = library_[std::size_t(link)];
   for (std::size_t r = 0; r < all.size(); ++r) {
@@ -157,8 +148,7 @@ inline std::pair<int, double> HandObserverOf<MatrixXd>::nearest(int link, const 
 }
 
 /// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
-template <class MatrixXd>
-inline auto HandObserverOf<MatrixXd>::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
+inline auto HandObserver::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
   if (nearest >= 0) {
@@ -170,10 +160,9 @@ inline auto HandObserverOf<MatrixXd>::find(int link, int nearest, const ImageVie
 }
 
 /// Green at the cells' middles, bilinear; NaN outside the image.
-template <class MatrixXd>
-inline auto HandObserverOf<MatrixXd>::read(int link, const LinkMap& map, const ImageView& image) const -> Grid {
+inline auto HandObserver::read(int link, const LinkMap& map, const ImageView& image) const -> Grid {
   const auto [along, across] = grid_[std::size_t(link)];
-  MatrixXd g(along, across);
+  Eigen::MatrixXd g(along, across);
   for (int i = 0; i < along; ++i)
     for (int j = 0; j < across; ++j) {
       const auto [y, z] = place(link, i, j);
@@ -191,8 +180,7 @@ inline auto HandObserverOf<MatrixXd>::read(int link, const LinkMap& map, const I
 
 /// Without its slow part along the link: the straight line through the means across that passes closest to two fifths of them, for contacts may cover more than half of
 /// a link (least quantile of squares, after Rousseeuw 1984, over all pairs of means; then least squares over those near it).
-template <class MatrixXd>
-inline auto HandObserverOf<MatrixXd>::levelled(const Grid& difference) const -> Grid {
+inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
   std::vector<std::array<double, 2>> mean;   // row and mean, of rows that are seen
   for (Eigen::Index i = 0; i < difference.rows(); ++i) {
     double sum = 0.0;
@@ -223,13 +211,12 @@ inline auto HandObserverOf<MatrixXd>::levelled(const Grid& difference) const -> 
     n += 1.0, x += mean[k][0], y += mean[k][1], xx += mean[k][0] * mean[k][0], xy += mean[k][0] * mean[k][1];
   }
   if (const double spread = n * xx - x * x; spread > 0.0) slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
-  MatrixXd rest = difference;
+  Eigen::MatrixXd rest = difference;
   for (Eigen::Index i = 0; i < rest.rows(); ++i) rest.row(i).array() -= level + slope * double(i);
   return rest;
 }
 
-template <class MatrixXd>
-inline int HandObserverOf<MatrixXd>::add_reference(const JointVector& joints, const ImageView& image) {
+inline int HandObserver::add_reference(const JointVector& joints, const ImageView& image) {
   int count = 0;
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -250,12 +237,11 @@ inline int HandObserverOf<MatrixXd>::add_reference(const JointVector& joints, co
 
 /// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal number. Beside an LED, where a fraction of a pixel
 /// counts, it is several times that of the plain side.
-template <class MatrixXd>
-inline auto HandObserverOf<MatrixXd>::noise(int link) -> const Grid& {
-  MatrixXd& sigma = noise_[std::size_t(link)];
+inline auto HandObserver::noise(int link) -> const Grid& {
+  Eigen::MatrixXd& sigma = noise_[std::size_t(link)];
   if (sigma.size() > 0) return sigma;
   const auto [along, across] = grid_[std::size_t(link)];
-  sigma = MatrixXd::Constant(along, across, config_.noise_floor_DN);
+  sigma = Eigen::MatrixXd::Constant(along, across, config_.noise_floor_DN);
   for (Eigen::Index k = 0; k < sigma.size(); ++k) {
     std::vector<double> size;
     for (const Grid& step : steps_[std::size_t(link)])
@@ -265,8 +251,7 @@ inline auto HandObserverOf<MatrixXd>::noise(int link) -> const Grid& {
   return sigma;
 }
 
-template <class MatrixXd>
-inline auto HandObserverOf<MatrixXd>::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) -> HandEstimate {
+inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) -> HandEstimate {
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -281,8 +266,7 @@ inline auto HandObserverOf<MatrixXd>::observe(std::int64_t stamp_ns, const Joint
   return e;
 }
 
-template <class MatrixXd>
-inline void HandObserverOf<MatrixXd>::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
+inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);

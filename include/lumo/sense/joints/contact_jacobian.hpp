@@ -25,9 +25,9 @@ concept ContactJacobian = requires(const J& j, const JointVector& q, const Conta
 };
 
 /// Torques of unit normal forces at several contacts, joints × contacts [m].
-template <ContactJacobian J, class JointVector = JointVector, class MatrixXd = Eigen::MatrixXd>
-MatrixXd contact_columns(const J& jacobian, In<JointVector> q, std::span<const ContactPoint> contacts) {
-  MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
+template <ContactJacobian J>
+Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::span<const ContactPoint> contacts) {
+  Eigen::MatrixXd a(jacobian.joints(), Eigen::Index(contacts.size()));
   for (std::size_t i = 0; i < contacts.size(); ++i) a.col(Eigen::Index(i)) = jacobian.column(q, contacts[i]);
   return a;
 }

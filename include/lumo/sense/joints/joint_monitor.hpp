@@ -31,7 +31,6 @@ class JointMonitor {
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
-  template <class = void>
   explicit JointMonitor(const Config& config) : config_(config) {
     require_in_range("number of joints", config.joints, 1, max_joints, "");
     require_in_range("period of the joint samples", config.period_s, 1e-6, 1e3, "s");
@@ -53,8 +52,7 @@ class JointMonitor {
     bool usable = true;
   };
 
-  template <class JointSample = JointSample>
-  Verdict check(In<JointSample> s, std::int64_t now_ns) {
+  Verdict check(const JointSample& s, std::int64_t now_ns) {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;

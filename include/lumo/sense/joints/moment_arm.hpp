@@ -10,10 +10,8 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
-  template <class JointVector = JointVector>
-  JointVector column(In<JointVector>, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
-  template <class JointVector = JointVector>
-  JointVector slope(In<JointVector>, const ContactPoint&) const { return JointVector::Constant(1, sign); }
+  JointVector column(const JointVector&, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
+  JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
 
 static_assert(ContactJacobian<MomentArm>);

@@ -15,9 +15,8 @@ namespace lumo {
 class PlanarFinger {
  public:
   /// `joint_to_joint_m`: from each joint's axis to the next one's; `joint_to_origin_m`: from the last one's to the pad's origin. Throws InvalidArgument.
-  template <class = void>
   PlanarFinger(std::vector<double> joint_to_joint_m, double joint_to_origin_m) : way_m_(std::move(joint_to_joint_m)), last_m_(joint_to_origin_m) {
-    if (way_m_.size() >= std::size_t(max_joints)) throw InvalidArgument(detail::text("planar finger has ", way_m_.size() + 1, " joints, must have at most ", max_joints));
+    if (way_m_.size() >= std::size_t(max_joints)) throw InvalidArgument(message("planar finger has ", way_m_.size() + 1, " joints, must have at most ", max_joints));
     for (const double l : way_m_) require_in_range("way from joint to joint", 1e3 * l, 0.0, 10000.0, "mm");
     require_in_range("way from joint to origin", 1e3 * std::abs(last_m_), 0.0, 10000.0, "mm");
   }
@@ -26,8 +25,7 @@ class PlanarFinger {
   int pad_link() const { return joints() - 1; }
 
   /// Seen from a joint, the normal force at y acts on the way along the pad's link to y, and on that part of each link between which lies along the pad's.
-  template <class JointVector = JointVector>
-  JointVector column(In<JointVector> q, const ContactPoint& c) const {
+  JointVector column(const JointVector& q, const ContactPoint& c) const {
     check(q, c);
     JointVector torque = JointVector::Constant(joints(), last_m_ + c.y_m);
     double turn = 0.0;   // of the pad's link against the one looked at
@@ -37,17 +35,15 @@ class PlanarFinger {
     }
     return torque;
   }
-  template <class JointVector = JointVector>
-  JointVector slope(In<JointVector> q, const ContactPoint& c) const {
+  JointVector slope(const JointVector& q, const ContactPoint& c) const {
     check(q, c);
     return JointVector::Ones(joints());
   }
 
  private:
-  template <class = void>
   void check(const JointVector& q, const ContactPoint& c) const {
-    if (c.link != pad_link()) throw InvalidArgument(detail::text("contact lies on link ", c.link, ", the planar finger's pad on link ", pad_link()));
-    if (q.size() != joints()) throw InvalidArgument(detail::text("planar finger has ", joints(), " joints, got ", q.size(), " angles"));
+    if (c.link != pad_link()) throw InvalidArgument(message("contact lies on link ", c.link, ", the planar finger's pad on link ", pad_link()));
+    if (q.size() != joints()) throw InvalidArgument(message("planar finger has ", joints(), " joints, got ", q.size(), " angles"));
   }
   std::vector<double> way_m_;
   double last_m_;

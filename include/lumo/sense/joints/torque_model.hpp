@@ -43,10 +43,9 @@ struct TorqueModel {
 };
 
 /// Throws InvalidArgument for numbers that make no sense.
-template <class = void>
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
-    throw InvalidArgument(detail::text("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
     require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
   require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
@@ -64,25 +63,24 @@ struct TorqueIdentification {
 
 /// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
 /// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
-template <class MatrixXd = Eigen::MatrixXd, class VectorXd = Eigen::VectorXd>
 inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
     if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
-      throw InvalidArgument(detail::text("unloaded run has no joint ", joint));
+      throw InvalidArgument(message("unloaded run has no joint ", joint));
     q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]), t.push_back(start.motor_torque(s.effort[joint], s.unit));
   }
   if (t.empty()) throw InvalidArgument("unloaded run has no samples");
   const auto n = Eigen::Index(t.size());
-  const VectorXd torque = Eigen::Map<const VectorXd>(t.data(), n);
+  const Eigen::VectorXd torque = Eigen::Map<const Eigen::VectorXd>(t.data(), n);
   const auto fit = [&](double stribeck_velocity) {
-    MatrixXd a(n, 6);
+    Eigen::MatrixXd a(n, 6);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
       a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
     }
     // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
-    return identify(a, torque, VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
+    return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
   };
   // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
   double fastest = 0.0;
@@ -96,7 +94,7 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
   const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
   TorqueIdentification result{start, fit(best)};
-  const VectorXd& x = result.linear.value;
+  const Eigen::VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
   m.stribeck_velocity_rad_per_s = best;
   m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];

@@ -22,7 +22,7 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
   Effort unit = Effort::torque_Nm;
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) {
-      if (s->effort.size() != Eigen::Index(joints.torque.size())) throw InputError(detail::text("the motors tell of ", s->effort.size(), " joints, the run without contact of ", joints.torque.size()));
+      if (s->effort.size() != Eigen::Index(joints.torque.size())) throw InputError(message("the motors tell of ", s->effort.size(), " joints, the run without contact of ", joints.torque.size()));
       if (samples++ == 0) first = s->stamp_ns;
       last = s->stamp_ns, unit = s->unit;
     }
@@ -30,7 +30,7 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
   while (actuator.next()) {}   // what queued up before is not of this time
   LiveRest rest = look_at_rest(camera, session, bins, wait, name, drain);
   drain();
-  if (samples < 2 || last <= first) throw InputError(detail::text("the motors: ", samples, " samples came while the finger rested; does something command them?"));
+  if (samples < 2 || last <= first) throw InputError(message("the motors: ", samples, " samples came while the finger rested; does something command them?"));
   auto localizer = make(rest.readout, rest.unloaded);
   using Estimator = ForceEstimator<C, A, decltype(localizer), GreenProfile, J>;
   const double map_sigma_m = std::sqrt(rest.view.leds.map.variance_m2(0.0));
@@ -45,7 +45,7 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
       picture = e.frame_stamp_ns, said = wait.now_ns();
       if (!told(e)) return;
     } else {
-      detail::idle();
+      idle();
     }
   }
 }

@@ -27,7 +27,7 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
     if (recent.size() > 4096) recent.erase(recent.begin(), recent.end() - 2048);
   };
   while (actuator.next()) {}   // what queued up before is not of this time
-  for (auto frame = detail::next_picture(camera, wait, name, drain); frame; frame = detail::next_picture(camera, wait, name, drain)) {
+  for (auto frame = next_picture(camera, wait, name, drain); frame; frame = next_picture(camera, wait, name, drain)) {
     drain();
     const TimeSeries positions = joint_positions(std::span<const JointSample>(recent), one_clock);
     const std::int64_t at = frame->stamp_ns - std::llround(1e9 * session.frame_delay_s);

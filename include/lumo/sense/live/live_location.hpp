@@ -18,7 +18,7 @@ void locate_live(C& camera, const Session& session, const LongitudinalBins& bins
   FrameMonitor monitor(rest.trusted);
   auto localizer = make(rest.readout, rest.unloaded);
   Profile p;
-  for (auto frame = rest.next; frame; frame = detail::next_picture(camera, wait, name, [] {})) {
+  for (auto frame = rest.next; frame; frame = next_picture(camera, wait, name, [] {})) {
     std::optional<LocationEstimate> estimate;
     auto verdict = monitor.check_time(frame->stamp_ns, frame->stamp_ns);
     if (verdict.usable) {

@@ -23,21 +23,17 @@ namespace lumo {
 struct LiveWait {
   double rest_s = 1.0;        ///< how long the finger rests unloaded at the start
   double patience_s = 2.0;    ///< without any picture
-  std::int64_t (*now_ns)() = steady_ns<>;   ///< on the clock of the stamps
+  std::int64_t (*now_ns)() = steady_ns;   ///< on the clock of the stamps
 };
 
 /// Throws InvalidArgument.
-template <class LiveWait = LiveWait>
-void validate(In<LiveWait> w) {
+inline void validate(const LiveWait& w) {
   require_in_range("time that the finger rests", w.rest_s, 0.05, 60.0, "s");
   require_positive("patience with the camera", w.patience_s, "s");
 }
 
-namespace detail {
-
 /// Lets others run; cameras that wait by themselves have done so before.
-template <class = void>
-void idle() {
+inline void idle() {
   pause_for(200e-6);
 }
 
@@ -47,15 +43,13 @@ std::optional<Frame> next_picture(C& camera, const LiveWait& w, const std::strin
   const std::int64_t from = w.now_ns();
   auto frame = camera.next();
   while (!frame && camera.state() == StreamState::open) {
-    if (1e-9 * double(w.now_ns() - from) > w.patience_s) throw InputError(text(name, ": has given no picture for ", w.patience_s, " s"));
+    if (1e-9 * double(w.now_ns() - from) > w.patience_s) throw InputError(message(name, ": has given no picture for ", w.patience_s, " s"));
     meanwhile();
     idle();
     frame = camera.next();
   }
   return frame;
 }
-
-}  // namespace detail
 
 /// What the first pictures of a live camera tell about a finger that nothing touches.
 struct LiveRest {
@@ -73,9 +67,9 @@ LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins&
   MeanImage mean;
   std::vector<Image> kept;   // a camera's own pixels are gone with its next picture
   std::vector<Frame> rest;
-  auto frame = detail::next_picture(camera, wait, name, meanwhile);
+  auto frame = next_picture(camera, wait, name, meanwhile);
   const std::int64_t first = frame ? frame->stamp_ns : 0, from = wait.now_ns();
-  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = detail::next_picture(camera, wait, name, meanwhile)) {
+  for (; frame && 1e-9 * double(frame->stamp_ns - first) <= wait.rest_s && 1e-9 * double(wait.now_ns() - from) <= wait.rest_s + wait.patience_s; frame = next_picture(camera, wait, name, meanwhile)) {
     const ImageView& v = frame->image;
     if (v.empty() || rest.size() >= 300) continue;
     mean.add(v);
@@ -83,7 +77,7 @@ LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins&
     for (int y = 0; y < v.height; ++y) std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), kept.back().row(y));
     rest.push_back(*frame);
   }
-  if (rest.empty()) throw InputError(detail::text(name, ": gives no pictures"));
+  if (rest.empty()) throw InputError(message(name, ": gives no pictures"));
   const FingerView view = view_finger(mean.image().view(), session, name);
   GreenProfile readout = view.readout(bins);
   UnloadedReference unloaded;
@@ -92,7 +86,7 @@ LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins&
     rest[k].image = kept[k].view();
     if (readout.read(rest[k], p)) unloaded.add(p);
   }
-  if (unloaded.count() < 2) throw InputError(detail::text(name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));
+  if (unloaded.count() < 2) throw InputError(message(name, ": ", unloaded.count(), " pictures of the unloaded finger can be read, must be at least 2"));
   FrameMonitor::Config trusted;
   trusted.position_m = readout.positions_m(), trusted.unloaded = unloaded.mean();
   if (rest.size() > 1) trusted.period_s = std::max(1e-4, 1e-9 * double(rest.back().stamp_ns - rest.front().stamp_ns) / double(rest.size() - 1));

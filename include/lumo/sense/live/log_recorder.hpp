@@ -33,9 +33,9 @@ class LogRecorder {
 
   /// `folder` and `folder`/frames are there. `session_json` is written as it is. Throws InputError.
   LogRecorder(std::string folder, std::string_view session_json, Encode encode) : folder_(std::move(folder)), encode_(std::move(encode)) {
-    detail::write_whole(folder_ + "/session.json", session_json);
+    write_whole(folder_ + "/session.json", session_json);
     open(frames_, "frames.csv");
-    append(frames_, detail::frame_header(false), "frames.csv");
+    append(frames_, frame_header(false), "frames.csv");
     writer_ = std::thread([this] { write(); });
   }
   ~LogRecorder() {
@@ -74,9 +74,9 @@ class LogRecorder {
       throw InputError(folder_ + "/joint.csv: the motors tell of other joints than before");
     if (samples_++ == 0) {
       open(joints_, "joint.csv");
-      append(joints_, detail::joint_header(int(joints_of_), unit_), "joint.csv");
+      append(joints_, joint_header(int(joints_of_), unit_), "joint.csv");
     }
-    joint_rows_ += detail::joint_row(shifted, last_joint_);
+    joint_rows_ += joint_row(shifted, last_joint_);
     if (joint_rows_.size() > 16384 || shifted.stamp_ns - flushed_ns_ > 200'000'000) flushed_ns_ = shifted.stamp_ns, flush_joints();
   }
 
@@ -102,12 +102,12 @@ class LogRecorder {
 
   void open(std::ofstream& out, const char* file) const {
     out.open(folder_ + '/' + file, std::ios::binary);
-    if (!out) throw InputError(detail::text(folder_, '/', file, ": cannot be written"));
+    if (!out) throw InputError(message(folder_, '/', file, ": cannot be written"));
   }
   /// Whole rows at once, so that a table that is cut ends with a row.
   void append(std::ofstream& out, const std::string& rows, const char* file) const {
     out.write(rows.data(), std::streamsize(rows.size())).flush();
-    if (!out) throw InputError(detail::text(folder_, '/', file, ": cannot be written"));
+    if (!out) throw InputError(message(folder_, '/', file, ": cannot be written"));
   }
   void flush_joints() {
     append(joints_, joint_rows_, "joint.csv");
@@ -125,8 +125,8 @@ class LogRecorder {
       std::string fault;
       try {
         const auto bytes = encode_(p.image.view());
-        detail::write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-        append(frames_, detail::frame_row(p.record, false, last), "frames.csv");   // after its picture
+        write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+        append(frames_, frame_row(p.record, false, last), "frames.csv");   // after its picture
       } catch (const std::exception& e) {
         fault = e.what();
       } catch (...) {
@@ -174,9 +174,9 @@ void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, c
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) recorder.add(*s);
   };
-  auto frame = detail::next_picture(camera, wait, name, drain);
+  auto frame = next_picture(camera, wait, name, drain);
   if (!frame) throw InputError(name + ": gives no pictures");
-  for (const std::int64_t first = frame->stamp_ns; frame; frame = detail::next_picture(camera, wait, name, drain)) {
+  for (const std::int64_t first = frame->stamp_ns; frame; frame = next_picture(camera, wait, name, drain)) {
     if (!going_on(1e-9 * double(frame->stamp_ns - first))) break;
     recorder.add(*frame);
     drain();

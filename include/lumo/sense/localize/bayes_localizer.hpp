@@ -18,16 +18,13 @@ namespace lumo {
 /// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
 /// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
 /// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
-template <class VectorXd = Eigen::VectorXd>
-class BayesLocalizerOf {
+class BayesLocalizer {
  public:
-  using MatrixXd = Dependent<Eigen::MatrixXd, VectorXd>;
-  using Vector3d = Dependent<Eigen::Vector3d, VectorXd>;
 
   struct Config {
-    VectorXd position_m;          ///< of the profile's values
-    VectorXd noise;               ///< standard deviation of each, unloaded
-    VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
+    Eigen::VectorXd position_m;          ///< of the profile's values
+    Eigen::VectorXd noise;               ///< standard deviation of each, unloaded
+    Eigen::VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
     double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
     double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
     double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
@@ -46,16 +43,16 @@ class BayesLocalizerOf {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit BayesLocalizerOf(Config config);
+  explicit BayesLocalizer(Config config);
 
   void reset() { fresh_ = true; }
-  LocationEstimate update(const Dependent<Profile, VectorXd>& response);
+  LocationEstimate update(const Profile& response);
 
-  const VectorXd& grid_m() const { return grid_; }
+  const Eigen::VectorXd& grid_m() const { return grid_; }
   /// Posterior of the place given one contact; sums to 1.
-  const VectorXd& place() const { return place_; }
+  const Eigen::VectorXd& place() const { return place_; }
   /// Posterior of none, one, two contacts.
-  const Vector3d& number() const { return number_; }
+  const Eigen::Vector3d& number() const { return number_; }
 
  private:
   static constexpr Eigen::Index widths = 4;
@@ -70,7 +67,7 @@ class BayesLocalizerOf {
   double log_evidence(double s, double g, double tempering) const;
   double log_evidence(const Pair& pair, double tempering) const;
   Pair best_pair(double tempering) const;
-  bool dips_between(const VectorXd& response, const Pair& pair) const;
+  bool dips_between(const Eigen::VectorXd& response, const Pair& pair) const;
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
   void predict(double step_s);
   double bias_variance_m2(double y) const {
@@ -81,26 +78,23 @@ class BayesLocalizerOf {
   LocationEstimate answer(std::int64_t stamp_ns) const;
 
   Config config_;
-  VectorXd grid_;
-  MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
-  MatrixXd matched_;    ///< Σ⁻¹ bumps
-  MatrixXd precision_;  ///< Σ⁻¹ of the profile
-  std::array<MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
-  VectorXd energy_;     ///< diagonal of it, all widths
-  VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
-  Vector3d number_{1.0, 0.0, 0.0};
+  Eigen::VectorXd grid_;
+  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
+  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
+  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
+  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
+  Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
+  Eigen::Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
   std::int64_t stamp_ns_ = 0;
   bool fresh_ = true;
 };
 
-using BayesLocalizer = BayesLocalizerOf<>;
-
-template <class VectorXd>
-inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std::move(config)) {
+inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
-    throw InvalidArgument(detail::text("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
+    throw InvalidArgument(message("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
         " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
   require_ascending_positions(config_.position_m);
@@ -124,15 +118,15 @@ inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std
   require_positive("gap of the localiser", config_.gap_s, "s");
 
   const auto cells = Eigen::Index(std::floor((config_.to_m - config_.from_m) / config_.spacing_m + 0.5)) + 1;
-  grid_ = VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
-  MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
+  grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
+  Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
   covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
   if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
-  precision_ = covariance.llt().solve(MatrixXd::Identity(n, n));
+  precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
     for (Eigen::Index j = 0; j < cells; ++j) {
-      const auto bump_at = [&](double y) { return VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
+      const auto bump_at = [&](double y) { return Eigen::VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
       auto bump = bumps_.col(w * cells + j);
       bump = bump_at(grid_[j]);
       if (config_.end_m > 0.0)
@@ -141,14 +135,13 @@ inline BayesLocalizerOf<VectorXd>::BayesLocalizerOf(Config config) : config_(std
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
   for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
-  place_ = VectorXd::Constant(cells, 1.0 / double(cells));
+  place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
   likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
 
 /// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
-template <class VectorXd>
-inline double BayesLocalizerOf<VectorXd>::log_evidence(double s, double g, double tempering) const {
+inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
   const double z = t / std::sqrt(h);
   // log of 2 Φ(z) e^{z²/2}, without overflow on either side
@@ -157,9 +150,8 @@ inline double BayesLocalizerOf<VectorXd>::log_evidence(double s, double g, doubl
 }
 
 /// Heights of the two bumps under the prior's ridge, the first's first; `det` of the two equations.
-template <class VectorXd>
-inline std::array<double, 2> BayesLocalizerOf<VectorXd>::heights(const Pair& p, double tempering, double& det) const {
-  const MatrixXd& gram = gram_[std::size_t(p.width)];
+inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
+  const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
   const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
@@ -168,14 +160,13 @@ inline std::array<double, 2> BayesLocalizerOf<VectorXd>::heights(const Pair& p, 
 }
 
 /// Searched on every other cell, then about the best.
-template <class VectorXd>
-inline auto BayesLocalizerOf<VectorXd>::best_pair(double tempering) const -> Pair {
+inline auto BayesLocalizer::best_pair(double tempering) const -> Pair {
   const Eigen::Index cells = grid_.size();
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
   const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
   Pair best;
   const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
-    const MatrixXd& gram = gram_[std::size_t(width)];
+    const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
     const double a = tempering * gram(i, i) + prior, b = tempering * gram(j, j) + prior, c = tempering * gram(j, i);
     const double s = tempering * score_[width * cells + i], t = tempering * score_[width * cells + j];
     const double hi = b * s - c * t, hj = a * t - c * s;  // heights times the determinant
@@ -195,8 +186,7 @@ inline auto BayesLocalizerOf<VectorXd>::best_pair(double tempering) const -> Pai
 
 /// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
 /// of the lamps, are else taken for a second one.
-template <class VectorXd>
-inline bool BayesLocalizerOf<VectorXd>::dips_between(const VectorXd& response, const Pair& pair) const {
+inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
     (config_.position_m.array() - grid_[cell]).abs().minCoeff(&i);
@@ -209,8 +199,7 @@ inline bool BayesLocalizerOf<VectorXd>::dips_between(const VectorXd& response, c
 }
 
 /// Log of the Bayes factor of two bumps against none.
-template <class VectorXd>
-inline double BayesLocalizerOf<VectorXd>::log_evidence(const Pair& p, double tempering) const {
+inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) const {
   if (p.explained < 0.0) return -1e300;
   double det = 1.0;
   const auto h = heights(p, tempering, det);
@@ -224,10 +213,9 @@ inline double BayesLocalizerOf<VectorXd>::log_evidence(const Pair& p, double tem
   return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
-template <class VectorXd>
-inline void BayesLocalizerOf<VectorXd>::predict(double step_s) {
+inline void BayesLocalizer::predict(double step_s) {
   const double change = -std::expm1(-config_.change_rate_per_s * step_s);
-  number_ = (1.0 - change) * number_ + Vector3d::Constant(change / 3.0);
+  number_ = (1.0 - change) * number_ + Eigen::Vector3d::Constant(change / 3.0);
   // A contact that stays creeps; one that is new may be anywhere.
   const double walk = config_.creep_m_per_sqrt_s * std::sqrt(step_s) / config_.spacing_m, cells = double(place_.size());
   // A Gaussian narrower than a cell loses its variance when it is sampled; a step to either side keeps it.
@@ -245,15 +233,14 @@ inline void BayesLocalizerOf<VectorXd>::predict(double step_s) {
   place_.array() += (1.0 - place_.sum()) / cells;
 }
 
-template <class VectorXd>
-inline LocationEstimate BayesLocalizerOf<VectorXd>::update(const Dependent<Profile, VectorXd>& response) {
+inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
-    throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+    throw InvalidArgument(message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
   const Eigen::Index cells = grid_.size();
   if (fresh_ || step_s > config_.gap_s) {
-    number_ = Vector3d(1.0, 1.0, 1.0) / 3.0;
+    number_ = Eigen::Vector3d(1.0, 1.0, 1.0) / 3.0;
     place_.setConstant(1.0 / double(cells));
     fresh_ = false;
   } else {
@@ -292,19 +279,18 @@ inline LocationEstimate BayesLocalizerOf<VectorXd>::update(const Dependent<Profi
   const double log_one = top + std::log(std::max(likelihood_.mean(), 1e-300));
   place_ = place_.cwiseProduct(likelihood_);
   const double sum = place_.sum();
-  place_ = sum > 0.0 ? VectorXd(place_ / sum) : VectorXd(likelihood_ / likelihood_.sum());
+  place_ = sum > 0.0 ? Eigen::VectorXd(place_ / sum) : Eigen::VectorXd(likelihood_ / likelihood_.sum());
 
   const double log_two = log_evidence(pair_, tempering);
   const double highest = std::max({0.0, log_one, log_two});
-  number_ = number_.cwiseProduct(Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
   number_ = number_.cwiseMax(1e-12);
   number_ /= number_.sum();
   return answer(stamp_ns_);
 }
 
-template <class VectorXd>
-inline ContactLocation BayesLocalizerOf<VectorXd>::one() const {
-  const detail::GridMoments now = detail::moments_about_mode(grid_, place_), before = detail::moments_about_mode(grid_, expected_);
+inline ContactLocation BayesLocalizer::one() const {
+  const GridMoments now = moments_about_mode(grid_, place_), before = moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
   // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
   // nothing to what was known.
@@ -314,8 +300,7 @@ inline ContactLocation BayesLocalizerOf<VectorXd>::one() const {
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }
 
-template <class VectorXd>
-inline LocationEstimate BayesLocalizerOf<VectorXd>::answer(std::int64_t stamp_ns) const {
+inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
   LocationEstimate e{stamp_ns, 0, {}, 1.0};
   if (fresh_) return e;
   Eigen::Index n = 0;

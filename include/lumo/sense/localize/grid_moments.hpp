@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// Mean and variance of a distribution over places, and the number of its most probable one.
 struct GridMoments {
@@ -15,8 +15,7 @@ struct GridMoments {
 };
 
 /// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
-template <class VectorXd = Eigen::VectorXd>
-inline GridMoments moments_about_mode(In<VectorXd> place, In<VectorXd> weight) {
+inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);
   double sum = 0.0, first = 0.0, second = 0.0;
@@ -29,4 +28,4 @@ inline GridMoments moments_about_mode(In<VectorXd> place, In<VectorXd> weight) {
   return m;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -20,12 +20,11 @@ struct ContactLocation {
 };
 
 /// Throws InvalidArgument unless positions of a profile are finite and ascend.
-template <class VectorXd = Eigen::VectorXd>
-inline void require_ascending_positions(In<VectorXd> position_m) {
+inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
   for (Eigen::Index i = 0; i < position_m.size(); ++i) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))
-      throw InvalidArgument(detail::text("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+      throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
   }
 }
 

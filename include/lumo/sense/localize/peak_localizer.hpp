@@ -13,12 +13,11 @@ namespace lumo {
 
 /// The paper's localiser: the strongest peak of the low-passed response above a noise threshold. No labels, no training.
 /// A contact starts above `threshold` noises and ends below `release`. The filter is first order in time and starts anew after a gap.
-template <class VectorXd = Eigen::VectorXd>
-class PeakLocalizerOf {
+class PeakLocalizer {
  public:
   struct Config {
-    VectorXd position_m;             ///< of the profile's values
-    VectorXd noise;                  ///< standard deviation of each, unloaded
+    Eigen::VectorXd position_m;             ///< of the profile's values
+    Eigen::VectorXd noise;                  ///< standard deviation of each, unloaded
     double time_constant_s = 0.05;   ///< of the filter
     double gap_s = 0.5;              ///< longer without a profile: forget
     double threshold = 6.0;          ///< in noises of the filtered profile
@@ -27,10 +26,10 @@ class PeakLocalizerOf {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit PeakLocalizerOf(Config config) : config_(std::move(config)) {
+  explicit PeakLocalizer(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 3 || config_.noise.size() != n)
-      throw InvalidArgument(detail::text("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
+      throw InvalidArgument(message("localiser has ", n, " positions and ", config_.noise.size(), " noises, must have at least 3 of each"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
     require_ascending_positions(config_.position_m);
     require_positive("time constant of the localiser", config_.time_constant_s, "s");
@@ -42,9 +41,9 @@ class PeakLocalizerOf {
 
   void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
 
-  LocationEstimate update(const Dependent<Profile, VectorXd>& response) {
+  LocationEstimate update(const Profile& response) {
     if (response.value.size() != config_.position_m.size())
-      throw InvalidArgument(detail::text("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+      throw InvalidArgument(message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
     const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
     if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
     if (fresh_ || step_s > config_.gap_s) {
@@ -94,13 +93,11 @@ class PeakLocalizerOf {
   }
 
   Config config_;
-  VectorXd filtered_;
+  Eigen::VectorXd filtered_;
   std::int64_t stamp_ns_ = 0;
   double share_ = 1.0;
   bool fresh_ = true, touching_ = false;
 };
-
-using PeakLocalizer = PeakLocalizerOf<>;
 
 static_assert(LocationEstimator<PeakLocalizer>);
 

@@ -24,8 +24,7 @@ struct AxisMap {
   double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
   double residual_px = 0.0;                                ///< RMS of what the fit leaves
 
-  template <class Vector2d = Eigen::Vector2d>
-  double u_px(In<Vector2d> pixel) const { return (pixel - origin_px).dot(direction); }
+  double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
     const double s = u / half_length_px;
     return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
@@ -38,9 +37,8 @@ struct AxisMap {
     return (coefficients[1] - coefficients[0] * coefficients[2]) / (half_length_px * w * w);
   }
   /// Variance of y at u [m²] that comes from the map itself.
-  template <class Vector3d = Eigen::Vector3d>
   double variance_m2(double u) const {
-    const Vector3d g = gradient(u);
+    const Eigen::Vector3d g = gradient(u);
     return g.dot(covariance * g);
   }
   /// ∂y/∂(a, b, c).
@@ -52,38 +50,35 @@ struct AxisMap {
   /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
   /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
   /// finite.
-  template <class VectorXd = Eigen::VectorXd, class Vector3d = Eigen::Vector3d, class Matrix2d = Eigen::Matrix2d, class Matrix2Xd = Eigen::Matrix2Xd, class Matrix3d = Eigen::Matrix3d,
-            class MatrixX3d = Eigen::MatrixX3d, class AxisMap = AxisMap>
-  static AxisMap fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px = 0.3);
+  static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
 
-template <class VectorXd, class Vector3d, class Matrix2d, class Matrix2Xd, class Matrix3d, class MatrixX3d, class Map>
-inline Map AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) {
+inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
-  if (n < 3 || pixel.cols() != n) throw InvalidArgument(detail::text("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
+  if (n < 3 || pixel.cols() != n) throw InvalidArgument(message("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
   require_positive("centroid error", sigma_px, "px");
   for (Eigen::Index i = 1; i < n; ++i)
-    if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(detail::text("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
+    if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(message("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
 
-  Map map;
+  AxisMap map;
   map.origin_px = pixel.rowwise().mean();
-  const Matrix2Xd centred = pixel.colwise() - map.origin_px;
-  Eigen::SelfAdjointEigenSolver<Matrix2d> spread;
+  const Eigen::Matrix2Xd centred = pixel.colwise() - map.origin_px;
+  Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> spread;
   spread.computeDirect(centred * centred.transpose());
   map.direction = spread.eigenvectors().col(1);
   if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
-  const VectorXd u = centred.transpose() * map.direction;
+  const Eigen::VectorXd u = centred.transpose() * map.direction;
   for (Eigen::Index i = 1; i < n; ++i)
-    if (!(u[i] > u[i - 1])) throw InvalidArgument(detail::text("axis map: place ", i, " does not follow its predecessor in the image"));
+    if (!(u[i] > u[i - 1])) throw InvalidArgument(message("axis map: place ", i, " does not follow its predecessor in the image"));
   map.half_length_px = 0.5 * (u[n - 1] - u[0]);
 
   // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
   const double b = 0.5 * (y_m[n - 1] - y_m[0]);
   map.coefficients = {y_m[0] - b * u[0] / map.half_length_px, b, 0.0};
-  MatrixX3d J(n, 3);
-  Matrix3d normal;
-  VectorXd r(n);
+  Eigen::MatrixX3d J(n, 3);
+  Eigen::Matrix3d normal;
+  Eigen::VectorXd r(n);
   const auto linearise = [&] {
     for (Eigen::Index i = 0; i < n; ++i) {
       const double slope = map.scale_m_per_px(u[i]);
@@ -94,13 +89,13 @@ inline Map AxisMap::fit(In<Matrix2Xd> pixel, In<VectorXd> y_m, double sigma_px) 
   };
   for (int k = 0; k < 20; ++k) {
     linearise();
-    Vector3d step = normal.ldlt().solve(Vector3d(J.transpose() * r));
+    Eigen::Vector3d step = normal.ldlt().solve(Eigen::Vector3d(J.transpose() * r));
     const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.template head<2>() = Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
+      step.template head<2>() = Eigen::Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
       map.coefficients.template head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;

@@ -20,7 +20,6 @@ namespace lumo {
 struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
-  template <class = void>
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
     const auto known = std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000} : UnloadedStretch{known->from_ns, known->to_ns};
@@ -31,7 +30,6 @@ struct UnloadedStretch {
 /// Mean of pictures of one size and format; what differs from the first is left out.
 class MeanImage {
  public:
-  template <class = void>
   void add(const ImageView& v) {
     if (v.empty()) return;
     const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
@@ -43,7 +41,6 @@ class MeanImage {
   }
   int count() const { return count_; }
   /// Rounded. Empty when nothing was added.
-  template <class = void>
   Image image() const {
     Image m = mean_;
     for (std::size_t i = 0; i < sum_.size(); ++i) m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
@@ -63,20 +60,18 @@ struct FingerView {
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
 
-  template <class = void>
   GreenProfile readout(const LongitudinalBins& bins) const { return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format}); }
 };
 
 /// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
 /// the tip's direction in the image, in m at the map's scale.
-template <class Vector2d = Eigen::Vector2d>
 inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
   std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
   for (int y = 0; y < unloaded.height; ++y)
     for (int x = 0; x < unloaded.width; ++x) {
-      const Vector2d p = Vector2d(x, y) - map.origin_px;
+      const Eigen::Vector2d p = Eigen::Vector2d(x, y) - map.origin_px;
       if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
       const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
       if (std::abs(across) > reach) continue;
@@ -99,12 +94,11 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 }
 
 /// From a picture of the unloaded finger. Throws InputError when its LEDs are not seen, with `name` before the message.
-template <class LedDetection = LedDetection>
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   const double parallax = led_parallax(session);
   if (!unloaded.empty()) leds = LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}.find(unloaded);
-  if (!leds) throw InputError(detail::text(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
+  if (!leds) throw InputError(message(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
   const auto [low, high] = lit_band(unloaded, leds->map);
   return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
 }
@@ -115,12 +109,12 @@ FingerView view_finger(C& camera, const Session& session, const UnloadedStretch&
   MeanImage mean;
   for (auto f = camera.next(); f && f->stamp_ns <= stretch.to_ns; f = camera.next())
     if (stretch.holds(f->stamp_ns)) mean.add(f->image);
-  if (mean.count() == 0) throw InputError(detail::text(name, ": has no picture of the unloaded finger"));
+  if (mean.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
   return view_finger(mean.image().view(), session, name);
 }
 
 /// Profiles of all frames that the readout can read.
-template <Camera C, class Profile = Profile>
+template <Camera C>
 std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
   std::vector<Profile> list;
   Profile p;
@@ -130,12 +124,11 @@ std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-template <class = void>
 inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) reference.add(p);
-  if (reference.count() == 0) throw InputError(detail::text(name, ": has no picture of the unloaded finger"));
+  if (reference.count() == 0) throw InputError(message(name, ": has no picture of the unloaded finger"));
   return reference;
 }
 

@@ -15,14 +15,12 @@
 namespace lumo {
 
 /// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
-template <class VectorXd = Eigen::VectorXd>
-class FrameMonitorOf {
+class FrameMonitor {
  public:
-  using Profile = Dependent<lumo::Profile, VectorXd>;
 
   struct Config {
-    VectorXd position_m;               ///< of the profile's values
-    VectorXd unloaded;                 ///< mean profile without contact
+    Eigen::VectorXd position_m;               ///< of the profile's values
+    Eigen::VectorXd unloaded;                 ///< mean profile without contact
     std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
     double period_s = 1.0 / 30.0;      ///< of the frames
     double max_age_s = 0.15;           ///< from stamp to arrival
@@ -36,10 +34,10 @@ class FrameMonitorOf {
   };
 
   /// Throws InvalidArgument for lengths that differ or numbers that make no sense.
-  explicit FrameMonitorOf(Config config) : config_(std::move(config)) {
+  explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
-      throw InvalidArgument(detail::text("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
+      throw InvalidArgument(message("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
     require_positive("period of the frames", config_.period_s, "s");
     require_positive("greatest age of a frame", config_.max_age_s, "s");
@@ -102,18 +100,16 @@ class FrameMonitorOf {
  private:
   /// Of the position that is nearest to the LED.
   double led_ratio(double y) const {
-    const VectorXd& position_m = config_.position_m;
+    const Eigen::VectorXd& position_m = config_.position_m;
     Eigen::Index i = 0;
     (position_m.array() - y).abs().minCoeff(&i);
     return ratio_[i];
   }
 
   Config config_;
-  VectorXd last_, ratio_, sorted_;
+  Eigen::VectorXd last_, ratio_, sorted_;
   std::int64_t stamp_ns_ = 0;
   bool seen_ = false;
 };
-
-using FrameMonitor = FrameMonitorOf<>;
 
 }  // namespace lumo

@@ -14,11 +14,8 @@ namespace lumo {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
 /// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
-template <class AxisMap = AxisMap>
-class GreenProfileOf {
+class GreenProfile {
  public:
-  using LongitudinalBins = Dependent<lumo::LongitudinalBins, AxisMap>;
-  using Strip = detail::StripOf<AxisMap>;
   using Sample = Frame;
 
   struct Config {
@@ -32,7 +29,7 @@ class GreenProfileOf {
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  explicit GreenProfileOf(const Config& config)
+  explicit GreenProfile(const Config& config)
       : strip_(strip_of(config)),
         centres_(config.bins.centres_m()) {}
 
@@ -53,8 +50,6 @@ class GreenProfileOf {
   Eigen::VectorXd centres_;
 };
 
-using GreenProfile = GreenProfileOf<>;
-
 static_assert(Readout<GreenProfile>);
 
 /// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing (paper, force estimation).
@@ -64,7 +59,6 @@ class PositiveGreenProfile {
   using Sample = Frame;
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
-  template <class = void>
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
       : strip_(GreenProfile::strip_of(config)),
         centres_(config.bins.centres_m()),
@@ -72,7 +66,6 @@ class PositiveGreenProfile {
     if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
   }
 
-  template <class Frame, class Profile>
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
     profile.stamp_ns = frame.stamp_ns;
@@ -85,7 +78,7 @@ class PositiveGreenProfile {
   const Eigen::VectorXd& positions_m() const { return centres_; }
 
  private:
-  detail::Strip strip_;
+  Strip strip_;
   Eigen::VectorXd centres_;
   Image unloaded_;
 };

@@ -34,7 +34,6 @@ struct LedDetector {
   int max_candidates = 24;
 
   /// Nothing when no such row is seen. Throws InvalidArgument for numbers that make no sense.
-  template <class VectorXd = Eigen::VectorXd, class Vector2d = Eigen::Vector2d, class Matrix2Xd = Eigen::Matrix2Xd, class LedDetection = LedDetection>
   std::optional<LedDetection> find(const ImageView& image) const;
 
  private:
@@ -42,7 +41,6 @@ struct LedDetector {
     Eigen::Vector2d place;
     double contrast;
   };
-  template <class Vector2d = Eigen::Vector2d>
   std::vector<Spot> spots(const ImageView& image, int radius) const;
 };
 
@@ -51,7 +49,6 @@ namespace detail {
 /// Sums of green over rectangles in constant time.
 class IntegralImage {
  public:
-  template <class = void>
   explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
     for (int y = 0; y < v.height; ++y) {
       std::uint32_t row = 0;
@@ -77,7 +74,6 @@ class IntegralImage {
 
 }  // namespace detail
 
-template <class Vector2d>
 inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image, int radius) const {
   const detail::IntegralImage sums(image);
   const int r = radius, far = 4 * radius;
@@ -107,15 +103,15 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
         }
       if (!top) continue;
       // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must not pull it.
-      Vector2d centre(x, y);
+      Eigen::Vector2d centre(x, y);
       const double ground = sums.mean(x, y, far);
       for (int pass = 0; pass < 3; ++pass) {
-        Vector2d moment = Vector2d::Zero();
+        Eigen::Vector2d moment = Eigen::Vector2d::Zero();
         double weight = 0.0;
         const int cx = int(std::lround(centre.x())), cy = int(std::lround(centre.y()));
         for (int yy = std::max(0, cy - 3 * r); yy <= std::min(image.height - 1, cy + 3 * r); ++yy)
           for (int xx = std::max(0, cx - 3 * r); xx <= std::min(image.width - 1, cx + 3 * r); ++xx) {
-            const Vector2d p(xx, yy);
+            const Eigen::Vector2d p(xx, yy);
             const double window = std::exp(-0.5 * (p - centre).squaredNorm() / (1.5 * r * 1.5 * r));
             const double w = window * std::max(0.0, image.green(xx, yy) - ground);
             moment += w * p;
@@ -125,14 +121,13 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
         // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as far.
         centre += 1.8 * (moment / weight - centre);
       }
-      if ((centre - Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
+      if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
     }
   std::stable_sort(found.begin(), found.end(), [](const Spot& a, const Spot& b) { return a.contrast > b.contrast; });
   if (found.size() > std::size_t(max_candidates)) found.resize(std::size_t(max_candidates));
   return found;
 }
 
-template <class VectorXd, class Vector2d, class Matrix2Xd, class LedDetection>
 inline std::optional<LedDetection> LedDetector::find(const ImageView& image) const {
   require_in_range("number of LEDs", count, 3, 64, "");
   require_positive("LED pitch", pitch_m, "m");
@@ -141,21 +136,21 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   const int radius = spot_radius_px > 0 ? spot_radius_px : std::max(2, std::max(image.width, image.height) / 120);
   const std::vector<Spot> all = spots(image, radius);
 
-  VectorXd y(count);
+  Eigen::VectorXd y(count);
   for (int k = 0; k < count; ++k) y[k] = first_y_m + pitch_m * k;
   std::optional<LedDetection> best;
   double best_score = 0.0;
   for (const Spot& first : all)
     for (const Spot& last : all) {
-      const Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
+      const Eigen::Vector2d &from = first.place, &to = last.place, step = (to - from) / double(count - 1);
       if (step.dot(distal) <= 0.0 || step.norm() < 2.5 * radius) continue;
-      LedDetection row{Matrix2Xd(2, count), VectorXd(count), {}};
+      LedDetection row{Eigen::Matrix2Xd(2, count), Eigen::VectorXd(count), {}};
       bool whole = true;
       for (int k = 0; whole && k < count; ++k) {
-        const Vector2d expected = from + k * step;
+        const Eigen::Vector2d expected = from + k * step;
         const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
         const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
-        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Vector2d(row.centroid_px.col(k - 1)));
+        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
         row.centroid_px.col(k) = near->place;
         row.contrast[k] = near->contrast;
       }
@@ -163,7 +158,7 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
       for (int k = 1; whole && k < count; ++k) whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
       if (!whole || row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) continue;
       row.map = AxisMap::fit(row.centroid_px, y, centroid_sigma_px);
-      const Vector2d across(-row.map.direction.y(), row.map.direction.x());
+      const Eigen::Vector2d across(-row.map.direction.y(), row.map.direction.x());
       const double off = ((row.centroid_px.colwise() - row.map.origin_px).transpose() * across).squaredNorm() / count;
       const double residual = std::sqrt(row.map.residual_px * row.map.residual_px + off) / step.norm();
       if (residual > max_residual) continue;

@@ -10,14 +10,13 @@
 #include <cstring>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
 /// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
-template <class AxisMap = AxisMap>
-class StripOf {
+class Strip {
  public:
-  StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
+  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
 
   bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
 
@@ -42,15 +41,12 @@ class StripOf {
   std::vector<Run> runs_;
   std::vector<double> inverse_count_;  ///< 1/pixels at each place
   std::vector<double> edges_;          ///< of the bins, in places
-  std::vector<Dependent<std::uint16_t, AxisMap>> narrow_;  ///< bytes of the places; wrap after 257 rows
-  std::vector<Dependent<std::uint32_t, AxisMap>> wide_;
+  std::vector<std::uint16_t> narrow_;  ///< bytes of the places; wrap after 257 rows
+  std::vector<std::uint32_t> wide_;
   std::vector<double> integral_;  ///< of the mean, from the first place
 };
 
-using Strip = StripOf<>;
-
-template <class AxisMap>
-inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
+inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
     : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
   require_in_range("frame width", width, 1, max_image_side, "px");
   require_in_range("frame height", height, 1, max_image_side, "px");
@@ -63,7 +59,7 @@ inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bin
   const double v0 = low_m / scale, v1 = high_m / scale;
   for (const double y : {bins.edges_m[0], bins.edges_m[bins.size()]})
     if (const double u = map.u_px(y); !(std::isfinite(u) && map.scale_m_per_px(u) > 0.0 && 1.0 + map.coefficients[2] * u / map.half_length_px > 0.0))
-      throw InvalidArgument(text("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
+      throw InvalidArgument(message("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
 
   // Place of a pixel: its column (or row) sheared onto the line, so that u = (place − origin) · main; equal places have equal u.
   const double main = along_ ? d.x() : d.y(), shear = along_ ? d.y() / d.x() : d.x() / d.y();
@@ -99,7 +95,7 @@ inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bin
     }
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0)
-      throw InvalidArgument(text("the finger's band leaves the image: no pixel at y = ", 1e3 * map.y_m((double(base) + double(k) - main_origin) * main), " mm"));
+      throw InvalidArgument(message("the finger's band leaves the image: no pixel at y = ", 1e3 * map.y_m((double(base) + double(k) - main_origin) * main), " mm"));
     inverse_count_.push_back(1.0 / count[k]);
   }
   for (Eigen::Index i = 0; i < bins.edges_m.size(); ++i) edges_.push_back(place_of(bins.edges_m[i]) + 0.5 - base);
@@ -110,15 +106,13 @@ inline StripOf<AxisMap>::StripOf(const AxisMap& map, const LongitudinalBins& bin
   integral_.resize(std::size_t(places_) + 1);
 }
 
-template <class AxisMap>
-inline void StripOf<AxisMap>::flush() {
+inline void Strip::flush() {
   for (std::size_t i = 0; i < narrow_.size(); ++i) wide_[i] += narrow_[i];
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
 }
 
-template <class AxisMap>
 template <class Value>
-void StripOf<AxisMap>::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
+void Strip::sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean) {
   std::fill(wide_.begin(), wide_.end(), 0u);
   std::fill(narrow_.begin(), narrow_.end(), std::uint16_t(0));
   int rows = 0, row = -1;
@@ -164,8 +158,7 @@ void StripOf<AxisMap>::sum(const ImageView& image, Value value, const ImageView*
   }
 }
 
-template <class AxisMap>
-inline double StripOf<AxisMap>::saturated_share(const ImageView& image) const {
+inline double Strip::saturated_share(const ImageView& image) const {
   std::size_t full = 0, seen = 0;
   int row = -1, turn = 7;
   for (const Run& run : runs_) {
@@ -180,4 +173,4 @@ inline double StripOf<AxisMap>::saturated_share(const ImageView& image) const {
   return seen ? double(full) / double(seen) : 0.0;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

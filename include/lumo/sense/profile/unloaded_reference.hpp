@@ -14,13 +14,12 @@ namespace lumo {
 class UnloadedReference {
  public:
   /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
-  template <class VectorXd = Eigen::VectorXd, class Profile = Profile>
-  void add(In<Profile> p) {
-    if (count_ == 0) mean_ = squares_ = VectorXd::Zero(p.value.size());
-    if (p.value.size() != mean_.size()) throw InvalidArgument(detail::text("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
+  void add(const Profile& p) {
+    if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
+    if (p.value.size() != mean_.size()) throw InvalidArgument(message("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
     if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
     ++count_;
-    const VectorXd before = p.value - mean_;
+    const Eigen::VectorXd before = p.value - mean_;
     mean_ += before / double(count_);
     squares_ += before.cwiseProduct(p.value - mean_);
   }
@@ -29,15 +28,13 @@ class UnloadedReference {
   const Eigen::VectorXd& mean() const { return mean_; }
   /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
   /// mean's own error is part of it.
-  template <class VectorXd = Eigen::VectorXd>
   Eigen::VectorXd noise(double floor = 0.02) const {
-    if (count_ < 2) return VectorXd::Constant(mean_.size(), floor);
+    if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;
-    const VectorXd& squares = squares_;
+    const Eigen::VectorXd& squares = squares_;
     return (squares / (n - 1.0) * (1.0 + 1.0 / n)).cwiseSqrt().cwiseMax(floor);
   }
   /// Profile minus the mean. Lengths must agree (unchecked).
-  template <class Profile = Profile>
   void subtract(std::type_identity_t<Profile>& p) const { p.value -= mean_; }
 
  private:

@@ -33,13 +33,12 @@ struct ClockMap {
   }
 
   /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
-  template <class = void>
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(detail::text("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
     for (std::size_t i = 0; i < from_ns.size(); ++i)
       for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
-        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(detail::text("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
@@ -62,45 +61,41 @@ struct ClockMap {
 class TimeSeries {
  public:
   /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
-  template <class = void>
   TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
-    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(detail::text("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
       if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
-        throw InvalidArgument(detail::text("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
-      throw InvalidArgument(detail::text("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+      throw InvalidArgument(message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
-  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s) const {
-    const MatrixXd& value = value_;
+    const Eigen::MatrixXd& value = value_;
     const auto after = std::lower_bound(stamp_.begin(), stamp_.end(), stamp_ns);
     if (after == stamp_.end()) return std::nullopt;
     const auto j = Eigen::Index(after - stamp_.begin());
-    if (*after == stamp_ns) return VectorXd(value.col(j));
+    if (*after == stamp_ns) return Eigen::VectorXd(value.col(j));
     if (after == stamp_.begin()) return std::nullopt;
     const double gap = double(*after - *(after - 1));
     if (1e-9 * gap > max_gap_s) return std::nullopt;
     const double share = double(stamp_ns - *(after - 1)) / gap;
-    return VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
+    return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
 
   /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
   /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
-  template <class VectorXd = Eigen::VectorXd, class MatrixXd = Eigen::MatrixXd>
   Eigen::VectorXd interpolation_residual() const {
-    const MatrixXd& value = value_;
-    VectorXd squares = VectorXd::Zero(value.rows());
+    const Eigen::MatrixXd& value = value_;
+    Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());
     for (std::size_t i = 1; i + 1 < stamp_.size(); ++i) {
       const double share = double(stamp_[i] - stamp_[i - 1]) / double(stamp_[i + 1] - stamp_[i - 1]);
       const auto k = Eigen::Index(i);
       squares += (value.col(k) - (1.0 - share) * value.col(k - 1) - share * value.col(k + 1)).cwiseAbs2();
     }
-    return stamp_.size() < 3 ? squares : VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
+    return stamp_.size() < 3 ? squares : Eigen::VectorXd((squares / double(stamp_.size() - 2)).cwiseSqrt());
   }
-  template <class = void>
   double largest_gap_s() const {
     std::int64_t gap = 0;
     for (std::size_t i = 1; i < stamp_.size(); ++i) gap = std::max(gap, stamp_[i] - stamp_[i - 1]);

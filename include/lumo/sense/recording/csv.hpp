@@ -21,66 +21,60 @@ class CsvReader {
   static constexpr std::size_t max_line = 65536, max_columns = 256;
 
   /// Reads the header. `name` stands in messages.
-  template <class = void>
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
-    if (!read_line()) throw InputError(detail::text(name_, ": is empty, must begin with a line of column names"));
+    if (!read_line()) throw InputError(message(name_, ": is empty, must begin with a line of column names"));
     if (line_text_.starts_with("\xef\xbb\xbf")) line_text_.erase(0, 3);
     split();
     for (const std::string_view f : fields_) {
-      if (f.empty()) throw InputError(detail::text(name_, ":1: column ", columns_.size() + 1, " has no name"));
+      if (f.empty()) throw InputError(message(name_, ":1: column ", columns_.size() + 1, " has no name"));
       for (const std::string& c : columns_)
-        if (c == f) throw InputError(detail::text(name_, ":1: column '", detail::printable(f), "' is there twice"));
+        if (c == f) throw InputError(message(name_, ":1: column '", printable(f), "' is there twice"));
       columns_.emplace_back(f);
     }
   }
 
   const std::vector<std::string>& columns() const { return columns_; }
   /// Place of a column, or −1.
-  template <class = void>
   int find(std::string_view column) const {
     for (std::size_t i = 0; i < columns_.size(); ++i)
       if (columns_[i] == column) return int(i);
     return -1;
   }
   /// Place of a column that must be there.
-  template <class = void>
   int require(std::string_view column) const {
     if (const int i = find(column); i >= 0) return i;
-    throw InputError(detail::text(name_, ":1: column '", column, "' is missing"));
+    throw InputError(message(name_, ":1: column '", column, "' is missing"));
   }
   /// Throws for the first column that is none of those known.
   template <class Known>
   void require_known(Known known) const {
     for (const std::string& c : columns_)
-      if (!known(std::string_view(c))) throw InputError(detail::text(name_, ":1: column '", detail::printable(c), "' is not known"));
+      if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
   }
 
   /// Goes to the next row; false at the end of the file.
-  template <class = void>
   bool next() {
     if (!read_line()) return false;
     if (line_text_.find_first_not_of(" \t") == std::string::npos) {
       while (read_line())
-        if (line_text_.find_first_not_of(" \t") != std::string::npos) throw InputError(detail::text(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
+        if (line_text_.find_first_not_of(" \t") != std::string::npos) throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
       return false;
     }
     split();
-    if (fields_.size() != columns_.size()) throw InputError(detail::text(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
+    if (fields_.size() != columns_.size()) throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
     return true;
   }
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
   /// A finite number.
-  template <class = void>
   double number(int column) const {
-    const std::string_view f = text(column);
+    const std::string_view f = message(column);
     double v = 0.0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size() || !std::isfinite(v)) fail(column, "is no finite number");
     return v;
   }
-  template <class = void>
   std::int64_t integer(int column) const {
-    const std::string_view f = text(column);
+    const std::string_view f = message(column);
     std::int64_t v = 0;
     const auto [end, error] = std::from_chars(f.data(), f.data() + f.size(), v);
     if (error != std::errc() || end != f.data() + f.size()) fail(column, "is no whole number of 64 bits");
@@ -89,13 +83,11 @@ class CsvReader {
   long line() const { return line_; }
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
-               template <class = void>
-  [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(detail::text(name_, ":", line_, ": column ", detail::printable(columns_[std::size_t(column)]), ": '", detail::printable(text(column)), "' ", why));
+               [[noreturn]] void fail(int column, std::string_view why) const {
+    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(message(column)), "' ", why));
   }
 
  private:
-  template <class = void>
   bool read_line() {
     line_text_.clear();
     ++line_;
@@ -104,27 +96,26 @@ class CsvReader {
         if (line_text_.ends_with('\r')) line_text_.pop_back();
         return true;
       }
-      if (c == '\0') throw InputError(detail::text(name_, ":", line_, ": holds a zero byte, is no text"));
+      if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
       line_text_ += char(c);
-      if (line_text_.size() > max_line) throw InputError(detail::text(name_, ":", line_, ": is longer than ", max_line, " bytes"));
+      if (line_text_.size() > max_line) throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
     }
-    if (in_.bad()) throw InputError(detail::text(name_, ":", line_, ": cannot be read"));
+    if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
     return !line_text_.empty();
   }
 
-  template <class = void>
   void split() {
     fields_.clear();
     const std::string_view all = line_text_;
     if (const auto quote = all.find('"'); quote != std::string_view::npos)
-      throw InputError(detail::text(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
+      throw InputError(message(name_, ":", line_, ": holds a quote at byte ", quote + 1, ", fields are not quoted"));
     for (std::size_t from = 0;;) {
       const std::size_t to = std::min(all.find(',', from), all.size());
       std::string_view f = all.substr(from, to - from);
       while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
       while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
       fields_.push_back(f);
-      if (fields_.size() > max_columns) throw InputError(detail::text(name_, ":", line_, ": has more than ", max_columns, " fields"));
+      if (fields_.size() > max_columns) throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
       if (to == all.size()) return;
       from = to + 1;
     }
@@ -138,7 +129,6 @@ class CsvReader {
 };
 
 /// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
-template <class = void>
 inline std::string csv_number(double v) {
   if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
   char buffer[32];

@@ -24,7 +24,6 @@
 namespace lumo {
 
 /// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
-template <class HandLink = HandLink, class LinkMap = LinkMap>
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
@@ -33,13 +32,12 @@ inline HandObserver hand_observer(const Session& session, HandObserver::Config c
 }
 
 /// Positions of all joints over time, on the frames' clock, delay taken off. Throws InvalidArgument for samples of different size or order.
-template <class MatrixXd = Eigen::MatrixXd>
 inline TimeSeries joint_positions(std::span<const JointSample> samples, const Session& session) {
   std::vector<std::int64_t> stamp;
-  MatrixXd position(samples.empty() ? 0 : samples.front().position_rad.size(), Eigen::Index(samples.size()));
+  Eigen::MatrixXd position(samples.empty() ? 0 : samples.front().position_rad.size(), Eigen::Index(samples.size()));
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const JointSample& s = samples[i];
-    if (s.position_rad.size() != position.rows()) throw InvalidArgument(detail::text("joint sample ", i, " has ", s.position_rad.size(), " joints, the first one has ", position.rows()));
+    if (s.position_rad.size() != position.rows()) throw InvalidArgument(message("joint sample ", i, " has ", s.position_rad.size(), " joints, the first one has ", position.rows()));
     stamp.push_back(session.joint_clock(s.stamp_ns) - std::llround(1e9 * session.joint_delay_s));
     position.col(Eigen::Index(i)) = s.position_rad;
   }
@@ -47,8 +45,7 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
 }
 
 /// Does a log's plan say that nothing touches the hand then?
-template <class Session = Session>
-inline bool is_unloaded(In<Session> session, std::int64_t stamp_ns) {
+inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
   return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
 }
 
@@ -60,7 +57,7 @@ int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, con
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
     const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
-    std::optional<Dependent<HandEstimate, C>> estimate;
+    std::optional<HandEstimate> estimate;
     if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
     else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
@@ -88,11 +85,10 @@ class HandTouches {
   };
 
   /// Throws InputError.
-  template <class Touches = HandTouches>
-  static Touches from_table(std::istream& in, const std::string& name) {
+  static HandTouches from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
     const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
-    Touches t;
+    HandTouches t;
     while (csv.next()) {
       const std::int64_t number = csv.integer(link);
       const double y_m = 1e-3 * csv.number(y);
@@ -103,7 +99,6 @@ class HandTouches {
     std::stable_sort(t.rows_.begin(), t.rows_.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
     return t;
   }
-  template <class Touch = Touch>
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
     for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; }); row != rows_.end() && row->first == stamp_ns; ++row)
@@ -126,8 +121,7 @@ struct HandScore {
   static constexpr double near_m = 8.0_mm;
 
   /// One frame.
-  template <class HandEstimate = HandEstimate, class Touch = HandTouches::Touch>
-  void add(In<HandEstimate> e, In<std::vector<Touch>> truth, double least_N = 5.0) {
+  void add(const HandEstimate& e, const std::vector<HandTouches::Touch>& truth, double least_N = 5.0) {
     for (const auto& t : truth) {
       if (t.force_N < least_N) continue;
       ++touches;

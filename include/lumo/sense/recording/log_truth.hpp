@@ -26,9 +26,8 @@ class LogTruth {
 
   /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
   /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
-  template <class Truth = LogTruth>
-  static Truth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
-    Truth t;
+  static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
+    LogTruth t;
     t.segments_ = session.segments;
     double tare = 0.0;
     long count = 0;
@@ -41,12 +40,11 @@ class LogTruth {
     return t;
   }
   /// From a lab's truth.csv: stamp_ns, contact, y_mm, force_N and columns that are not read. Throws InputError.
-  template <class Truth = LogTruth>
-  static Truth from_table(std::istream& in, const std::string& name) {
+  static LogTruth from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
-    detail::StampColumn stamp(csv);
+    StampColumn stamp(csv);
     const int contact = csv.require("contact"), y = csv.require("y_mm"), force = csv.require("force_N");
-    Truth t;
+    LogTruth t;
     while (csv.next()) {
       const std::int64_t at = stamp.read(csv);
       t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
@@ -55,7 +53,6 @@ class LogTruth {
   }
 
   /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
-  template <class Touch = Touch>
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
       const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });

@@ -27,7 +27,7 @@ inline void validate(const RecordedLog& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)
-    throw InputError(detail::text(log.path, ": has currents of ", joints, " joints, its session ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+    throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
 
 }  // namespace lumo

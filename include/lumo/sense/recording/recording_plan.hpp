@@ -16,7 +16,6 @@ class RecordingPlan {
  public:
   static constexpr double notice_s = 2.0;
 
-  template <class = void>
   explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
     std::stable_sort(segments_.begin(), segments_.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
     if (segments_.empty()) return;
@@ -27,7 +26,6 @@ class RecordingPlan {
 
   const std::vector<Segment>& segments() const { return segments_; }
   /// When the last one ends [s]; 0 without any.
-  template <class = void>
   double seconds() const {
     std::int64_t end = 0;
     for (const Segment& s : segments_) end = std::max(end, s.to_ns);
@@ -38,7 +36,6 @@ class RecordingPlan {
     return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++] : nullptr;
   }
   /// Those that a recording which ended at this time has seen whole.
-  template <class = void>
   std::vector<Segment> done(std::int64_t end_ns) const {
     std::vector<Segment> list;
     for (const Segment& s : segments_)

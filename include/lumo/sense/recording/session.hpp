@@ -61,55 +61,54 @@ struct Session {
 inline double led_parallax(const Session& s) { return s.camera_distance_m > 0.0 ? s.camera_distance_m / (s.camera_distance_m + s.led_depth_m / 1.41) : 1.0; }
 
 /// Throws InputError for what makes no sense; `name` stands in the message.
-template <class Session = Session>
-inline void validate(In<Session> s, const std::string& name) {
+inline void validate(const Session& s, const std::string& name) {
   const auto require = [&](bool good, const std::string& what) {
-    if (!good) throw InputError(detail::text(name, ": ", what));
+    if (!good) throw InputError(message(name, ": ", what));
   };
-  require(s.led_count >= 3 && s.led_count <= 64, detail::text("led count is ", s.led_count, ", must lie in [3, 64]"));
-  require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, detail::text("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
-  require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, detail::text("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
+  require(s.led_count >= 3 && s.led_count <= 64, message("led count is ", s.led_count, ", must lie in [3, 64]"));
+  require(s.led_pitch_m > 0.0 && s.led_pitch_m < 1.0, message("led pitch is ", 1e3 * s.led_pitch_m, " mm, must lie in (0, 1000) mm"));
+  require(s.led_depth_m >= 0.0 && s.led_depth_m <= 1.0, message("depth of the LEDs is ", 1e3 * s.led_depth_m, " mm, must lie in [0, 1000] mm"));
   require(s.camera_distance_m == 0.0 || (s.camera_distance_m >= 0.01 && s.camera_distance_m <= 100.0),
-          detail::text("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
-  require(led_parallax(s) >= 0.5, detail::text("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m, " mm, must lie at most 1.41 times as deep as it is far"));
+          message("distance of the camera is ", 1e3 * s.camera_distance_m, " mm, must lie in [10, 100000] mm, or be 0 (not known)"));
+  require(led_parallax(s) >= 0.5, message("LEDs lie ", 1e3 * s.led_depth_m, " mm deep before a camera at ", 1e3 * s.camera_distance_m, " mm, must lie at most 1.41 times as deep as it is far"));
   require(std::isfinite(s.distal.norm()) && s.distal.norm() > 0.0, "distal direction must not be zero");
   require(!s.torque_constant_Nm_per_A.empty() && s.torque_constant_Nm_per_A.size() <= std::size_t(max_joints),
-          detail::text("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
+          message("has ", s.torque_constant_Nm_per_A.size(), " torque constants, must have 1 to ", max_joints));
   require(s.video.find('/') == std::string::npos && s.video.find('\\') == std::string::npos && s.video != "..", "video must be a file name beside session.json");
-  require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, detail::text("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
-  require(std::abs(s.joint_to_origin_m) <= 10.0, detail::text("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
-  require(s.joint_to_joint_m.size() < std::size_t(max_joints), detail::text("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
-  for (const double l : s.joint_to_joint_m) require(l > 0.0 && l <= 10.0, detail::text("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
+  require(std::isfinite(s.led_first_y_m) && std::abs(s.led_first_y_m) <= 10.0, message("first LED's y is ", 1e3 * s.led_first_y_m, " mm, must lie within 10000 mm"));
+  require(std::abs(s.joint_to_origin_m) <= 10.0, message("way from joint to origin is ", 1e3 * s.joint_to_origin_m, " mm, must lie within 10000 mm"));
+  require(s.joint_to_joint_m.size() < std::size_t(max_joints), message("has ", s.joint_to_joint_m.size(), " ways from joint to joint, must have at most ", max_joints - 1));
+  for (const double l : s.joint_to_joint_m) require(l > 0.0 && l <= 10.0, message("way from joint to joint is ", 1e3 * l, " mm, must lie in (0, 10000] mm"));
   for (const double k : s.torque_constant_Nm_per_A)
-    require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, detail::text("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    require(std::abs(k) >= 1e-6 && std::abs(k) <= 1e3, message("torque constant is ", k, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double theta : s.theta_mm) require(std::isfinite(theta), "design must be finite");
-  for (const double delay : {s.frame_delay_s, s.joint_delay_s}) require(std::abs(delay) <= 10.0, detail::text("delay is ", delay, " s, must lie within 10 s"));
-  const auto stamp = [&](std::int64_t ns) { require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, detail::text("stamp ", ns, " ns is beyond the range of stamps")); };
+  for (const double delay : {s.frame_delay_s, s.joint_delay_s}) require(std::abs(delay) <= 10.0, message("delay is ", delay, " s, must lie within 10 s"));
+  const auto stamp = [&](std::int64_t ns) { require(ns >= -stamp_limit_ns && ns <= stamp_limit_ns, message("stamp ", ns, " ns is beyond the range of stamps")); };
   for (const ClockMap& map : {s.joint_clock, s.wrench_clock}) {
     stamp(map.origin_ns);
-    require(std::abs(map.offset_s) <= 4e9, detail::text("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
-    require(std::abs(map.drift) <= 0.1, detail::text("drift of a clock is ", map.drift, ", must lie within 0.1"));
-    require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), detail::text("residual of a clock is ", map.residual_s, " s, must not be negative"));
+    require(std::abs(map.offset_s) <= 4e9, message("offset of a clock is ", map.offset_s, " s, must lie within 4e9 s"));
+    require(std::abs(map.drift) <= 0.1, message("drift of a clock is ", map.drift, ", must lie within 0.1"));
+    require(map.residual_s >= 0.0 && std::isfinite(map.residual_s), message("residual of a clock is ", map.residual_s, " s, must not be negative"));
   }
-  require(s.links.size() <= 16, detail::text("has ", s.links.size(), " links, must have at most 16"));
+  require(s.links.size() <= 16, message("has ", s.links.size(), " links, must have at most 16"));
   for (std::size_t i = 0; i < s.links.size(); ++i) {
     const auto& l = s.links[i];
     try {
       validate(l.link);
     } catch (const InvalidArgument& e) {
-      require(false, detail::text("link ", i, ": ", e.what()));
+      require(false, message("link ", i, ": ", e.what()));
     }
-    for (const int j : l.link.joints) require(j >= 0 && j < max_joints, detail::text("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
-    require(l.hole_px.cols() == l.link.hole_m.cols(), detail::text("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
-    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, detail::text("link ", i, ": places of holes must lie within 1e5 px"));
+    for (const int j : l.link.joints) require(j >= 0 && j < max_joints, message("link ", i, ": joint ", j, " moves it, must lie in [0, ", max_joints - 1, "]"));
+    require(l.hole_px.cols() == l.link.hole_m.cols(), message("link ", i, ": has ", l.link.hole_m.cols(), " holes and ", l.hole_px.cols(), " places of them in the picture, must have as many"));
+    require(l.hole_px.allFinite() && l.hole_px.cwiseAbs().maxCoeff() <= 1e5, message("link ", i, ": places of holes must lie within 1e5 px"));
     const double px_per_mm = 1e-3 * (l.hole_px.col(0) - l.hole_px.col(1)).norm() / (l.link.hole_m.col(0) - l.link.hole_m.col(1)).norm();
-    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, detail::text("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
+    require(px_per_mm >= 0.05 && px_per_mm <= 100.0, message("link ", i, ": its first two holes are seen at ", px_per_mm, " px/mm, must lie in [0.05, 100] px/mm"));
   }
   for (std::size_t i = 0; i < s.segments.size(); ++i) {
     const Segment& g = s.segments[i];
     stamp(g.from_ns), stamp(g.to_ns);
-    require(g.to_ns >= g.from_ns, detail::text("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
-    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm}) require(std::isfinite(v), detail::text("numbers of segment ", i, " must be finite"));
+    require(g.to_ns >= g.from_ns, message("segment ", i, " ends at ", g.to_ns, " ns, before it begins at ", g.from_ns, " ns"));
+    for (const double v : {g.y_mm, g.load_N, g.angle_deg, g.diameter_mm}) require(std::isfinite(v), message("numbers of segment ", i, " must be finite"));
   }
 }
 

@@ -37,7 +37,6 @@ struct FrameRecord {
 };
 
 /// Name of a log's picture by its number: 000042.png.
-template <class = void>
 inline std::string frame_file(std::size_t number, std::string_view ending = ".png") {
   const std::string digits = std::to_string(number);
   return std::string(digits.size() < 6 ? 6 - digits.size() : 0, '0') + digits + std::string(ending);
@@ -46,8 +45,8 @@ inline std::string frame_file(std::size_t number, std::string_view ending = ".pn
 /// What a force/torque sensor says: the object on the finger, in the finger's frame, about its origin.
 struct WrenchSample {
   std::int64_t stamp_ns = 0;
-  Vec3 force_N{0.0, 0.0, 0.0};
-  Vec3 torque_Nm{0.0, 0.0, 0.0};
+  Vec3d force_N{0.0, 0.0, 0.0};
+  Vec3d torque_Nm{0.0, 0.0, 0.0};
   double normal_force_N() const { return -force_N.z(); }  ///< positive where the finger is pressed
 };
 
@@ -56,18 +55,14 @@ struct MarkerSample {
   double displacement_m = 0.0;
 };
 
-namespace detail {
-
 /// The time column of a log's table, as integer nanoseconds; strictly ascending.
 class StampColumn {
  public:
-  template <class = void>
   explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
     if (seconds_) column_ = csv.find("time_s");
-    if (column_ < 0) throw InputError(text(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
-    if (!seconds_ && csv.find("time_s") >= 0) throw InputError(text(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
+    if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
+    if (!seconds_ && csv.find("time_s") >= 0) throw InputError(message(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
   }
-  template <class = void>
   std::int64_t read(const CsvReader& csv) {
     std::int64_t stamp = 0;
     if (seconds_) {
@@ -90,7 +85,6 @@ class StampColumn {
 };
 
 /// A path below a log's frames/ that a table can hold.
-template <class = void>
 inline bool is_below_frames(std::string_view file) {
   const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
   return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
@@ -98,10 +92,9 @@ inline bool is_below_frames(std::string_view file) {
 }
 
 /// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
-template <class = void>
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
-    throw InvalidArgument(text("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? text(" and exceed the one before it, ", *last, " ns") : std::string()));
+    throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
   last = stamp_ns;
   return std::to_string(stamp_ns);
 }
@@ -112,28 +105,24 @@ inline bool is_time(std::string_view c) { return c == "stamp_ns" || c == "time_s
 inline std::string numbered(const char* name, int i) { return std::string(name) + '_' + std::to_string(i); }
 
 /// Opens a file for reading. Throws InputError.
-template <class = void>
 inline std::ifstream open_text(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(text(path, ": cannot be opened"));
+  if (!in) throw InputError(message(path, ": cannot be opened"));
   return in;
 }
 
-}  // namespace detail
-
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
-template <class FrameRecord = FrameRecord>
 inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
   CsvReader csv(in, name);
-  csv.require_known([&](std::string_view c) { return detail::is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
-  detail::StampColumn stamp(csv);
+  csv.require_known([&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
+  StampColumn stamp(csv);
   const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
   std::vector<FrameRecord> list;
   while (csv.next()) {
     FrameRecord f{stamp.read(csv), "", 0.0, 0.0};
     if (file >= 0) {
       f.file = csv.text(file);
-      if (!detail::is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
+      if (!is_below_frames(f.file)) csv.fail(file, "is no path below frames/");
     }
     if (exposure >= 0 && (f.exposure_s = csv.number(exposure)) < 0.0) csv.fail(exposure, "s is negative");
     if (gain >= 0 && (f.gain = csv.number(gain)) < 0.0) csv.fail(gain, "is negative");
@@ -143,25 +132,24 @@ inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::stri
 }
 
 /// Reads joint.csv. Joints are numbered from 0 without gaps; all have a current or all a torque.
-template <class JointSample = JointSample>
 inline std::vector<JointSample> read_joint_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
-  detail::StampColumn stamp(csv);
+  StampColumn stamp(csv);
   int joints = 0;
-  while (joints < max_joints && csv.find(detail::numbered("position_rad", joints)) >= 0) ++joints;
+  while (joints < max_joints && csv.find(numbered("position_rad", joints)) >= 0) ++joints;
   if (joints == 0) csv.require("position_rad_0");
   const Effort unit = csv.find("current_A_0") >= 0 ? Effort::current_A : Effort::torque_Nm;
   const char* effort_name = unit == Effort::current_A ? "current_A" : "torque_Nm";
   std::vector<int> position, velocity, effort;
   for (int j = 0; j < joints; ++j) {
-    position.push_back(csv.require(detail::numbered("position_rad", j)));
-    velocity.push_back(csv.require(detail::numbered("velocity_rad_per_s", j)));
-    effort.push_back(csv.require(detail::numbered(effort_name, j)));
+    position.push_back(csv.require(numbered("position_rad", j)));
+    velocity.push_back(csv.require(numbered("velocity_rad_per_s", j)));
+    effort.push_back(csv.require(numbered(effort_name, j)));
   }
   csv.require_known([&](std::string_view c) {
-    bool known = detail::is_time(c);
+    bool known = is_time(c);
     for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == detail::numbered(column, j);
+      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == numbered(column, j);
     return known;
   });
   std::vector<JointSample> list;
@@ -178,18 +166,17 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
 }
 
 /// Reads wrench.csv; torques may be absent altogether.
-template <class WrenchSample = WrenchSample>
 inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::string& name) {
   static constexpr const char* forces[] = {"force_x_N", "force_y_N", "force_z_N"};
   static constexpr const char* torques[] = {"torque_x_Nm", "torque_y_Nm", "torque_z_Nm"};
   CsvReader csv(in, name);
-  detail::StampColumn stamp(csv);
+  StampColumn stamp(csv);
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
   for (int k = 0; k < 3; ++k) column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
   csv.require_known([&](std::string_view c) {
-    bool known = detail::is_time(c);
+    bool known = is_time(c);
     for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
     return known;
   });
@@ -207,12 +194,11 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
 }
 
 /// Reads marker.csv.
-template <class MarkerSample = MarkerSample>
 inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
-  detail::StampColumn stamp(csv);
+  StampColumn stamp(csv);
   const int place = csv.require("displacement_m");
-  csv.require_known([](std::string_view c) { return detail::is_time(c) || c == "displacement_m"; });
+  csv.require_known([](std::string_view c) { return is_time(c) || c == "displacement_m"; });
   std::vector<MarkerSample> list;
   while (csv.next()) {
     const std::int64_t at = stamp.read(csv);
@@ -221,18 +207,14 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
-namespace detail {
-
 inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
 
-template <class = void>
 inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
   if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
-  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(text("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(message("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
   return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
 }
 
-template <class = void>
 inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
@@ -240,57 +222,50 @@ inline std::string joint_header(int joints, Effort unit) {
   return t + '\n';
 }
 
-template <class JointSample = JointSample>
-inline std::string joint_row(In<JointSample> s, std::optional<std::int64_t>& last) {
+inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
   std::string t = stamp_text(s.stamp_ns, last);
   for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
   return t + '\n';
 }
 
-}  // namespace detail
-
 /// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
-template <class FrameRecord = FrameRecord>
-inline std::string frame_log_text(In<std::vector<FrameRecord>> frames, bool video = false) {
-  std::string t = detail::frame_header(video);
+inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
+  std::string t = frame_header(video);
   std::optional<std::int64_t> last;
-  for (const FrameRecord& f : frames) t += detail::frame_row(f, video, last);
+  for (const FrameRecord& f : frames) t += frame_row(f, video, last);
   return t;
 }
 
-template <class JointSample = JointSample>
-inline std::string joint_log_text(In<std::vector<JointSample>> samples) {
-  if (samples.empty()) return detail::joint_header(1, Effort::current_A);
+inline std::string joint_log_text(const std::vector<JointSample>& samples) {
+  if (samples.empty()) return joint_header(1, Effort::current_A);
   const auto joints = samples.front().effort.size();
   const Effort unit = samples.front().unit;
-  std::string t = detail::joint_header(int(joints), unit);
+  std::string t = joint_header(int(joints), unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
     if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
-    t += detail::joint_row(s, last);
+    t += joint_row(s, last);
   }
   return t;
 }
 
-template <class WrenchSample = WrenchSample>
-inline std::string wrench_log_text(In<std::vector<WrenchSample>> samples) {
+inline std::string wrench_log_text(const std::vector<WrenchSample>& samples) {
   std::string t = "stamp_ns,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm\n";
   std::optional<std::int64_t> last;
   for (const WrenchSample& w : samples) {
-    t += detail::stamp_text(w.stamp_ns, last);
-    for (const Vec3& v : {w.force_N, w.torque_Nm})
+    t += stamp_text(w.stamp_ns, last);
+    for (const Vec3d& v : {w.force_N, w.torque_Nm})
       for (int k = 0; k < 3; ++k) t += ',' + csv_number(v[k]);
     t += '\n';
   }
   return t;
 }
 
-template <class MarkerSample = MarkerSample>
-inline std::string marker_log_text(In<std::vector<MarkerSample>> samples) {
+inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
   std::string t = "stamp_ns,displacement_m\n";
   std::optional<std::int64_t> last;
-  for (const MarkerSample& m : samples) t += detail::stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
+  for (const MarkerSample& m : samples) t += stamp_text(m.stamp_ns, last) + ',' + csv_number(m.displacement_m) + '\n';
   return t;
 }
 

@@ -5,7 +5,7 @@
 
 #include <utility>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// A file descriptor that is closed when its owner goes.
 class Descriptor {
@@ -26,4 +26,4 @@ class Descriptor {
   int fd_;
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

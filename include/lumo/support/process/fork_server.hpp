@@ -10,7 +10,7 @@
 #include <span>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 struct JobLimits {
   double time_s = 60.0;                 ///< wall clock, and (rounded up, plus one second) processor time
@@ -134,4 +134,4 @@ inline JobResult ForkServer::run(std::span<const char> request, const JobLimits&
   return result;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

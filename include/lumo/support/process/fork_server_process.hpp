@@ -15,7 +15,7 @@
 #include <new>
 #include <span>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// What became of a job that ran in another process.
 enum class JobOutcome : std::uint32_t { done, crashed, timed_out, out_of_memory, lost };   // lost: the helper went, which says nothing about the job
@@ -212,4 +212,4 @@ template <class Work>
   }
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

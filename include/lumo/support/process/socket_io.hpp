@@ -13,7 +13,7 @@
 #include <cstddef>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 using Bytes = std::vector<char>;
 
@@ -83,4 +83,4 @@ inline Transfer receive_all(int fd, void* data, std::size_t size, const Deadline
   return Transfer::done;
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

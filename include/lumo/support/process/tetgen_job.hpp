@@ -23,7 +23,7 @@
 #include <type_traits>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// All that TetGen needs for one mesh, as plain numbers.
 struct TetgenRequest {
@@ -127,19 +127,18 @@ inline TetgenAnswer decode_answer(std::span<const char> bytes) {
 struct TetgenSizes {
   SizeField field;
   double factor = 1.0;
-  Mat3 back = Mat3::Identity();  ///< from the job's frame to the given one
+  Mat3d back = Mat3d::Identity();  ///< from the job's frame to the given one
 };
 inline const TetgenSizes* tetgen_sizes = nullptr;
 
 /// Whether a tetrahedron is too large: circumradius against the wanted edge length at its middle.
-template <class Vec3 = Vec3>
 inline bool tetgen_too_large(double* pa, double* pb, double* pc, double* pd, double*, double) {
-  using Point = Eigen::Map<const Vec3>;
-  const Vec3 a = Point(pa);
-  const Vec3 u = Point(pb) - a;
-  const Vec3 v = Point(pc) - a;
-  const Vec3 w = Point(pd) - a;
-  const Vec3 numerator = u.squaredNorm() * v.cross(w) + v.squaredNorm() * w.cross(u) + w.squaredNorm() * u.cross(v);
+  using Point = Eigen::Map<const Eigen::Vector3d>;
+  const Vec3d a = Point(pa);
+  const Vec3d u = Point(pb) - a;
+  const Vec3d v = Point(pc) - a;
+  const Vec3d w = Point(pd) - a;
+  const Vec3d numerator = u.squaredNorm() * v.cross(w) + v.squaredNorm() * w.cross(u) + w.squaredNorm() * u.cross(v);
   const double volume6 = std::abs(u.dot(v.cross(w)));
   const double limit = tetgen_sizes->factor * tetgen_sizes->field(tetgen_sizes->back * (a + 0.25 * (u + v + w)));
   return numerator.norm() > 2.0 * volume6 * limit;
@@ -147,24 +146,22 @@ inline bool tetgen_too_large(double* pa, double* pb, double* pc, double* pd, dou
 
 /// TetGen 1.5 fails an assertion on about 1 in 100 turned prisms, where corners of a flat facet are a rounding error off its plane.
 /// In another frame the rounding errors are others, and it passes.
-template <class Mat3 = Mat3, class Quaterniond = Eigen::Quaterniond>
-inline Mat3 tetgen_frame(int turn) {
-  if (turn == 0) return Mat3::Identity();
-  return Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
+inline Mat3d tetgen_frame(int turn) {
+  if (turn == 0) return Mat3d::Identity();
+  return Eigen::Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
 }
 
 /// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is freed.
-template <class Vec3 = Vec3, class Mat3 = Mat3>
 inline Bytes tetgen_job(std::span<const char> bytes) {
   TetgenRequest request = decode_request(bytes);
   auto* input = new tetgenio;  // lives as long as the process: TetGen's arrays mix new and malloc
   auto* output = new tetgenio;
-  const Mat3 frame = tetgen_frame(request.knobs.turn);
-  using Point = Eigen::Map<Vec3>;
+  const Mat3d frame = tetgen_frame(request.knobs.turn);
+  using Point = Eigen::Map<Eigen::Vector3d>;
   const auto turned = [&frame, turn = request.knobs.turn](std::vector<double> numbers) {
     for (std::size_t i = 0; turn != 0 && i + 2 < numbers.size(); i += 3) {
       Point point(&numbers[i]);
-      point = frame * Vec3(point);
+      point = frame * Vec3d(point);
     }
     return numbers;
   };
@@ -186,7 +183,7 @@ inline Bytes tetgen_job(std::span<const char> bytes) {
   input->numberofholes = static_cast<int>(holes.size() / 3);
   input->holelist = holes.data();
 
-  TetgenSizes sizes{{Vec3(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)}, request.knobs.size_factor, frame.transpose()};
+  TetgenSizes sizes{{Vec3d(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)}, request.knobs.size_factor, frame.transpose()};
   if (!sizes.field.cells.empty()) {
     tetgen_sizes = &sizes;
     input->tetunsuitable = tetgen_too_large;
@@ -209,7 +206,7 @@ inline Bytes tetgen_job(std::span<const char> bytes) {
   for (std::size_t i = 0; request.knobs.turn != 0 && i + 2 < answer.coordinates.size(); i += 3) {
     Point point(&answer.coordinates[i]);
     const bool given = i + 2 < points.size() && point == Point(&points[i]);
-    point = given ? Vec3(Point(&request.coordinates[i])) : Vec3(frame.transpose() * Vec3(point));
+    point = given ? Vec3d(Point(&request.coordinates[i])) : Vec3d(frame.transpose() * Vec3d(point));
   }
   answer.tets.assign(output->tetrahedronlist, output->tetrahedronlist + 4 * output->numberoftetrahedra);
   answer.faces.assign(output->trifacelist, output->trifacelist + 3 * output->numberoftrifaces);
@@ -217,4 +214,4 @@ inline Bytes tetgen_job(std::span<const char> bytes) {
   return encode(answer);
 }
 
-}  // namespace lumo::detail
+}  // namespace lumo

@@ -14,7 +14,7 @@
 #include <optional>
 #include <string>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// What decodes. open() gives the file's frame rate [1/s], or nothing for what is no video; next() a view that holds until the next call, empty for a frame that
 /// cannot be shown, or nothing at the end.
@@ -125,4 +125,4 @@ class VideoProcess {
   double rate_ = 0.0;
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

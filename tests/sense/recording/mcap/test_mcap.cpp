@@ -39,11 +39,11 @@ std::string all_contents(Reader& r) {
   std::string all;
   for (const McapEntry& e : r.messages()) {
     const McapMessage m = r.read(e);
-    all += detail::text(m.channel->topic, ' ', r.schemas().at(m.channel->schema).name, ' ', m.sequence, ' ', m.log_ns, ' ', std::string(m.data.begin(), m.data.end()), '\n');
+    all += message(m.channel->topic, ' ', r.schemas().at(m.channel->schema).name, ' ', m.sequence, ' ', m.log_ns, ' ', std::string(m.data.begin(), m.data.end()), '\n');
   }
   for (const McapAttachment& a : r.attachments()) {
     const McapFileBytes bytes = r.read(a);
-    all += detail::text(a.name, ' ', a.media_type, ' ', a.log_ns, ' ', std::string(bytes.begin(), bytes.end()), '\n');
+    all += message(a.name, ' ', a.media_type, ' ', a.log_ns, ' ', std::string(bytes.begin(), bytes.end()), '\n');
   }
   return all;
 }
@@ -64,7 +64,7 @@ std::string mcap_example(std::size_t chunk_bytes = 300, int messages = 40) {
 /// A file by hand: records between a header and the end.
 template <class Fill>
 std::string mcap_by_hand(Fill fill) {
-  detail::McapBytes b;
+  McapBytes b;
   b.bytes(mcap_magic);
   b.record(McapOpcode::header, [&] { b.string("p"), b.string("l"); });
   fill(b);
@@ -74,16 +74,16 @@ std::string mcap_by_hand(Fill fill) {
   return {b.since(0).begin(), b.since(0).end()};
 }
 
-void put_schema(detail::McapBytes& b, std::uint16_t id = 1) {
+void put_schema(McapBytes& b, std::uint16_t id = 1) {
   b.record(McapOpcode::schema, [&] { b.number(id), b.string("S"), b.string("ros2msg"), b.string("x"); });
 }
-void put_channel(detail::McapBytes& b, std::uint16_t id = 1, std::uint16_t schema = 1) {
+void put_channel(McapBytes& b, std::uint16_t id = 1, std::uint16_t schema = 1) {
   b.record(McapOpcode::channel, [&] { b.number(id), b.number(schema), b.string("/s"), b.string("cdr"), b.map({}); });
 }
-void put_message(detail::McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
+void put_message(McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
   b.record(McapOpcode::message, [&] { b.number(channel), b.number(std::uint32_t(0)), b.number(t), b.number(t), b.bytes(span_of("x")); });
 }
-void put_chunk(detail::McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed, std::uint32_t crc = 0) {
+void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed, std::uint32_t crc = 0) {
   b.record(McapOpcode::chunk, [&] {
     b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(size), b.number(crc), b.string(compression), b.number(std::uint64_t(packed.size()));
     b.bytes(packed);
@@ -170,7 +170,7 @@ TEMPLATE_TEST_CASE("a cut file is read up to the cut, which is told", "[mcap]", 
 }
 
 TEST_CASE("files without chunks, checksums, summary, with records and fields of later versions", "[mcap]") {
-  AllCodecs r = mcap_of(mcap_by_hand([](detail::McapBytes& b) {
+  AllCodecs r = mcap_of(mcap_by_hand([](McapBytes& b) {
     b.record(McapOpcode(0x60), [&] { b.string("of a later version"); });
     b.record(McapOpcode(0x90), [&] { b.string("somebody's own"); });
     put_schema(b);
@@ -179,7 +179,7 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
     put_message(b, 7);
     put_message(b, 5);
     b.record(McapOpcode::metadata, [&] { b.string("m"), b.map({{"a", "b"}}); });
-    detail::McapBytes inner;
+    McapBytes inner;
     inner.record(McapOpcode(0x70), [&] {});
     put_message(inner, 6);
     put_chunk(b, "", inner.size(), inner.since(0));
@@ -218,7 +218,7 @@ TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "", 3, span_of("ab")); })).find("has 2 bytes, says 3") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "zstd", 3, span_of("no frame")); })).find("cannot be unpacked: Zstandard: ") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          detail::McapBytes inner;
+          McapBytes inner;
           put_chunk(inner, "", 0, {});
           put_chunk(b, "", inner.size(), inner.since(0));
         })).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);

@@ -167,7 +167,7 @@ TEST_CASE("files of other programs: no session, no stamps, rows with gaps, red f
   CHECK(m.log.joints[1].unit == Effort::torque_Nm);
   CHECK(m.log.joints[1].effort == joints_of(5, 6));
   CHECK(m.log.joints[1].stamp_ns == 1001);
-  CHECK(m.log.wrenches.at(2).torque_Nm == Vec3(4, 5, 6));
+  CHECK(m.log.wrenches.at(2).torque_Nm == Vec3d(4, 5, 6));
   CHECK(m.log.frames.at(2).stamp_ns == 102);  // by the log: the header has none
   McapCamera camera(file, m.pictures, m.log.frames, ImageDecoder());
   const auto f = camera.next();

@@ -21,8 +21,6 @@ namespace lumo {
 //
 // A message is a struct with `static void fields(self, archive)`, which hands its members to the archive in order: CdrReader fills them, CdrWriter takes them.
 
-namespace detail {
-
 template <class T>
 concept CdrNumber = std::is_arithmetic_v<T> && sizeof(T) <= 8;
 
@@ -34,15 +32,13 @@ using BitsOf = std::conditional_t<sizeof(T) == 8, std::uint64_t, std::conditiona
 template <class T, class Archive>
 concept CdrStruct = requires(T& t, Archive& a) { T::fields(t, a); };
 
-}  // namespace detail
-
 /// Reads the fields of one message; what it throws is an InputError that tells the byte. No more is allocated than the message could hold.
 class CdrReader {
  public:
   explicit CdrReader(std::span<const std::uint8_t> message) {
-    if (message.size() < 4) throw InputError(detail::text("CDR message has ", message.size(), " bytes, must have at least 4"));
+    if (message.size() < 4) throw InputError(lumo::message("CDR message has ", message.size(), " bytes, must have at least 4"));
     if (message[0] != 0 || message[1] > 1)
-      throw InputError(detail::text("CDR message is of representation ", message[0] * 256 + message[1], ", read are 0 (big endian) and 1 (little endian)"));
+      throw InputError(lumo::message("CDR message is of representation ", message[0] * 256 + message[1], ", read are 0 (big endian) and 1 (little endian)"));
     order_ = ByteOrder(message[1]);
     bytes_ = message.subspan(4);
   }
@@ -53,26 +49,26 @@ class CdrReader {
   }
   /// To be called last. Some writers fill up to a multiple of four bytes.
   void finish() const {
-    if (bytes_.size() - at_ > 3) fail(detail::text("the message goes on for ", bytes_.size() - at_, " bytes behind its last field"));
+    if (bytes_.size() - at_ > 3) fail(lumo::message("the message goes on for ", bytes_.size() - at_, " bytes behind its last field"));
   }
 
  private:
-  [[noreturn]] void fail(const std::string& why) const { throw InputError(detail::text("CDR byte ", at_ + 4, ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { throw InputError(lumo::message("CDR byte ", at_ + 4, ": ", why)); }
 
   std::span<const std::uint8_t> take(std::size_t size, std::size_t alignment) {
     const std::size_t padding = (alignment - at_ % alignment) % alignment, rest = bytes_.size() - at_;
-    if (padding > rest || size > rest - padding) fail(detail::text("a field of ", size, " bytes goes beyond the end of the message"));
+    if (padding > rest || size > rest - padding) fail(lumo::message("a field of ", size, " bytes goes beyond the end of the message"));
     at_ += padding + size;
     return bytes_.subspan(at_ - size, size);
   }
   template <class Bits>
   Bits bits() {
-    return detail::number_at<Bits>(take(sizeof(Bits), sizeof(Bits)).data(), order_);
+    return number_at<Bits>(take(sizeof(Bits), sizeof(Bits)).data(), order_);
   }
   /// Length of a sequence whose items have at least `least` bytes each.
   std::size_t length(std::size_t least) {
     const std::size_t n = bits<std::uint32_t>();
-    if (n > (bytes_.size() - at_) / least) fail(detail::text("a sequence of ", n, " items goes beyond the end of the message"));
+    if (n > (bytes_.size() - at_) / least) fail(lumo::message("a sequence of ", n, " items goes beyond the end of the message"));
     return n;
   }
 
@@ -84,9 +80,9 @@ class CdrReader {
     v.assign(b.begin(), b.end());
     if (!v.empty()) v.pop_back();
   }
-  template <detail::CdrNumber T>
+  template <CdrNumber T>
   void read(T& v) {
-    v = std::bit_cast<T>(bits<detail::BitsOf<T>>());
+    v = std::bit_cast<T>(bits<BitsOf<T>>());
   }
   template <class T, std::size_t size>
   void read(std::array<T, size>& v) {
@@ -98,7 +94,7 @@ class CdrReader {
     for (T& item : v) read(item);
   }
   template <class T>
-    requires detail::CdrStruct<T, CdrReader>
+    requires CdrStruct<T, CdrReader>
   void read(T& v) {
     T::fields(v, *this);
   }
@@ -126,7 +122,7 @@ class CdrWriter {
     for (std::size_t i = 0; i < sizeof(Bits); ++i) bytes_.push_back(std::uint8_t(v >> 8 * (order_ == ByteOrder::little ? i : sizeof(Bits) - 1 - i)));
   }
   void length(std::size_t n) {
-    if (n > 0xFFFFFFFFu) throw InvalidArgument(detail::text("CDR sequence has ", n, " items, must have at most 4294967295"));
+    if (n > 0xFFFFFFFFu) throw InvalidArgument(lumo::message("CDR sequence has ", n, " items, must have at most 4294967295"));
     bits(std::uint32_t(n));
   }
 
@@ -140,9 +136,9 @@ class CdrWriter {
     bytes_.insert(bytes_.end(), v.begin(), v.end());
     bytes_.push_back(0);
   }
-  template <detail::CdrNumber T>
+  template <CdrNumber T>
   void write(T v) {
-    bits(std::bit_cast<detail::BitsOf<T>>(v));
+    bits(std::bit_cast<BitsOf<T>>(v));
   }
   template <class T, std::size_t size>
   void write(const std::array<T, size>& v) {
@@ -154,7 +150,7 @@ class CdrWriter {
     for (const T& item : v) write(item);
   }
   template <class T>
-    requires detail::CdrStruct<const T, CdrWriter>
+    requires CdrStruct<const T, CdrWriter>
   void write(const T& v) {
     T::fields(v, *this);
   }
@@ -165,7 +161,7 @@ class CdrWriter {
 
 /// The message in these bytes. Throws InputError.
 template <class Message>
-  requires detail::CdrStruct<Message, CdrReader>
+  requires CdrStruct<Message, CdrReader>
 Message from_cdr(std::span<const std::uint8_t> bytes) {
   Message m;
   CdrReader in(bytes);
@@ -175,7 +171,7 @@ Message from_cdr(std::span<const std::uint8_t> bytes) {
 }
 
 template <class Message>
-  requires detail::CdrStruct<const Message, CdrWriter>
+  requires CdrStruct<const Message, CdrWriter>
 std::vector<std::uint8_t> to_cdr(const Message& m, ByteOrder order = ByteOrder::little) {
   CdrWriter out(order);
   out(m);

@@ -82,14 +82,12 @@ struct Uncompressed {
 
   std::vector<std::uint8_t> compress(std::span<const std::uint8_t> bytes) const { return {bytes.begin(), bytes.end()}; }
   std::vector<std::uint8_t> decompress(std::span<const std::uint8_t> bytes, std::size_t size) const {
-    if (bytes.size() != size) throw InputError(detail::text("has ", bytes.size(), " bytes, says ", size));
+    if (bytes.size() != size) throw InputError(message("has ", bytes.size(), " bytes, says ", size));
     return {bytes.begin(), bytes.end()};
   }
 };
 
 static_assert(ChunkCodec<Uncompressed>);
-
-namespace detail {
 
 /// Reads a record's fields one by one and checks each length. What it throws is an InputError that begins with `where`, told the byte.
 class McapFields {
@@ -99,7 +97,7 @@ class McapFields {
 
   template <std::unsigned_integral T>
   T number() {
-    return detail::number_at<T>(bytes(sizeof(T)).data(), ByteOrder::little);
+    return number_at<T>(bytes(sizeof(T)).data(), ByteOrder::little);
   }
   std::string string() {
     const auto b = bytes(number<std::uint32_t>());
@@ -116,13 +114,13 @@ class McapFields {
     return m;
   }
   std::span<const std::uint8_t> bytes(std::uint64_t size) {
-    if (size > rest()) fail(text("a field of ", size, " bytes goes beyond the end of its record"));
+    if (size > rest()) fail(message("a field of ", size, " bytes goes beyond the end of its record"));
     at_ += std::size_t(size);
     return bytes_.subspan(at_ - std::size_t(size), std::size_t(size));
   }
   std::size_t rest() const { return bytes_.size() - at_; }
   std::uint64_t offset() const { return offset_ + at_; }
-  [[noreturn]] void fail(const std::string& why) const { throw InputError(text(where_, "byte ", offset(), ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const { throw InputError(message(where_, "byte ", offset(), ": ", why)); }
 
  private:
   std::span<const std::uint8_t> bytes_;
@@ -175,7 +173,5 @@ class McapBytes {
  private:
   std::vector<std::uint8_t> bytes_;
 };
-
-}  // namespace detail
 
 }  // namespace lumo

@@ -20,7 +20,7 @@ class McapCamera {
   /// `log`: of read_mcap_log(*file).
   McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures, const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
       : file_(std::move(file)), pictures_(pictures), records_(records), decoder_(std::move(decoder)) {
-    if (pictures_.size() != records_.size()) throw InvalidArgument(detail::text("camera has ", pictures_.size(), " pictures and ", records_.size(), " records, must have as many"));
+    if (pictures_.size() != records_.size()) throw InvalidArgument(message("camera has ", pictures_.size(), " pictures and ", records_.size(), " records, must have as many"));
   }
 
   std::optional<Frame> next() {
@@ -39,7 +39,7 @@ class McapCamera {
 
  private:
   ImageView pixels(const RosImage& m) {
-    const ImageView v = detail::view_of(m);
+    const ImageView v = view_of(m);
     if (v.empty() || m.encoding != "rgb8") return v;
     image_ = Image::black(v.width, v.height);
     for (int y = 0; y < v.height; ++y)

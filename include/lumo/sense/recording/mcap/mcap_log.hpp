@@ -48,19 +48,17 @@ struct McapLog {
   std::optional<RosCameraInfo> camera;  ///< the first one, where one topic has them
 };
 
-namespace detail {
-
 /// View of a message's pixels, in its own order of colours. No pixels: an empty view. Throws InputError for what lumo does not read or what does not fit.
 inline ImageView view_of(const RosImage& m) {
   if (m.encoding != "mono8" && m.encoding != "bgr8" && m.encoding != "rgb8")
-    throw InputError(text("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
+    throw InputError(message("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
   if (m.width == 0 && m.height == 0) return {};
   const PixelFormat format = m.encoding == "mono8" ? PixelFormat::grey : PixelFormat::bgr;
   if (m.width < 1 || m.height < 1 || m.width > max_image_side || m.height > max_image_side)
-    throw InputError(text("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
+    throw InputError(message("a picture has ", m.width, " x ", m.height, " px, must have 1 to ", max_image_side, " each way"));
   const std::uint64_t row = std::uint64_t(m.width) * std::uint64_t(channels(format)), needed = std::uint64_t(m.step) * (m.height - 1) + row;
-  if (m.step < row) throw InputError(text("a picture's rows have ", m.step, " bytes, must have ", row));
-  if (m.data.size() < needed) throw InputError(text("a picture has ", m.data.size(), " bytes, must have ", needed));
+  if (m.step < row) throw InputError(message("a picture's rows have ", m.step, " bytes, must have ", row));
+  if (m.data.size() < needed) throw InputError(message("a picture has ", m.data.size(), " bytes, must have ", needed));
   return {m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
 }
 
@@ -97,20 +95,20 @@ class McapTables {
     if (!found.camera) found.camera = m;
   }
   void add(const FrameExposure& m, const McapEntry& at, std::string_view) {
-    if (!(m.exposure_s >= 0.0 && m.gain >= 0.0)) throw InputError(text("exposure is ", m.exposure_s, " s, gain ", m.gain, ", must not be negative"));
+    if (!(m.exposure_s >= 0.0 && m.gain >= 0.0)) throw InputError(message("exposure is ", m.exposure_s, " s, gain ", m.gain, ", must not be negative"));
     exposures_[stamp(m.header, at)] = {finite(m.exposure_s), finite(m.gain)};
   }
   void add(const RosJointState& m, const McapEntry& at, std::string_view topic) {
     const std::size_t n = m.name.size();
-    if (n < 1 || n > std::size_t(max_joints)) throw InputError(text("has ", n, " joints, must have 1 to ", max_joints));
+    if (n < 1 || n > std::size_t(max_joints)) throw InputError(message("has ", n, " joints, must have 1 to ", max_joints));
     if (m.position.size() != n || m.velocity.size() != n || (m.effort.size() != n && !m.effort.empty()))
-      throw InputError(text("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(), " velocities and ", m.effort.size(), " efforts, must have as many"));
+      throw InputError(message("has ", n, " joints, ", m.position.size(), " positions, ", m.velocity.size(), " velocities and ", m.effort.size(), " efforts, must have as many"));
     if (names_.empty()) names_ = m.name;
     if (m.name != names_) throw InputError("names other joints than the messages before it");
     found.log.joints.push_back({ascending(m.header, at, topic), joint_vector(m.position), joint_vector(m.velocity), joint_vector(m.effort), Effort::torque_Nm});
   }
   void add(const JointCurrents& m, const McapEntry& at, std::string_view) {
-    if (m.current_A.size() > std::size_t(max_joints)) throw InputError(text("has ", m.current_A.size(), " currents, must have at most ", max_joints));
+    if (m.current_A.size() > std::size_t(max_joints)) throw InputError(message("has ", m.current_A.size(), " currents, must have at most ", max_joints));
     currents_[stamp(m.header, at)] = joint_vector(m.current_A);
   }
   void add(const RosWrenchStamped& m, const McapEntry& at, std::string_view topic) {
@@ -134,11 +132,11 @@ class McapTables {
     for (JointSample& s : found.log.joints) {
       if (s.effort.size() == s.position_rad.size()) continue;
       const auto c = currents_.find(s.stamp_ns);
-      if (c == currents_.end() || c->second.size() != s.position_rad.size()) throw InputError(text("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
+      if (c == currents_.end() || c->second.size() != s.position_rad.size()) throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
       s.effort = c->second, s.unit = Effort::current_A;
     }
     for (const JointSample& s : found.log.joints)
-      if (s.unit != found.log.joints.front().unit) throw InputError(text("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
+      if (s.unit != found.log.joints.front().unit) throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
   }
 
   Log found;
@@ -156,13 +154,13 @@ class McapTables {
   /// Programs that do not set a header's stamp leave it 0; then the log's time is the best there is. What lumo wrote means what it says.
   std::int64_t stamp(const RosHeader& h, const McapEntry& at) const {
     if (h.stamp_ns != 0 || has_session_) return h.stamp_ns;
-    if (at.log_ns > std::uint64_t(stamp_limit_ns)) throw InputError(text("log time ", at.log_ns, " ns is beyond the range of stamps"));
+    if (at.log_ns > std::uint64_t(stamp_limit_ns)) throw InputError(message("log time ", at.log_ns, " ns is beyond the range of stamps"));
     return std::int64_t(at.log_ns);
   }
   std::int64_t ascending(const RosHeader& h, const McapEntry& at, std::string_view topic) {
     const std::int64_t t = stamp(h, at);
     const auto [last, first] = last_.try_emplace(std::string(topic), t);
-    if (!first && t <= last->second) throw InputError(text("stamp ", t, " ns does not exceed the one before it, ", last->second, " ns"));
+    if (!first && t <= last->second) throw InputError(message("stamp ", t, " ns does not exceed the one before it, ", last->second, " ns"));
     return last->second = t;
   }
   void add_frame(const RosHeader& h, const McapEntry& at, std::string_view topic, const McapPicture& picture, std::string_view ending) {
@@ -178,20 +176,17 @@ class McapTables {
 };
 
 /// The channels of one kind, all of one topic: the wanted one, or the only one. Throws InputError.
-template <class = void>
 inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set<std::uint16_t>>& topics, const std::string& wanted, const char* what, const std::string& name) {
   std::string all;
   for (const auto& t : topics) all += (all.empty() ? "" : ", ") + printable(t.first);
   if (!wanted.empty()) {
     const auto t = topics.find(wanted);
-    if (t == topics.end()) throw InputError(text(name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
+    if (t == topics.end()) throw InputError(message(name, ": has no ", what, " on topic '", printable(wanted), "'", all.empty() ? "" : ", but on " + all));
     return t->second;
   }
-  if (topics.size() > 1) throw InputError(text(name, ": has ", what, " on several topics, one must be chosen: ", all));
+  if (topics.size() > 1) throw InputError(message(name, ": has ", what, " on several topics, one must be chosen: ", all));
   return topics.empty() ? std::set<std::uint16_t>{} : topics.begin()->second;
 }
-
-}  // namespace detail
 
 /// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. Throws InputError of one line with file, topic, time and reason.
 template <ChunkCodec... Codecs>
@@ -199,7 +194,7 @@ McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}
   std::string session_json;
   for (const McapAttachment& a : file.attachments())
     if (a.name == "session.json") {
-      if (a.size > 64u << 20) throw InputError(detail::text(file.name(), ": session.json has ", a.size, " bytes, must have at most ", 64u << 20));
+      if (a.size > 64u << 20) throw InputError(message(file.name(), ": session.json has ", a.size, " bytes, must have at most ", 64u << 20));
       const std::vector<std::uint8_t> bytes = file.read(a);
       session_json.assign(bytes.begin(), bytes.end());
     }
@@ -214,7 +209,7 @@ McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}
     std::map<std::string, std::set<std::uint16_t>> topics;
     for (const std::uint16_t c : used)
       if (std::find(types.begin(), types.end(), schema_of(c)) != types.end()) topics[file.channels().at(c).topic].insert(c);
-    return detail::choose_topic<>(topics, topic, what, file.name());
+    return choose_topic(topics, topic, what, file.name());
   };
   std::set<std::uint16_t> channels;
   channels.merge(chosen("pictures", wanted.image, {RosImage::type, RosCompressedImage::type}));
@@ -230,17 +225,17 @@ McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}
   for (const std::uint16_t c : used)
     if (schema_of(c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
 
-  detail::McapTables<> tables(!session_json.empty());
+  McapTables<> tables(!session_json.empty());
   for (const McapEntry& e : file.messages()) {
     if (!channels.contains(e.channel)) continue;
     const McapChannel& channel = file.channels().at(e.channel);
     try {
-      if (channel.encoding != "cdr") throw InputError(detail::text("messages are of encoding '", detail::printable(channel.encoding), "', read is cdr"));
+      if (channel.encoding != "cdr") throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
       const McapMessage m = file.read(e);
       tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents, RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(
           schema_of(e.channel), m.data, e, channel.topic);
     } catch (const InputError& error) {
-      throw InputError(detail::text(file.name(), ": topic ", detail::printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));
+      throw InputError(message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));
     }
   }
   try {

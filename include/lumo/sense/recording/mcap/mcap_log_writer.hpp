@@ -52,7 +52,7 @@ class RosMessageWriter {
 
 inline std::vector<double> list_of(const JointVector& v) { return {v.data(), v.data() + v.size()}; }
 
-inline std::array<double, 3> list_of(const Vec3& v) { return {v.x(), v.y(), v.z()}; }
+inline std::array<double, 3> list_of(const Vec3d& v) { return {v.x(), v.y(), v.z()}; }
 
 }  // namespace detail
 
@@ -72,9 +72,9 @@ void write_mcap_log(std::ostream& out, const RecordedLog& log, std::string_view 
   const auto add = [&](Kind kind, const auto& table, const ClockMap& clock) {
     std::optional<std::int64_t> last;
     for (std::size_t k = 0; k < table.size(); ++k) {
-      detail::stamp_text(table[k].stamp_ns, last);
+      stamp_text(table[k].stamp_ns, last);
       const std::int64_t at = clock(table[k].stamp_ns);
-      if (at < 0) throw InvalidArgument(detail::text("stamp ", table[k].stamp_ns, " ns is ", at, " ns on the frames' clock, in an MCAP file it must not lie before 0"));
+      if (at < 0) throw InvalidArgument(message("stamp ", table[k].stamp_ns, " ns is ", at, " ns on the frames' clock, in an MCAP file it must not lie before 0"));
       events.push_back({at, kind, k});
     }
   };
@@ -127,7 +127,7 @@ void write_mcap_log(std::ostream& out, const RecordedLog& log, std::string_view 
         require(s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite() && s.effort.allFinite(), "a joint sample's numbers must be finite");
         const bool torque = s.unit == Effort::torque_Nm;
         RosJointState m{{s.stamp_ns, ""}, {}, detail::list_of(s.position_rad), detail::list_of(s.velocity_rad_per_s), torque ? detail::list_of(s.effort) : std::vector<double>()};
-        for (int j = 0; j < int(n); ++j) m.name.push_back(detail::numbered("joint", j));
+        for (int j = 0; j < int(n); ++j) m.name.push_back(numbered("joint", j));
         to.write("/joint_states", e.log_ns, m);
         if (!torque) to.write("/joint_currents", e.log_ns, JointCurrents{{s.stamp_ns, ""}, detail::list_of(s.effort)});
         break;

@@ -95,11 +95,11 @@ class McapReader {
       m.owner = std::make_shared<const std::vector<std::uint8_t>>(record_at(entry.record));
     }
     const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
-    detail::McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where, entry.chunked ? at : entry.record);
+    McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where, entry.chunked ? at : entry.record);
     const auto opcode = McapOpcode(in.template number<std::uint8_t>());
     const auto length = in.template number<std::uint64_t>();
     const std::uint64_t begin = in.offset();
-    detail::McapFields fields(in.bytes(length), where, begin);
+    McapFields fields(in.bytes(length), where, begin);
     if (opcode != McapOpcode::message) fields.fail("is no message any more: the file has changed");
     fill(m, fields);
     return m;
@@ -109,9 +109,9 @@ class McapReader {
 
  private:
   using Bytes = std::vector<std::uint8_t>;
-  static constexpr std::uint64_t head_bytes = detail::McapSource::head_bytes;
+  static constexpr std::uint64_t head_bytes = McapSource::head_bytes;
 
-  std::string chunk_place(std::uint64_t at) const { return detail::text(source_.where(), "chunk at byte ", at, ", "); }
+  std::string chunk_place(std::uint64_t at) const { return message(source_.where(), "chunk at byte ", at, ", "); }
   [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { source_.fail(at, why); }
   Bytes record_at(std::uint64_t at) { return source_.record(at, limits_.record_bytes); }
 
@@ -123,12 +123,12 @@ class McapReader {
     std::uint64_t at = mcap_magic.size();
     while (at < end) {
       if (closed) fail(at, "there is more behind the footer");
-      const detail::McapSource::Head h = source_.head(at, end);
+      const McapSource::Head h = source_.head(at, end);
       if (first != (h.opcode == McapOpcode::header)) fail(at, first ? "the first record is no header" : "there is a second header");
       first = false;
       const bool of_data = h.opcode == McapOpcode::message || h.opcode == McapOpcode::chunk || h.opcode == McapOpcode::message_index || h.opcode == McapOpcode::attachment ||
                            h.opcode == McapOpcode::metadata || h.opcode == McapOpcode::data_end;
-      if (of_data && data_end) fail(at, detail::text("a record of the data, opcode ", int(h.opcode), ", stands behind their end"));
+      if (of_data && data_end) fail(at, message("a record of the data, opcode ", int(h.opcode), ", stands behind their end"));
       if (h.opcode == McapOpcode::attachment) {
         add_attachment(at, h.length);
         source_.add(data_crc, at, head_bytes + h.length);
@@ -136,7 +136,7 @@ class McapReader {
         if (!data_end) source_.add(data_crc, at, head_bytes + h.length);
       } else {
         const Bytes record = record_at(at);
-        detail::McapFields in(std::span<const std::uint8_t>(record).subspan(head_bytes), source_.where(), at + head_bytes);
+        McapFields in(std::span<const std::uint8_t>(record).subspan(head_bytes), source_.where(), at + head_bytes);
         if (h.opcode == McapOpcode::data_end) {
           const auto told = in.template number<std::uint32_t>();
           if (told != 0 && told != data_crc.value()) fail(at, "the data are damaged: their checksum is another");
@@ -158,7 +158,7 @@ class McapReader {
   }
 
   /// A record of the data or the summary. `place`: of a message, if it is one.
-  void take(McapOpcode opcode, detail::McapFields& in, McapEntry place) {
+  void take(McapOpcode opcode, McapFields& in, McapEntry place) {
     switch (opcode) {
       case McapOpcode::header:
         profile_ = in.string();
@@ -169,7 +169,7 @@ class McapReader {
         s.id = in.template number<std::uint16_t>();
         s.name = in.string(), s.encoding = in.string(), s.data = in.string();
         if (s.id == 0) in.fail("a schema has the number 0");
-        if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s) in.fail(detail::text("there is another schema ", s.id));
+        if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s) in.fail(message("there is another schema ", s.id));
         break;
       }
       case McapOpcode::channel: {
@@ -177,8 +177,8 @@ class McapReader {
         c.id = in.template number<std::uint16_t>(), c.schema = in.template number<std::uint16_t>();
         c.topic = in.string(), c.encoding = in.string();
         c.metadata = in.map();
-        if (c.schema != 0 && !schemas_.contains(c.schema)) in.fail(detail::text("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
-        if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c) in.fail(detail::text("there is another channel ", c.id));
+        if (c.schema != 0 && !schemas_.contains(c.schema)) in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
+        if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c) in.fail(message("there is another channel ", c.id));
         break;
       }
       case McapOpcode::message: {
@@ -197,10 +197,10 @@ class McapReader {
       default: break;  // indexes of what has been seen
     }
   }
-  void fill(McapMessage& m, detail::McapFields& in) const {
+  void fill(McapMessage& m, McapFields& in) const {
     const auto id = in.template number<std::uint16_t>();
     const auto channel = channels_.find(id);
-    if (channel == channels_.end()) in.fail(detail::text("a message is of channel ", id, ", which was not there before it"));
+    if (channel == channels_.end()) in.fail(message("a message is of channel ", id, ", which was not there before it"));
     m.channel = &channel->second;
     m.sequence = in.template number<std::uint32_t>();
     m.log_ns = in.template number<std::uint64_t>();
@@ -211,17 +211,17 @@ class McapReader {
   void take_chunk(std::span<const std::uint8_t> chunk_record, std::uint64_t at) {
     const auto contents = keep(at, unpacked(chunk_record, at));
     const std::string where = chunk_place(at);
-    detail::McapFields in(*contents, where, 0);
+    McapFields in(*contents, where, 0);
     while (in.rest() > 0) {
       const std::uint64_t begin = in.offset();
       const auto opcode = McapOpcode(in.template number<std::uint8_t>());
       const auto length = in.template number<std::uint64_t>();
       const std::uint64_t inside = in.offset();
-      detail::McapFields record(in.bytes(length), where, inside);
+      McapFields record(in.bytes(length), where, inside);
       if (opcode == McapOpcode::schema || opcode == McapOpcode::channel || opcode == McapOpcode::message)
         take(opcode, record, {0, at, std::uint32_t(begin), 0, true});
       else if (opcode <= McapOpcode::data_end)
-        record.fail(detail::text("a chunk holds a record of opcode ", int(opcode)));
+        record.fail(message("a chunk holds a record of opcode ", int(opcode)));
     }
   }
   /// Contents of the chunk at a place, from what is kept or from the file.
@@ -241,13 +241,13 @@ class McapReader {
     return kept_.back().second;
   }
   Bytes unpacked(std::span<const std::uint8_t> record, std::uint64_t at) const {
-    detail::McapFields in(record.subspan(head_bytes), source_.where(), at + head_bytes);
+    McapFields in(record.subspan(head_bytes), source_.where(), at + head_bytes);
     in.bytes(16);  // times of the first and last message
     const auto size = in.template number<std::uint64_t>();
     const auto crc = in.template number<std::uint32_t>();
     const std::string compression = in.string();
     const auto packed = in.bytes(in.template number<std::uint64_t>());
-    if (size > limits_.record_bytes) fail(at, detail::text("a chunk says that it holds ", size, " bytes, read are at most ", limits_.record_bytes));
+    if (size > limits_.record_bytes) fail(at, message("a chunk says that it holds ", size, " bytes, read are at most ", limits_.record_bytes));
     std::optional<Bytes> contents;
     try {
       const auto attempt = [&](const auto& codec) {
@@ -256,9 +256,9 @@ class McapReader {
       attempt(Uncompressed{});
       std::apply([&](const auto&... codec) { (attempt(codec), ...); }, codecs_);
     } catch (const InputError& e) {
-      fail(at, detail::text("a chunk's contents cannot be unpacked: ", e.what()));
+      fail(at, message("a chunk's contents cannot be unpacked: ", e.what()));
     }
-    if (!contents) fail(at, detail::text("a chunk is compressed by '", detail::printable(compression), "', which cannot be read here"));
+    if (!contents) fail(at, message("a chunk is compressed by '", printable(compression), "', which cannot be read here"));
     if (crc != 0 && crc != Crc32::of(*contents)) fail(at, "a chunk is damaged: its contents' checksum is another");
     return std::move(*contents);
   }
@@ -267,34 +267,34 @@ class McapReader {
   void add_attachment(std::uint64_t at, std::uint64_t length) {
     const std::uint64_t begin = at + head_bytes;
     const Bytes front = source_.bytes(begin, std::min<std::uint64_t>(length, 1u << 20));
-    detail::McapFields in(front, source_.where(), begin);
+    McapFields in(front, source_.where(), begin);
     McapAttachment a;
     a.log_ns = in.template number<std::uint64_t>();
     in.template number<std::uint64_t>();  // when it was made
     a.name = in.string(), a.media_type = in.string();
     a.size = in.template number<std::uint64_t>(), a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
-    if (rest < 4 || a.size > rest - 4) in.fail(detail::text("an attachment of ", a.size, " bytes goes beyond the end of its record"));
+    if (rest < 4 || a.size > rest - 4) in.fail(message("an attachment of ", a.size, " bytes goes beyond the end of its record"));
     const Bytes tail = source_.bytes(a.offset + a.size, 4);
-    const auto told = detail::McapFields(tail, source_.where(), a.offset + a.size).template number<std::uint32_t>();
+    const auto told = McapFields(tail, source_.where(), a.offset + a.size).template number<std::uint32_t>();
     Crc32 crc;
     if (told != 0) source_.add(crc, begin, a.offset + a.size - begin);
     if (told != 0 && told != crc.value()) fail(at, "an attachment is damaged: its checksum is another");
     attachments_.push_back(std::move(a));
   }
   /// The checksum goes from the summary's first byte to the footer's last but itself.
-  void check_summary(detail::McapFields& footer, std::uint64_t at, std::uint64_t data_end) {
+  void check_summary(McapFields& footer, std::uint64_t at, std::uint64_t data_end) {
     const auto start = footer.template number<std::uint64_t>();
     footer.template number<std::uint64_t>();  // where the summary's offsets begin
     const auto told = footer.template number<std::uint32_t>();
-    if (start != 0 && (start < data_end || start > at)) fail(at, detail::text("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at, "]"));
+    if (start != 0 && (start < data_end || start > at)) fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at, "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
     if (told != 0) source_.add(crc, from, at + head_bytes + 16 - from);
     if (told != 0 && told != crc.value()) fail(at, "the summary is damaged: its checksum is another");
   }
 
-  detail::McapSource source_;
+  McapSource source_;
   std::string profile_, library_, fault_;
   McapLimits limits_;
   std::map<std::uint16_t, McapSchema> schemas_;

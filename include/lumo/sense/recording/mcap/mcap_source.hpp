@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo::detail {
+namespace lumo {
 
 /// The bytes of an MCAP file. No more are taken into memory than the file has. What it throws is an InputError with file and byte.
 class McapSource {
@@ -29,7 +29,7 @@ class McapSource {
   const std::string& name() const { return name_; }
   const std::string& where() const { return where_; }  ///< what messages begin with
   std::uint64_t size() const { return size_; }
-  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { throw InputError(text(where_, "byte ", at, ": ", why)); }
+  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { throw InputError(message(where_, "byte ", at, ": ", why)); }
 
   /// Bytes that lie within the file.
   std::vector<std::uint8_t> bytes(std::uint64_t at, std::uint64_t size) {
@@ -59,18 +59,18 @@ class McapSource {
   };
   /// A record's head. It lies before `end` with all of its contents.
   Head head(std::uint64_t at, std::uint64_t end) {
-    if (end - at < head_bytes) fail(at, text("the file ends ", end - at, " bytes into a record"));
+    if (end - at < head_bytes) fail(at, message("the file ends ", end - at, " bytes into a record"));
     const std::vector<std::uint8_t> b = bytes(at, head_bytes);
     McapFields in(b, where_, at);
     const Head h{McapOpcode(in.number<std::uint8_t>()), in.number<std::uint64_t>()};
     if (h.opcode == McapOpcode(0)) fail(at, "a record has the opcode 0, which there is not");
-    if (h.length > end - at - head_bytes) fail(at, text("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes, " bytes on"));
+    if (h.length > end - at - head_bytes) fail(at, message("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes, " bytes on"));
     return h;
   }
   /// A whole record with its head.
   std::vector<std::uint8_t> record(std::uint64_t at, std::uint64_t most) {
     const Head h = head(at, size_);
-    if (h.length > most) fail(at, text("a record has ", h.length, " bytes, read are at most ", most));
+    if (h.length > most) fail(at, message("a record has ", h.length, " bytes, read are at most ", most));
     return bytes(at, head_bytes + h.length);
   }
 
@@ -80,4 +80,4 @@ class McapSource {
   std::uint64_t size_ = 0;
 };
 
-}  // namespace lumo::detail
+}  // namespace lumo

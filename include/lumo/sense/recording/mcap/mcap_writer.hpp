@@ -27,7 +27,7 @@ class McapWriter {
   explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {}, std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
-    detail::McapBytes b;
+    McapBytes b;
     b.record(McapOpcode::header, [&] {
       b.string(profile);
       b.string("lumo");
@@ -42,13 +42,13 @@ class McapWriter {
   }
   /// `schema`: of add_schema, or 0 for none.
   std::uint16_t add_channel(std::uint16_t schema, std::string_view topic, std::string_view encoding, std::map<std::string, std::string> metadata = {}) {
-    if (schema > schemas_.size()) throw InvalidArgument(detail::text("channel is of schema ", schema, ", there are ", schemas_.size()));
+    if (schema > schemas_.size()) throw InvalidArgument(message("channel is of schema ", schema, ", there are ", schemas_.size()));
     channels_.push_back({next_number(channels_.size(), "channels"), schema, std::string(topic), std::string(encoding), std::move(metadata)});
     record(chunk_, channels_.back());
     return channels_.back().id;
   }
   void write(std::uint16_t channel, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
-    if (channel == 0 || channel > channels_.size()) throw InvalidArgument(detail::text("message is of channel ", channel, ", there are ", channels_.size()));
+    if (channel == 0 || channel > channels_.size()) throw InvalidArgument(message("message is of channel ", channel, ", there are ", channels_.size()));
     const std::size_t at = chunk_.record(McapOpcode::message, [&] {
       chunk_.number(channel);
       chunk_.number(std::uint32_t(counts_[channel]++));
@@ -62,7 +62,7 @@ class McapWriter {
   }
   void attach(std::string_view name, std::string_view media_type, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
     end_chunk();
-    detail::McapBytes b;
+    McapBytes b;
     b.record(McapOpcode::attachment, [&] {
       const std::size_t at = b.size();
       b.number(log_ns);
@@ -78,12 +78,12 @@ class McapWriter {
   /// Throws InputError where anything could not be written.
   void finish() {
     end_chunk();
-    detail::McapBytes b;
+    McapBytes b;
     b.record(McapOpcode::data_end, [&] { b.number(crc_.value()); });
     put(b.since(0));
 
     const std::uint64_t start = offset_;
-    detail::McapBytes summary, offsets;
+    McapBytes summary, offsets;
     const auto group = [&](McapOpcode opcode, const auto& items, auto add) {
       const std::size_t at = summary.size();
       for (const auto& item : items) add(item);
@@ -102,7 +102,7 @@ class McapWriter {
     const auto checked = summary.since(0).first(footer + 9 + 16);
     const std::uint32_t crc = Crc32::of(checked);
     put(checked);
-    detail::McapBytes last;
+    McapBytes last;
     last.number(crc);
     last.bytes(mcap_magic);
     put(last.since(0));
@@ -127,7 +127,7 @@ class McapWriter {
   };
 
   static std::uint16_t next_number(std::size_t before, const char* what) {
-    if (before >= 65535) throw InvalidArgument(detail::text("MCAP file has ", before, " ", what, ", must have at most 65535"));
+    if (before >= 65535) throw InvalidArgument(message("MCAP file has ", before, " ", what, ", must have at most 65535"));
     return std::uint16_t(before + 1);
   }
   void put(std::span<const std::uint8_t> bytes) {
@@ -136,13 +136,13 @@ class McapWriter {
     offset_ += bytes.size();
   }
 
-  static void record(detail::McapBytes& to, const McapSchema& s) {
+  static void record(McapBytes& to, const McapSchema& s) {
     to.record(McapOpcode::schema, [&] { to.number(s.id), to.string(s.name), to.string(s.encoding), to.string(s.data); });
   }
-  static void record(detail::McapBytes& to, const McapChannel& c) {
+  static void record(McapBytes& to, const McapChannel& c) {
     to.record(McapOpcode::channel, [&] { to.number(c.id), to.number(c.schema), to.string(c.topic), to.string(c.encoding), to.map(c.metadata); });
   }
-  static void record(detail::McapBytes& to, const Chunk& c) {
+  static void record(McapBytes& to, const Chunk& c) {
     to.record(McapOpcode::chunk_index, [&] {
       to.number(c.times.begin()), to.number(c.times.last), to.number(c.offset), to.number(c.length);
       const std::size_t at = to.begin_length<std::uint32_t>();
@@ -151,13 +151,13 @@ class McapWriter {
       to.number(c.index_length), to.string(Codec::name), to.number(c.packed), to.number(c.unpacked);
     });
   }
-  static void record(detail::McapBytes& to, const Attached& a) {
+  static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
       to.number(a.attachment.offset), to.number(a.length), to.number(a.attachment.log_ns), to.number(std::uint64_t(0)), to.number(a.attachment.size);
       to.string(a.attachment.name), to.string(a.attachment.media_type);
     });
   }
-  void record_statistics(detail::McapBytes& to) const {
+  void record_statistics(McapBytes& to) const {
     Times times;
     for (const Chunk& c : chunks_)
       if (!c.index_offsets.empty()) times.add(c.times.first), times.add(c.times.last);
@@ -177,7 +177,7 @@ class McapWriter {
     const auto contents = chunk_.since(0);
     const std::vector<std::uint8_t> packed = codec_.compress(contents);
     Chunk c{chunk_times_, offset_, 0, 0, packed.size(), contents.size(), {}};
-    detail::McapBytes b;
+    McapBytes b;
     b.record(McapOpcode::chunk, [&] {
       b.number(c.times.begin()), b.number(c.times.last), b.number(c.unpacked), b.number(Crc32::of(contents)), b.string(Codec::name), b.number(c.packed);
       b.bytes(packed);
@@ -206,7 +206,7 @@ class McapWriter {
   std::vector<McapSchema> schemas_;
   std::vector<McapChannel> channels_;
   std::map<std::uint16_t, std::uint64_t> counts_;
-  detail::McapBytes chunk_;
+  McapBytes chunk_;
   Times chunk_times_;
   std::map<std::uint16_t, std::vector<std::pair<std::uint64_t, std::uint64_t>>> index_;
   std::vector<Chunk> chunks_;

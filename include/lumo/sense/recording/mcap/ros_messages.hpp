@@ -41,7 +41,7 @@ struct RosHeader {
   static void fields(const RosHeader& self, Archive& archive) {
     std::int64_t s = self.stamp_ns / 1'000'000'000, ns = self.stamp_ns % 1'000'000'000;
     if (ns < 0) --s, ns += 1'000'000'000;
-    if (s != std::int32_t(s)) throw InvalidArgument(detail::text("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
+    if (s != std::int32_t(s)) throw InvalidArgument(message("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
     archive(std::int32_t(s), std::uint32_t(ns), self.frame_id);
   }
   template <class Archive>
@@ -49,7 +49,7 @@ struct RosHeader {
     std::int32_t s = 0;
     std::uint32_t ns = 0;
     archive(s, ns, self.frame_id);
-    if (ns >= 1'000'000'000) throw InputError(detail::text("stamp has ", ns, " ns, must have fewer than 1000000000"));
+    if (ns >= 1'000'000'000) throw InputError(message("stamp has ", ns, " ns, must have fewer than 1000000000"));
     self.stamp_ns = std::int64_t(s) * 1'000'000'000 + ns;
   }
 };
@@ -200,7 +200,7 @@ struct PhotodiodeSignals {
 
 /// A message with its name and its schema.
 template <class M>
-concept RosMessage = detail::CdrStruct<M, CdrReader> && detail::CdrStruct<const M, CdrWriter> && requires(M& m) {
+concept RosMessage = CdrStruct<M, CdrReader> && CdrStruct<const M, CdrWriter> && requires(M& m) {
   { M::type } -> std::convertible_to<std::string_view>;
   { M::definition() } -> std::same_as<std::string>;
   { m.header } -> std::same_as<RosHeader&>;
