@@ -2,6 +2,7 @@
 #include <fstream>
 #include <iostream>
 using namespace lumo;
+using namespace lumo::sense;
 int main() {
   const Silicone silicone = dragon_skin();
   const Body pad = finger({.h_fp = 6, .h_ep = 6, .w_s = 8, .h_s = 5, .w_v = 0}, silicone, {.mesh = {.contact_edge = 3.0_mm, .growth = 0.5, .stretch_y = 2}});

@@ -12,6 +12,7 @@
 #include "lumo/support/tetgen.hpp"
 #include <cstdio>
 using namespace lumo;
+using namespace lumo::sense;
 
 Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and how far they lean to the axis; the camera looks through a thick window
   const double R = 12.0_mm, tilt = tilt_deg * pi / 180.0, q = 0.5 * pi / 8;  // eight facets along each quarter

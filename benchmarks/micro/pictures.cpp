@@ -5,6 +5,7 @@
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 using namespace lumo::micro;
 
 TEST_CASE("sense: LEDs of a finger", "[sense]") {

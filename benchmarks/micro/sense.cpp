@@ -13,6 +13,7 @@
 #include <optional>
 
 using namespace lumo;
+using namespace lumo::sense;
 using namespace lumo::micro;
 
 namespace {

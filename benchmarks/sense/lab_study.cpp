@@ -23,6 +23,7 @@
 #include <sstream>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -23,6 +23,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -84,7 +84,7 @@ class Pictures {
   }
   /// Bytes of a PNG or JPEG, and their ending; else the picture's pixels are all there is.
   const std::vector<std::uint8_t>& file() const { return file_; }
-  std::string ending() const { return std::string(lumo::picture_ending(file_)); }
+  std::string ending() const { return std::string(lumo::sense::picture_ending(file_)); }
   /// May be empty.
   ImageView pixels() { return file_.empty() ? view_ : decode_(file_); }
 

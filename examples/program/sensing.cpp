@@ -209,7 +209,7 @@ void add_curves(LineChart& chart, const std::vector<Point>& truth, const std::ve
 std::string located(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
   const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, o.log);
-  const auto estimates = with_localizer(o, s, unloaded, [&](const auto& l) { return lumo::locate(s.profiles, unloaded, l); });
+  const auto estimates = with_localizer(o, s, unloaded, [&](const auto& l) { return lumo::sense::locate(s.profiles, unloaded, l); });
   const LogTruth truth = truth_of(s.log);
   const LocationScore score = location_score(estimates, truth, o.from_N, seen);
   std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";

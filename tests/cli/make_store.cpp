@@ -18,6 +18,7 @@
 namespace {
 
 using namespace lumo;
+using namespace lumo::sense;
 using namespace lumo::program;
 
 constexpr int bins = 11;

@@ -12,6 +12,7 @@
 #include <string>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -15,6 +15,7 @@
 #include <string>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

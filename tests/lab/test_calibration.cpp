@@ -6,6 +6,7 @@
 #include "lab/plain_pad.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

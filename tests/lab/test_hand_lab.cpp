@@ -7,6 +7,7 @@
 #include <algorithm>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 TEST_CASE("a virtual hand is seen where its joints put it, and tells the same twice", "[lab]") {
   const PadLight light(plain_pad());

@@ -4,6 +4,7 @@
 #include "lumo/core/executor.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 TEST_CASE("a pad that finds no equilibrium has no responses for the lab: a failure of the numbers, not of the caller") {
   const SideSight sight;

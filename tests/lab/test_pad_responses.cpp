@@ -5,6 +5,7 @@
 #include "temporary_folder.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 TEST_CASE("responses in between: exact at what was computed, mirrored below 0, nothing at 0 N", "[lab]") {
   const PadResponses r = plain_pad();

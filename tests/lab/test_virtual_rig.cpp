@@ -12,6 +12,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -8,6 +8,7 @@
 #include <numbers>
 
 using namespace lumo;
+using namespace lumo::sense;
 using namespace lumo::program;
 
 namespace {

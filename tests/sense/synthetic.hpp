@@ -44,8 +44,8 @@ struct View {
 
 /// Green [DN] of `light(y, across in m)` seen through the view, plus Gaussian noise.
 template <class Light>
-lumo::Image paint(const View& view, Light light, double noise, std::uint64_t seed, lumo::PixelFormat format = lumo::PixelFormat::bgr) {
-  lumo::Image image = lumo::Image::black(view.width, view.height, format);
+lumo::sense::Image paint(const View& view, Light light, double noise, std::uint64_t seed, lumo::sense::PixelFormat format = lumo::sense::PixelFormat::bgr) {
+  lumo::sense::Image image = lumo::sense::Image::black(view.width, view.height, format);
   Normal normal(seed);
   const Eigen::Vector2d d = view.direction();
   for (int y = 0; y < view.height; ++y)
@@ -54,7 +54,7 @@ lumo::Image paint(const View& view, Light light, double noise, std::uint64_t see
       const double along = p.dot(d), across = (-p.x() * d.y() + p.y() * d.x()) / view.px_per_m;
       const double green = light(view.y(along), across) + (noise > 0.0 ? noise * normal() : 0.0);
       const auto value = std::uint8_t(std::clamp(std::lround(green), 0L, 255L));
-      if (format == lumo::PixelFormat::grey) {
+      if (format == lumo::sense::PixelFormat::grey) {
         image.row(y)[x] = value;
       } else {
         image.row(y)[3 * x] = std::uint8_t(value / 2);

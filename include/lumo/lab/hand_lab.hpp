@@ -46,15 +46,15 @@ class HandLab {
   /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
   HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
 
-  const Session& session() const { return session_; }
-  const std::vector<FrameRecord>& frames() const { return frames_; }
-  const std::vector<JointSample>& joints() const { return joints_; }
+  const sense::Session& session() const { return session_; }
+  const std::vector<sense::FrameRecord>& frames() const { return frames_; }
+  const std::vector<sense::JointSample>& joints() const { return joints_; }
   const std::vector<HandTruth>& truth() const { return truth_; }
   const HandPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  Image image(std::size_t k) const;
+  sense::Image image(std::size_t k) const;
   /// Where a link really is in the image.
-  LinkMap map(int link, const HandJoints& joints) const;
+  sense::LinkMap map(int link, const HandJoints& joints) const;
 
  private:
   struct Key {
@@ -86,15 +86,15 @@ class HandLab {
   Rig rig_;
   HandRig hand_;
   SideGeometry side_;
-  Session session_;
+  sense::Session session_;
   std::vector<Key> keys_;
-  std::vector<FrameRecord> frames_;
-  std::vector<JointSample> joints_;
+  std::vector<sense::FrameRecord> frames_;
+  std::vector<sense::JointSample> joints_;
   std::vector<HandTruth> truth_;
   std::vector<double> lamps_, room_DN_;
 };
 
-inline auto HandLab::map(int link, const HandJoints& joints) const -> LinkMap {
+inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::LinkMap {
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
   Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
@@ -104,7 +104,7 @@ inline auto HandLab::map(int link, const HandJoints& joints) const -> LinkMap {
     turn += inwards * joints[std::size_t(link)];
   }
   const Eigen::Vector2d along(std::cos(turn), std::sin(turn));
-  LinkMap m;
+  sense::LinkMap m;
   m.origin_px = at + 0.5 * length * along;
   m.along_px_per_m = along / hand_.scale_m_per_px;
   m.z_clockwise = !right;   // the pads face each other
@@ -139,7 +139,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     }
   for (int l = 0; l < 4; ++l) {
     const bool right = l >= 2;
-    SessionLink s;
+    sense::SessionLink s;
     s.link.name = std::string(right ? "right" : "left") + (l % 2 == 0 ? " proximal" : " distal");
     s.link.joints = l % 2 == 0 ? std::vector<int>{l} : std::vector<int>{l - 1, l};
     s.link.hole_m.resize(2, 2), s.hole_px.resize(2, 2);
@@ -187,7 +187,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   for (double t = 0.01; t < end_s; t += 1.0 / c.frames_per_s) {
     HandTruth truth = at(t);
     truth.stamp_ns = lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal());
-    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
+    frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(std::move(truth));
     lamps_.push_back(rig_.specimen.lamps * (1.0 + noise_ * lamps.at(t)));
     room_DN_.push_back(l.ambient_DN * (1.0 + noise_ * l.ambient_drift * room.at(t)));
@@ -195,7 +195,7 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   HandJoints before = keys_.front().joints;
   for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
     const HandTruth now = at(t);
-    JointSample s{lab_stamp(t), JointVector(4), JointVector(4), JointVector::Zero(4), Effort::current_A};
+    sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4), sense::Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
@@ -218,9 +218,9 @@ inline auto HandLab::at(double t_s) const -> HandTruth {
   return truth;
 }
 
-inline Image HandLab::image(std::size_t k) const {
+inline sense::Image HandLab::image(std::size_t k) const {
   struct Seen {
-    LinkMap map;
+    sense::LinkMap map;
     double c, s;      ///< cosine and sine of its turn
     Eigen::VectorXd light;
   };
@@ -230,14 +230,14 @@ inline Image HandLab::image(std::size_t k) const {
     Eigen::VectorXd light = light_->responses().unloaded;
     for (const HandTouch& c : truth.touches)
       if (c.link == l) light += light_->change(c.y_m, c.load_N / rig_.specimen.stiffness, 0.0);
-    const LinkMap m = map(l, truth.joints_rad);
+    const sense::LinkMap m = map(l, truth.joints_rad);
     const double scale = m.px_per_m();
     links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
   const Eigen::VectorXd& position = light_->responses().position_m;
   const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
   const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
-  Image image = Image::black(hand_.width, hand_.height, PixelFormat::grey);
+  sense::Image image = sense::Image::black(hand_.width, hand_.height, sense::PixelFormat::grey);
   Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
   for (int v = 0; v < hand_.height; ++v) {
     std::uint8_t* row = image.row(v);

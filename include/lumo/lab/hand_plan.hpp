@@ -70,7 +70,7 @@ struct HandTruth {
 inline std::string truth_text(const std::vector<HandTruth>& truth) {
   std::string t = "stamp_ns,link,y_mm,force_N\n";
   for (const HandTruth& s : truth)
-    for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + csv_number(1e3 * c.y_m) + ',' + csv_number(c.load_N) + '\n';
+    for (const HandTouch& c : s.touches) t += std::to_string(s.stamp_ns) + ',' + std::to_string(c.link) + ',' + sense::csv_number(1e3 * c.y_m) + ',' + sense::csv_number(c.load_N) + '\n';
   return t;
 }
 

@@ -23,7 +23,7 @@ class SidePainter {
   SidePainter(const SideCamera& view, const LightRig& light, const Eigen::VectorXd& position_m, std::uint64_t seed);
 
   /// `light`: of each bin [DN before gamma]. `lamps`: factor of the lamps' spots. `room_DN`: of the room at the window's middle.
-  Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
+  sense::Image paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const;
 
   /// How it stands before the pad.
   const SideCamera& view() const { return view_; }
@@ -76,9 +76,9 @@ inline SidePainter::SidePainter(const SideCamera& view, const LightRig& light, c
     }
 }
 
-inline Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
+inline sense::Image SidePainter::paint(const Eigen::VectorXd& light, double lamps, double room_DN, double noise, Draws draws) const {
   const CameraRig& camera = view_.camera();
-  Image image = Image::black(camera.width, camera.height, PixelFormat::grey);
+  sense::Image image = sense::Image::black(camera.width, camera.height, sense::PixelFormat::grey);
   for (int v = 0; v < camera.height; ++v) {
     std::uint8_t* row = image.row(v);
     const double row_offset = noise * camera.row_DN * draws.normal();

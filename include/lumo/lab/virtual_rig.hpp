@@ -36,7 +36,7 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
     t += std::to_string(s.stamp_ns) + ',' + std::to_string(s.contact);
-    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + csv_number(v);
+    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + sense::csv_number(v);
     t += '\n';
   }
   return t;
@@ -50,16 +50,16 @@ class VirtualRig {
   /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
   VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
 
-  const Session& session() const { return session_; }
-  const std::vector<FrameRecord>& frames() const { return frames_; }
-  const std::vector<JointSample>& joints() const { return joints_; }
-  const std::vector<WrenchSample>& wrenches() const { return wrenches_; }
-  const std::vector<MarkerSample>& markers() const { return markers_; }
+  const sense::Session& session() const { return session_; }
+  const std::vector<sense::FrameRecord>& frames() const { return frames_; }
+  const std::vector<sense::JointSample>& joints() const { return joints_; }
+  const std::vector<sense::WrenchSample>& wrenches() const { return wrenches_; }
+  const std::vector<sense::MarkerSample>& markers() const { return markers_; }
   const std::vector<TruthSample>& truth() const { return truth_; }
   const Rig& rig() const { return rig_; }
   const LabPlan& plan() const { return plan_; }
   /// Picture k; the same whenever it is asked for.
-  Image image(std::size_t k) const;
+  sense::Image image(std::size_t k) const;
 
  private:
   struct Contact {
@@ -91,18 +91,18 @@ class VirtualRig {
   double noise_;
   Rig rig_;
   SideGeometry side_;
-  Session session_;
+  sense::Session session_;
   std::vector<Contact> contacts_;
   std::vector<Phase> phases_;
   std::vector<Sampled> sampled_;   ///< at the joint's rate
   std::vector<SidePainter> painters_;
-  std::vector<FrameRecord> frames_;
+  std::vector<sense::FrameRecord> frames_;
   std::vector<TruthSample> truth_;
   std::vector<int> view_;          ///< of each frame
   std::vector<double> lamps_, room_DN_;  ///< at each frame
-  std::vector<JointSample> joints_;
-  std::vector<WrenchSample> wrenches_;
-  std::vector<MarkerSample> markers_;
+  std::vector<sense::JointSample> joints_;
+  std::vector<sense::WrenchSample> wrenches_;
+  std::vector<sense::MarkerSample> markers_;
   double end_s_ = 0.0, per_DN_ = 1.0;
 };
 
@@ -111,21 +111,21 @@ class VirtualCamera {
  public:
   explicit VirtualCamera(const VirtualRig& rig) : rig_(&rig) {}
 
-  std::optional<Frame> next() {
+  std::optional<sense::Frame> next() {
     if (next_ == rig_->frames().size()) return std::nullopt;
     image_ = rig_->image(next_);
-    const FrameRecord& f = rig_->frames()[next_];
-    return Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
+    const sense::FrameRecord& f = rig_->frames()[next_];
+    return sense::Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
   }
-  StreamState state() const { return next_ == rig_->frames().size() ? StreamState::ended : StreamState::open; }
+  sense::StreamState state() const { return next_ == rig_->frames().size() ? sense::StreamState::ended : sense::StreamState::open; }
 
  private:
   const VirtualRig* rig_;
-  Image image_;
+  sense::Image image_;
   std::size_t next_ = 0;
 };
 
-static_assert(Camera<VirtualCamera>);
+static_assert(sense::Camera<VirtualCamera>);
 
 inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
@@ -185,7 +185,7 @@ inline void VirtualRig::lay_out_time() {
       phases_.push_back({t, t + s.ramp_s, load, contacts_[i].load_N[k], int(i)});
       t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      Segment g;
+      sense::Segment g;
       g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
       g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
@@ -231,7 +231,7 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
-  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), JointVector(m.joints), JointVector(m.joints), JointVector(m.joints), Effort::current_A});
+  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
@@ -261,7 +261,7 @@ inline void VirtualRig::record_joints() {
         friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
       }
       const double torque = load + m.weight_Nm * std::sin(q) + friction + bias + noise_ * m.white_Nm * draws.normal();
-      JointSample& sample = joints_[i];
+      sense::JointSample& sample = joints_[i];
       sample.position_rad[joint] = q;
       sample.velocity_rad_per_s[joint] = v + noise_ * m.velocity_sigma_rad_per_s * draws.normal();
       sample.effort[joint] = torque / constant;
@@ -315,7 +315,7 @@ inline void VirtualRig::record_frames() {
       const Contact& now = contacts_[std::size_t(s.contact)];
       truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
     }
-    frames_.push_back({truth.stamp_ns, frame_file(frames_.size()), c.exposure_s, c.gain});
+    frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
@@ -323,7 +323,7 @@ inline void VirtualRig::record_frames() {
   }
 }
 
-inline Image VirtualRig::image(std::size_t k) const {
+inline sense::Image VirtualRig::image(std::size_t k) const {
   const TruthSample& s = truth_.at(k);
   Eigen::VectorXd light = light_->responses().unloaded;
   if (s.contact >= 0) light += light_->change(s.y_m, s.equivalent_N, s.tilt_rad);

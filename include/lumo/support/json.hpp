@@ -117,7 +117,7 @@ class StrictObject {
 }  // namespace detail
 
 /// Reads the text of a session.json. Throws InputError of one line that names file and key.
-inline Session session_from_json(std::string_view json, const std::string& name) {
+inline sense::Session session_from_json(std::string_view json, const std::string& name) {
   // Deep nesting would exhaust the stack of the parser's destructor. Brackets within strings do not nest.
   int depth = 0, deepest = 0;
   bool quoted = false;
@@ -134,7 +134,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   } catch (const nlohmann::json::exception& e) {
     throw InputError(message(name, ": is no JSON: ", printable(e.what(), 200)));
   }
-  Session s;
+  sense::Session s;
   detail::StrictObject top(root, name);
   std::string format;
   int version = 0;
@@ -171,7 +171,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     s.distal = {distal[0], distal[1]};
     o.finish();
   });
-  const auto clock = [&](const char* key, ClockMap& map) {
+  const auto clock = [&](const char* key, sense::ClockMap& map) {
     top.with(key, [&](const nlohmann::json& j, const std::string& where) {
       detail::StrictObject o(j, where);
       o.get("origin_ns", map.origin_ns);
@@ -187,7 +187,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     if (!j.is_array()) throw InputError(message(where, ": must be an array"));
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.links.size()) + "]");
-      SessionLink l;
+      sense::SessionLink l;
       double radius_mm = 1e3 * l.link.hole_radius_m;
       std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m}, z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
       o.get("name", l.link.name), o.get("joints", joints), o.get("holes_mm", hole_mm), o.get("holes_px", hole_px), o.get("hole_radius_mm", radius_mm);
@@ -215,7 +215,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
     if (!j.is_array()) throw InputError(message(where, ": must be an array"));
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
-      Segment g;
+      sense::Segment g;
       o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place), o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
       o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg), o.get("diameter_mm", g.diameter_mm);
       o.finish();
@@ -227,7 +227,7 @@ inline Session session_from_json(std::string_view json, const std::string& name)
   return s;
 }
 
-inline Session read_session(const std::string& path) {
+inline sense::Session read_session(const std::string& path) {
   const auto json = read_whole(path);
   if (!json) throw InputError(message(path, ": cannot be opened"));
   return session_from_json(*json, path);
@@ -246,10 +246,10 @@ inline double millimetres(double m) {
 }  // namespace detail
 
 /// The text of a session.json that reads back as the same session. Throws InputError for one that would be refused.
-inline std::string to_json(const Session& s) {
+inline std::string to_json(const sense::Session& s) {
   validate(s, "session to write");
   using Json = nlohmann::ordered_json;
-  const auto clock = [](const ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
+  const auto clock = [](const sense::ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
   Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
   j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)}, {"first_y_mm", detail::millimetres(s.led_first_y_m)},
                {"depth_mm", detail::millimetres(s.led_depth_m)}, {"camera_distance_mm", detail::millimetres(s.camera_distance_m)}, {"distal", {s.distal.x(), s.distal.y()}}};
@@ -261,7 +261,7 @@ inline std::string to_json(const Session& s) {
   j["joint_delay_s"] = s.joint_delay_s;
   j["joint_clock"] = clock(s.joint_clock);
   j["wrench_clock"] = clock(s.wrench_clock);
-  for (const SessionLink& l : s.links) {
+  for (const sense::SessionLink& l : s.links) {
     const auto flat = [](const Eigen::Matrix2Xd& m, bool in_mm) {
       std::vector<double> v;
       for (Eigen::Index k = 0; k < m.size(); ++k) v.push_back(in_mm ? detail::millimetres(m.data()[k]) : m.data()[k]);
@@ -273,7 +273,7 @@ inline std::string to_json(const Session& s) {
                           {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}});
   }
   j["segments"] = Json::array();
-  for (const Segment& g : s.segments)
+  for (const sense::Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},
                              {"cycle", g.cycle}, {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
   try {
@@ -284,8 +284,8 @@ inline std::string to_json(const Session& s) {
 }
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-inline RecordedLog read_log_folder(const std::string& path) {
-  RecordedLog log;
+inline sense::RecordedLog read_log_folder(const std::string& path) {
+  sense::RecordedLog log;
   log.path = path;
   log.session = read_session(path + "/session.json");
   const auto table = [&](const char* name, auto read) {
@@ -305,9 +305,9 @@ inline RecordedLog read_log_folder(const std::string& path) {
 }
 
 /// Reads an MCAP file's tables, places of pictures, and session, which is the default one where the file has none. Throws InputError.
-template <ChunkCodec... Codecs>
-McapLog read_log_file(McapReader<Codecs...>& file, const McapTopics& topics = {}) {
-  McapLog m = read_mcap_log(file, topics);
+template <sense::ChunkCodec... Codecs>
+sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::McapTopics& topics = {}) {
+  sense::McapLog m = read_mcap_log(file, topics);
   if (!m.session_json.empty()) m.log.session = session_from_json(m.session_json, file.name() + ": session.json");
   m.log.session.video.clear();  // the pictures are in the file
   validate(m.log);
@@ -316,7 +316,7 @@ McapLog read_log_file(McapReader<Codecs...>& file, const McapTopics& topics = {}
 
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
 /// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
-inline void write_log_folder(const RecordedLog& log) {
+inline void write_log_folder(const sense::RecordedLog& log) {
   const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
                                                        {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
                                                        {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},

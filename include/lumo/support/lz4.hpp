@@ -56,6 +56,6 @@ class Lz4 {
   }
 };
 
-static_assert(ChunkCodec<Lz4>);
+static_assert(sense::ChunkCodec<Lz4>);
 
 }  // namespace lumo

@@ -35,22 +35,22 @@
 namespace lumo {
 
 /// View of an 8-bit matrix of one or three channels; empty for anything else.
-inline ImageView view_of(const cv::Mat& m) {
+inline sense::ImageView view_of(const cv::Mat& m) {
   if (m.empty() || m.depth() != CV_8U || (m.channels() != 1 && m.channels() != 3)) return {};
-  return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]), m.channels() == 1 ? PixelFormat::grey : PixelFormat::bgr};
+  return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]), m.channels() == 1 ? sense::PixelFormat::grey : sense::PixelFormat::bgr};
 }
 
 /// A matrix of the same pixels. Throws InvalidArgument for a view without any.
-inline cv::Mat matrix_of(const ImageView& v) {
+inline cv::Mat matrix_of(const sense::ImageView& v) {
   if (v.empty()) throw InvalidArgument("image to write is empty");
-  return {v.height, v.width, v.format == PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
+  return {v.height, v.width, v.format == sense::PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
 }
 
 /// How to decode: pixels as the camera gave them, not turned.
-inline int flags_of(PixelFormat format) { return (format == PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION; }
+inline int flags_of(sense::PixelFormat format) { return (format == sense::PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION; }
 
 /// Decoded bytes of a PNG, JPEG or BMP file of sane size, or an empty matrix.
-inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, PixelFormat format) {
+inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelFormat format) {
   if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !is_decodable(picture_header(file))) return {};
   try {
     return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())), flags_of(format));
@@ -59,7 +59,7 @@ inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, PixelFormat form
   }
 }
 
-inline cv::Mat decode_file(const std::string& path, PixelFormat format) {
+inline cv::Mat decode_file(const std::string& path, sense::PixelFormat format) {
   const auto bytes = read_whole(path);
   return bytes ? decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()}, format) : cv::Mat{};
 }
@@ -70,18 +70,18 @@ inline void require_file(const std::string& path, const char* what) {
 }
 
 /// Reads a PNG, JPEG or BMP file as 8 bits, colour or grey. Throws InputError.
-inline Image read_image(const std::string& path, PixelFormat format = PixelFormat::bgr) {
+inline sense::Image read_image(const std::string& path, sense::PixelFormat format = sense::PixelFormat::bgr) {
   require_file(path, "image");
   const cv::Mat m = decode_file(path, format);
-  const ImageView v = view_of(m);
+  const sense::ImageView v = view_of(m);
   if (v.empty()) throw InputError(message(path, ": is no PNG, JPEG or BMP image that can be decoded"));
-  Image image = Image::black(v.width, v.height, format);
+  sense::Image image = sense::Image::black(v.width, v.height, format);
   for (int y = 0; y < v.height; ++y) std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
   return image;
 }
 
 /// Writes an image in the format of the path's ending (.png without loss). Throws InputError.
-inline void write_image(const std::string& path, const ImageView& image) {
+inline void write_image(const std::string& path, const sense::ImageView& image) {
   const cv::Mat m = matrix_of(image);
   bool good = false;
   try {
@@ -92,7 +92,7 @@ inline void write_image(const std::string& path, const ImageView& image) {
 }
 
 /// Bytes of an image file in the format of an ending (".png" without loss). Throws InputError.
-inline std::vector<std::uint8_t> encode_image(const std::string& ending, const ImageView& image) {
+inline std::vector<std::uint8_t> encode_image(const std::string& ending, const sense::ImageView& image) {
   std::vector<std::uint8_t> bytes;
   bool good = false;
   try {
@@ -106,32 +106,32 @@ inline std::vector<std::uint8_t> encode_image(const std::string& ending, const I
 /// Makes 8-bit pixels of a PNG, JPEG or BMP file's bytes, colour or grey.
 class ImageDecoder {
  public:
-  explicit ImageDecoder(PixelFormat format = PixelFormat::bgr) : format_(format) {}
+  explicit ImageDecoder(sense::PixelFormat format = sense::PixelFormat::bgr) : format_(format) {}
 
   /// A view that holds until the next call; empty for what cannot be decoded.
-  ImageView operator()(std::span<const std::uint8_t> file) {
+  sense::ImageView operator()(std::span<const std::uint8_t> file) {
     image_ = decode_bytes(file, format_);
     return view_of(image_);
   }
 
  private:
-  PixelFormat format_;
+  sense::PixelFormat format_;
   cv::Mat image_;
 };
 
-static_assert(PictureDecoder<ImageDecoder>);
+static_assert(sense::PictureDecoder<ImageDecoder>);
 
 /// Images of a folder, in the order of a table or of their names. A file that is missing or cannot be decoded is a frame without pixels.
 class FolderCamera {
  public:
   /// `folder` holds the files of the records. Throws InputError when it is no folder.
-  FolderCamera(std::string folder, std::vector<FrameRecord> records, PixelFormat format = PixelFormat::bgr)
+  FolderCamera(std::string folder, std::vector<sense::FrameRecord> records, sense::PixelFormat format = sense::PixelFormat::bgr)
       : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
     std::error_code error;
     if (!std::filesystem::is_directory(folder_, error)) throw InputError(message(folder_, ": no such folder"));
   }
   /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
-  static FolderCamera by_name(const std::string& folder, double frames_per_s, PixelFormat format = PixelFormat::bgr) {
+  static FolderCamera by_name(const std::string& folder, double frames_per_s, sense::PixelFormat format = sense::PixelFormat::bgr) {
     require_positive("frame rate", frames_per_s, "1/s");
     std::vector<std::string> names;
     std::error_code error;
@@ -142,28 +142,28 @@ class FolderCamera {
     }
     if (names.empty()) throw InputError(message(folder, ": holds no images"));
     std::sort(names.begin(), names.end());
-    std::vector<FrameRecord> records;
+    std::vector<sense::FrameRecord> records;
     for (std::size_t i = 0; i < names.size(); ++i) records.push_back({std::llround(1e9 * double(i) / frames_per_s), names[i], 0.0, 0.0});
     return FolderCamera(folder, std::move(records), format);
   }
 
-  std::optional<Frame> next() {
+  std::optional<sense::Frame> next() {
     if (next_ == records_.size()) return std::nullopt;
-    const FrameRecord& r = records_[next_];
+    const sense::FrameRecord& r = records_[next_];
     image_ = decode_file((std::filesystem::path(folder_) / r.file).string(), format_);
-    return Frame{view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
+    return sense::Frame{view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
   }
-  StreamState state() const { return next_ == records_.size() ? StreamState::ended : StreamState::open; }
+  sense::StreamState state() const { return next_ == records_.size() ? sense::StreamState::ended : sense::StreamState::open; }
 
  private:
   std::string folder_;
-  std::vector<FrameRecord> records_;
-  PixelFormat format_;
+  std::vector<sense::FrameRecord> records_;
+  sense::PixelFormat format_;
   std::size_t next_ = 0;
   cv::Mat image_;
 };
 
-static_assert(Camera<FolderCamera>);
+static_assert(sense::Camera<FolderCamera>);
 
 namespace detail {
 
@@ -174,7 +174,7 @@ class VideoFile {
     if (!capture_.open(path, cv::CAP_FFMPEG) && !capture_.open(path, cv::CAP_OPENCV_MJPEG)) return std::nullopt;
     return capture_.get(cv::CAP_PROP_FPS);
   }
-  std::optional<ImageView> next() {
+  std::optional<sense::ImageView> next() {
     if (!capture_.read(image_)) return std::nullopt;
     return view_of(image_);
   }
@@ -191,22 +191,22 @@ class VideoFile {
 class VideoCamera {
  public:
   /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
-  explicit VideoCamera(const std::string& path, std::vector<FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
+  explicit VideoCamera(const std::string& path, std::vector<sense::FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
     require_file(path, "video");
     video_ = std::make_unique<VideoProcess>(detail::VideoFile{}, path, VideoProcess::Limits{});
     if (!video_->is_open()) throw InputError(message(path, ": is no video that can be decoded"));
     if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0)) throw InputError(message(path, ": tells no frame rate, needs a frames.csv"));
   }
 
-  std::optional<Frame> next() {
+  std::optional<sense::Frame> next() {
     using Got = VideoProcess::Got;
-    if (state_ != StreamState::open) return std::nullopt;
+    if (state_ != sense::StreamState::open) return std::nullopt;
     const Got got = video_->next(image_);
     const bool rows_over = timed_ && std::size_t(next_) == records_.size();
     // Frames without rows have no time; rows without frames: the video is cut.
-    if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over)) return state_ = StreamState::failed, std::nullopt;
-    if (got == Got::end) return state_ = StreamState::ended, std::nullopt;
-    Frame f{image_.view(), 0, 0.0, 0.0, next_};
+    if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over)) return state_ = sense::StreamState::failed, std::nullopt;
+    if (got == Got::end) return state_ = sense::StreamState::ended, std::nullopt;
+    sense::Frame f{image_.view(), 0, 0.0, 0.0, next_};
     if (timed_)
       f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s, f.gain = records_[std::size_t(next_)].gain;
     else
@@ -214,18 +214,18 @@ class VideoCamera {
     ++next_;
     return f;
   }
-  StreamState state() const { return state_; }
+  sense::StreamState state() const { return state_; }
 
  private:
   std::unique_ptr<VideoProcess> video_;
-  std::vector<FrameRecord> records_;
+  std::vector<sense::FrameRecord> records_;
   bool timed_;
   std::int64_t next_ = 0;
-  StreamState state_ = StreamState::open;
-  Image image_;
+  sense::StreamState state_ = sense::StreamState::open;
+  sense::Image image_;
 };
 
-static_assert(Camera<VideoCamera>);
+static_assert(sense::Camera<VideoCamera>);
 
 /// A live camera under Linux (Video4Linux2), exposure and gain locked.
 /// Exposure goes to the driver in units of 100 µs (V4L2_CID_EXPOSURE_ABSOLUTE); some cameras snap to steps of their own, so that what is in force is read
@@ -278,21 +278,21 @@ class V4l2Camera {
     capture_ = std::move(capture);
   }
 
-  std::optional<Frame> next() {
-    if (state_ != StreamState::open) return std::nullopt;
+  std::optional<sense::Frame> next() {
+    if (state_ != sense::StreamState::open) return std::nullopt;
     try {
       std::vector<int> ready;
       // A timeout of 0 would wait for ever.
       if (!cv::VideoCapture::waitAny(capture_, ready, std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) || ready.empty()) return std::nullopt;
-      if (!capture_[0].grab()) return state_ = StreamState::failed, std::nullopt;
+      if (!capture_[0].grab()) return state_ = sense::StreamState::failed, std::nullopt;
       if (grabbed_++ < config_.settle_frames) return std::nullopt;
       if (!capture_[0].retrieve(image_)) return std::nullopt;
     } catch (const cv::Exception&) {
-      return state_ = StreamState::failed, std::nullopt;
+      return state_ = sense::StreamState::failed, std::nullopt;
     }
-    return Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
+    return sense::Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
   }
-  StreamState state() const { return state_; }
+  sense::StreamState state() const { return state_; }
   double exposure_s() const { return exposure_s_; }  ///< in force
   double gain() const { return gain_; }
 
@@ -302,9 +302,9 @@ class V4l2Camera {
   cv::Mat image_;
   double exposure_s_ = 0.0, gain_ = 0.0;
   std::int64_t grabbed_ = 0;
-  StreamState state_ = StreamState::open;
+  sense::StreamState state_ = sense::StreamState::open;
 };
 
-static_assert(Camera<V4l2Camera>);
+static_assert(sense::Camera<V4l2Camera>);
 
 }  // namespace lumo

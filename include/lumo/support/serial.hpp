@@ -62,11 +62,11 @@ class SerialPhotodiodes {
   }
 
   /// The next reading, if one has come whole. Never waits.
-  std::optional<PhotodiodeSample> next() {
+  std::optional<sense::PhotodiodeSample> next() {
     for (;;) {
       for (auto end = buffer_.find('\n'); end != std::string::npos; end = buffer_.find('\n')) {
         const bool whole = begun_ && !overlong_;
-        const std::optional<PhotodiodeSample> s = whole ? parse(std::string_view(buffer_).substr(0, end)) : std::nullopt;
+        const std::optional<sense::PhotodiodeSample> s = whole ? parse(std::string_view(buffer_).substr(0, end)) : std::nullopt;
         buffer_.erase(0, end + 1);
         bad_lines_ += begun_ && !s;
         overlong_ = false;
@@ -74,7 +74,7 @@ class SerialPhotodiodes {
         if (s) return s;
       }
       if (buffer_.size() > max_line) buffer_.clear(), overlong_ = true;
-      if (state_ != StreamState::open) return std::nullopt;
+      if (state_ != sense::StreamState::open) return std::nullopt;
       char some[1024];
       const ssize_t size = ::read(source_.get(), some, sizeof some);
       if (size > 0) {
@@ -84,19 +84,19 @@ class SerialPhotodiodes {
       } else if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) {
         return std::nullopt;
       } else {
-        state_ = StreamState::failed;  // hung up
+        state_ = sense::StreamState::failed;  // hung up
       }
     }
   }
-  StreamState state() const { return state_; }
+  sense::StreamState state() const { return state_; }
   long bad_lines() const { return bad_lines_; }
 
  private:
   static constexpr std::size_t max_line = 8192;
 
-  std::optional<PhotodiodeSample> parse(std::string_view line) const {
+  std::optional<sense::PhotodiodeSample> parse(std::string_view line) const {
     if (line.ends_with('\r')) line.remove_suffix(1);
-    PhotodiodeSample s{config_.now(), Eigen::VectorXd(config_.diodes)};
+    sense::PhotodiodeSample s{config_.now(), Eigen::VectorXd(config_.diodes)};
     const char *at = line.data(), *end = at + line.size();
     for (int i = 0; i < config_.diodes; ++i) {
       if (i > 0 && (at == end || *at++ != ',')) return std::nullopt;
@@ -112,7 +112,7 @@ class SerialPhotodiodes {
   Config config_;
   std::string buffer_;
   bool overlong_ = false, begun_ = true;
-  StreamState state_ = StreamState::open;
+  sense::StreamState state_ = sense::StreamState::open;
   long bad_lines_ = 0;
 };
 

@@ -33,8 +33,8 @@ class MiniCheetahMotors {
  public:
   struct Config {
     std::vector<int> motors{1};      ///< CAN identifiers, in the order of the joints
-    MiniCheetahProtocol protocol;    ///< of all
-    Effort unit = Effort::torque_Nm;  ///< of the answer's last field
+    sense::MiniCheetahProtocol protocol;    ///< of all
+    sense::Effort unit = sense::Effort::torque_Nm;  ///< of the answer's last field
     int host = 0;                    ///< identifier of the answers
     std::vector<double> sign{1.0};   ///< of each joint's direction (one for all, or one each)
     std::vector<double> offset_rad{0.0};  ///< the motor's position where the joint is at 0
@@ -75,14 +75,14 @@ class MiniCheetahMotors {
     answer_.resize(n);
   }
 
-  void enter() { all(MiniCheetahProtocol::enter); }
+  void enter() { all(sense::MiniCheetahProtocol::enter); }
   /// Motors off; they coast.
-  void leave() { all(MiniCheetahProtocol::leave); }
+  void leave() { all(sense::MiniCheetahProtocol::leave); }
   /// Sends one command to each joint, in the joints' own directions. Nothing waits: a full queue of the bus counts as a lost command.
-  void command(std::span<const MiniCheetahProtocol::Command> commands) {
+  void command(std::span<const sense::MiniCheetahProtocol::Command> commands) {
     if (commands.size() != config_.motors.size()) throw InvalidArgument(message("motors: ", commands.size(), " commands for ", config_.motors.size(), " joints"));
     for (std::size_t i = 0; i < commands.size(); ++i) {
-      MiniCheetahProtocol::Command c = commands[i];
+      sense::MiniCheetahProtocol::Command c = commands[i];
       c.position_rad = config_.sign[i] * c.position_rad + config_.offset_rad[i];
       c.velocity_rad_per_s *= config_.sign[i];
       c.torque_Nm *= config_.sign[i];
@@ -90,13 +90,13 @@ class MiniCheetahMotors {
     }
   }
 
-  std::optional<JointSample> next() {
-    while (state_ == StreamState::open) {
+  std::optional<sense::JointSample> next() {
+    while (state_ == sense::StreamState::open) {
       can_frame frame{};
       const ssize_t size = ::recv(socket_.get(), &frame, sizeof frame, MSG_DONTWAIT);
       if (size < 0 && errno == EINTR) continue;
       if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return std::nullopt;
-      if (size <= 0) return state_ = StreamState::failed, std::nullopt;
+      if (size <= 0) return state_ = sense::StreamState::failed, std::nullopt;
       if (std::size_t(size) != sizeof frame || (frame.can_id & (CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_ERR_FLAG)) || int(frame.can_id & CAN_SFF_MASK) != config_.host) continue;
       const auto reply = config_.protocol.unpack(std::span<const std::uint8_t>(frame.data, std::min<std::size_t>(frame.can_dlc, 8)));
       if (!reply) continue;
@@ -107,13 +107,13 @@ class MiniCheetahMotors {
     }
     return std::nullopt;
   }
-  StreamState state() const { return state_; }
+  sense::StreamState state() const { return state_; }
   long lost_commands() const { return lost_; }
 
  private:
-  JointSample sample() {
+  sense::JointSample sample() {
     const auto n = Eigen::Index(answer_.size());
-    JointSample s{config_.now(), JointVector(n), JointVector(n), JointVector(n), config_.unit};
+    sense::JointSample s{config_.now(), sense::JointVector(n), sense::JointVector(n), sense::JointVector(n), config_.unit};
     for (Eigen::Index i = 0; i < n; ++i) {
       auto& a = answer_[std::size_t(i)];
       const double sign = config_.sign[std::size_t(i)];
@@ -125,10 +125,10 @@ class MiniCheetahMotors {
     }
     return s;
   }
-  void all(const MiniCheetahProtocol::Bytes& data) {
+  void all(const sense::MiniCheetahProtocol::Bytes& data) {
     for (const int m : config_.motors) send(m, data);
   }
-  void send(int motor, const MiniCheetahProtocol::Bytes& data) {
+  void send(int motor, const sense::MiniCheetahProtocol::Bytes& data) {
     can_frame frame{};
     frame.can_id = canid_t(motor);
     frame.can_dlc = 8;
@@ -137,16 +137,16 @@ class MiniCheetahMotors {
     if (sent == ssize_t(sizeof frame)) return;
     ++lost_;
     if (sent >= 0) return;  // a part of a frame: errno says nothing
-    if (errno != EAGAIN && errno != EWOULDBLOCK && errno != ENOBUFS && errno != EINTR) state_ = StreamState::failed;
+    if (errno != EAGAIN && errno != EWOULDBLOCK && errno != ENOBUFS && errno != EINTR) state_ = sense::StreamState::failed;
   }
 
   Descriptor socket_;
   Config config_;
-  std::vector<std::optional<MiniCheetahProtocol::Reply>> answer_;
-  StreamState state_ = StreamState::open;
+  std::vector<std::optional<sense::MiniCheetahProtocol::Reply>> answer_;
+  sense::StreamState state_ = sense::StreamState::open;
   long lost_ = 0;
 };
 
-static_assert(Actuator<MiniCheetahMotors>);
+static_assert(sense::Actuator<MiniCheetahMotors>);
 
 }  // namespace lumo

@@ -58,6 +58,6 @@ struct Zstd {
   }
 };
 
-static_assert(ChunkCodec<Zstd>);
+static_assert(sense::ChunkCodec<Zstd>);
 
 }  // namespace lumo

@@ -9,6 +9,7 @@
 #include <algorithm>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -8,6 +8,7 @@
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -6,6 +6,7 @@
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 TEST_CASE("medians, quantiles and Wilson's interval", "[metrics]") {
   CHECK(median({3.0, 1.0, 2.0}) == 2.0);

@@ -6,6 +6,7 @@
 #include "lumo/sense/decode/segment_responses.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -9,6 +9,7 @@
 #include <cstdio>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

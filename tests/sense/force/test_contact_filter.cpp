@@ -6,6 +6,7 @@
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

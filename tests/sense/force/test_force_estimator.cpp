@@ -15,6 +15,7 @@
 #include <set>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

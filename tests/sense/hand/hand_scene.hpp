@@ -17,6 +17,7 @@
 namespace synthetic {
 
 using namespace lumo;
+using namespace lumo::sense;
 
 /// Two fingers of two links each before a dark ground, in one camera's picture; all lengths in mm, 3 px/mm.
 struct HandScene {

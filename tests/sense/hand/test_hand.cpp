@@ -14,6 +14,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 using synthetic::all_links, synthetic::HandScene, synthetic::practised_hand;
 
 TEST_CASE("a link's map is the turn, shift and scale that its points were given", "[hand]") {

@@ -13,6 +13,7 @@
 #include <limits>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

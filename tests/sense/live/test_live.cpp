@@ -21,6 +21,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

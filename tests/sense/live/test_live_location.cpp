@@ -10,6 +10,7 @@
 #include <vector>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

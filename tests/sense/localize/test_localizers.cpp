@@ -7,6 +7,7 @@
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -5,14 +5,14 @@
 
 #include <cstdint>
 
-inline lumo::JointVector joints_of(double a, double b) {
-  lumo::JointVector v(2);
+inline lumo::sense::JointVector joints_of(double a, double b) {
+  lumo::sense::JointVector v(2);
   v << a, b;
   return v;
 }
 
 /// One of everything that a folder can hold; three clocks.
-inline lumo::RecordedLog full_log(lumo::Effort unit) {
+inline lumo::sense::RecordedLog full_log(lumo::sense::Effort unit) {
   using namespace lumo;
   RecordedLog log;
   log.session.title = "a µ \"log\"";

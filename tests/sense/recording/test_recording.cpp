@@ -16,6 +16,7 @@
 #include <filesystem>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -7,6 +7,7 @@
 #include <sstream>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

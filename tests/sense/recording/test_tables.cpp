@@ -12,6 +12,7 @@
 #include <sstream>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

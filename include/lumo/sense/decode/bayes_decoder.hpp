@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Bayes filter over the places: takes one response after the other and keeps the probability of each. The contact stays where it is but for a
 /// `change` per step.
@@ -75,4 +75,4 @@ struct BayesDecoder {
 
 static_assert(Decoder<BayesDecoder>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -7,7 +7,7 @@
 #include <optional>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Finds when a force sensor first feels the contact.
 struct OnsetDetector {
@@ -90,4 +90,4 @@ inline double progressive_constraint_gain_percent(double displacement_m, double 
   return 100.0 * (1.0 - displacement_m / baseline_m);
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

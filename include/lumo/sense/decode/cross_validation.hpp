@@ -6,7 +6,7 @@
 #include <cmath>
 #include <set>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What a decoder made of observations that it had not seen.
 struct DecodingReport {
@@ -55,4 +55,4 @@ DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, c
   return report;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -5,7 +5,7 @@
 
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One run of cycles within maintained contact: `load[k]` holds the responses at matched force k, channels × cycles.
 struct CycleRun {
@@ -47,4 +47,4 @@ inline double reduction_percent(double value, double baseline) {
 /// 100 (D/D_base − 1) [%].
 inline double gain_percent(double value, double baseline) { return -reduction_percent(value, baseline); }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -9,7 +9,7 @@
 #include <cstddef>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Responses with the place that each belongs to. Places are numbered from 0 along the finger.
 struct LabelledResponses {
@@ -70,4 +70,4 @@ inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   return mean * count.cwiseInverse().asDiagonal();
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Templates that are smooth along the finger: one Gaussian process for each feature over the finger coordinate, so that each place learns from its
 /// neighbours' observations too. A response is weighed against the processes' mean with one shrunk covariance of the residuals and the processes' own
@@ -79,4 +79,4 @@ struct GaussianProcessDecoder {
 
 static_assert(Decoder<GaussianProcessDecoder>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
 /// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
@@ -69,4 +69,4 @@ struct LinearDecoder {
 
 static_assert(Decoder<LinearDecoder>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The paper's decoder: the place whose mean response is nearest (Euclidean). Probabilities are those of equal, round Gaussians about the templates, as
 /// wide as the training data scatter.
@@ -41,4 +41,4 @@ struct NearestTemplate {
 
 static_assert(Decoder<NearestTemplate>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Slope of each channel's response over force [unit/N], by least squares with an intercept. `response`: channels × loads.
 /// Throws InvalidArgument for fewer than two different loads or numbers that are not finite.
@@ -117,4 +117,4 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
   return q;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

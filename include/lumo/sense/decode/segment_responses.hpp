@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Mean response over each hold of a log, ready for metrics and decoders.
 struct HoldResponse {
@@ -199,4 +199,4 @@ inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) 
   return list;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -6,7 +6,7 @@
 #include <concepts>
 #include <optional>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A source of joint samples: live motors or a recording.
 /// Laws: `next` gives each sample once, in the order of arrival, and nothing when there is none now; it never waits; all samples have the same number
@@ -17,4 +17,4 @@ concept Actuator = requires(A& actuator, const A& view) {
   { view.state() } -> std::same_as<StreamState>;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -6,7 +6,7 @@
 #include <concepts>
 #include <optional>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A source of frames: live, a video, a folder of images.
 /// Laws: `next` gives each frame once, in the order of taking, and nothing when there is none now; it does not wait for a frame longer than the model
@@ -17,4 +17,4 @@ concept Camera = requires(C& camera, const C& view) {
   { view.state() } -> std::same_as<StreamState>;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

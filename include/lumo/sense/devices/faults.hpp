@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <string>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What can be wrong with a finger's two streams. The first block concerns frames, the second joint samples.
 enum class Fault : std::uint32_t {
@@ -56,4 +56,4 @@ inline std::string to_string(Faults faults) {
   return text;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

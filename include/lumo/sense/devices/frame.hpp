@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Bytes of a pixel: one of grey, or blue, green, red.
 enum class PixelFormat { grey, bgr };
@@ -61,4 +61,4 @@ struct Frame {
   std::int64_t index = 0;     ///< counted by the source
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A finger or hand has at most this many joints; vectors of joints need no heap.
 inline constexpr int max_joints = 8;
@@ -24,4 +24,4 @@ struct JointSample {
   bool saturated = false;  ///< the driver says that a value stands at the end of its range: it may be more
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -10,7 +10,7 @@
 #include <optional>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A number as an unsigned integer of some bits over a symmetric range: 0 is −limit, all ones is +limit.
 struct FixedRange {
@@ -78,4 +78,4 @@ inline void validate(const MiniCheetahProtocol& p) {
   require_positive("motor's effort range", p.effort, "");
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One reading of a row of photodiodes.
 struct PhotodiodeSample {
@@ -59,4 +59,4 @@ class PhotodiodeArray {
 
 static_assert(Readout<PhotodiodeArray>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

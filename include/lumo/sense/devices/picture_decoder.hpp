@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Makes pixels of an image file's bytes.
 /// Law: the view holds until the next call; it is empty for what cannot be decoded.
@@ -15,4 +15,4 @@ concept PictureDecoder = requires(D& decode, std::span<const std::uint8_t> file)
   { decode(file) } -> std::same_as<ImageView>;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -11,7 +11,7 @@
 #include <optional>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What an image file says of itself before its pixels.
 struct PictureHeader {
@@ -82,4 +82,4 @@ inline std::optional<PictureHeader> picture_header(std::span<const std::uint8_t>
   return detail::bmp_header(file);
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -5,7 +5,7 @@
 #include <concepts>
 #include <cstdint>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Light along the finger at one time.
 struct Profile {
@@ -24,4 +24,4 @@ concept Readout = requires(R& readout, const R& view, const typename R::Sample& 
   { view.positions_m() } -> std::convertible_to<const Eigen::VectorXd&>;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Joint samples that are in memory, given as fast as they are asked for. `read_joint_log` (sense/log.hpp) reads them from a file.
 class RecordedActuator {
@@ -22,4 +22,4 @@ class RecordedActuator {
 
 static_assert(Actuator<RecordedActuator>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

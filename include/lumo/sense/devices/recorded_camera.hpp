@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A frame together with its pixels.
 struct RecordedFrame {
@@ -34,4 +34,4 @@ class RecordedCamera {
 
 static_assert(Camera<RecordedCamera>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A recorded stream given as it came: nothing is there before its time. One item is read ahead, so that reading a picture does not count to whoever asks for it.
 template <class Source>
@@ -35,4 +35,4 @@ class Replay {
   std::int64_t now_ns_ = INT64_MIN;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

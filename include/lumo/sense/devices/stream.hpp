@@ -1,6 +1,6 @@
 #pragma once
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What a source of frames or samples can still give.
 enum class StreamState {
@@ -9,4 +9,4 @@ enum class StreamState {
   failed  ///< unplugged or unreadable; what it gave before remains good
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -14,7 +14,7 @@
 #include <span>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Stiffness of one specimen against the nominal one, from a press curve.
 struct StiffnessFit {
@@ -150,4 +150,4 @@ inline PhotonTransfer::Result PhotonTransfer::result(double black_DN, double ful
   return {{line[1], line[1] - 1.96 * sigma, line[1] + 1.96 * sigma}, std::sqrt(std::max(line[0], 0.0))};
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

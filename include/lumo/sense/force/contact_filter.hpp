@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Place and normal force of one contact with their covariance.
 struct ContactBelief {
@@ -224,4 +224,4 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   return belief;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -12,7 +12,7 @@
 #include <span>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One moment of a log at which a force is asked for: joints there, what was estimated of the place, and the truth to compare with.
 struct ForceSample {
@@ -110,4 +110,4 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
   return e;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <optional>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Which streams an estimate rests on.
 enum class EstimatorState {
@@ -46,4 +46,4 @@ struct ForceEstimate {
   std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

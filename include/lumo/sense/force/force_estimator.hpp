@@ -23,7 +23,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived and checks it; it waits no
 /// longer than the camera's `next` does.
@@ -291,4 +291,4 @@ void ForceEstimator<Camera_, Actuator_, Localizer, Readout_, Jacobian>::describe
   e.null_directions = axes.eigenvectors();
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not tell apart come back
 /// as null directions: three contacts on two joints, two on one link of one joint, any at a joint's axis.
@@ -76,4 +76,4 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
   return s;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

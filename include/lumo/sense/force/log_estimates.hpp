@@ -20,7 +20,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// An estimate at one frame of a log, and later what was true there.
 struct LogEstimate {
@@ -219,4 +219,4 @@ ForceScore force_score(const std::vector<LogEstimate>& estimates, const LogTruth
   return score;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov): two states, linear, exact.
 /// The offset keeps many alike measurements (a motor that sticks, frames of one peak) from looking like many independent ones.
@@ -37,4 +37,4 @@ struct OffsetWalk {
   double seen() const { return xx + 2.0 * xb + bb; }
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -17,7 +17,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
 struct HandLink {
@@ -179,4 +179,4 @@ inline std::optional<LinkMap> register_link(const ImageView& image, const HandLi
   return map;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

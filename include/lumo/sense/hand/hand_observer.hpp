@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A place of a link where the light has changed.
 struct HandContact {
@@ -305,4 +305,4 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
     }
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -6,7 +6,7 @@
 #include <concepts>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A place on the pad of one of the links.
 struct ContactPoint {
@@ -32,4 +32,4 @@ Eigen::MatrixXd contact_columns(const J& jacobian, const JointVector& q, std::sp
   return a;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

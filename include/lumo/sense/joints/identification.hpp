@@ -8,7 +8,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Parameters from a linear least-squares problem, with what the data do not tell.
 struct Identification {
@@ -62,4 +62,4 @@ inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& 
   return r;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -11,7 +11,7 @@
 #include <cmath>
 #include <limits>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Says of each joint sample whether it can be trusted.
 class JointMonitor {
@@ -114,4 +114,4 @@ class JointMonitor {
   bool seen_ = false;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -2,7 +2,7 @@
 
 #include "lumo/sense/joints/contact_jacobian.hpp"
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One joint whose axis crosses the finger at right angles: the torque is force times distance.
 struct MomentArm {
@@ -16,4 +16,4 @@ struct MomentArm {
 
 static_assert(ContactJacobian<MomentArm>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A finger whose joints have parallel axes across it, its pad on the last link; at angle 0 all lie on one line along y, and positive angles turn the tip towards the
 /// pad's outward normal. With one joint it is the moment arm. Lengths in m.
@@ -51,4 +51,4 @@ class PlanarFinger {
 
 static_assert(ContactJacobian<PlanarFinger>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

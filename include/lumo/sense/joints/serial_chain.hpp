@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Revolute joints in a row, each with one link that may carry a pad.
 class SerialChain {
@@ -92,4 +92,4 @@ class SerialChain {
 
 static_assert(ContactJacobian<SerialChain>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

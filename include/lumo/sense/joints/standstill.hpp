@@ -8,7 +8,7 @@
 #include <optional>
 #include <span>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean [N·m]. What sticks is another at each
 /// rest, and under a contact it adds to the contact's torque unseen. Rests count from 0.1 s on. Nothing for fewer than three.
@@ -34,4 +34,4 @@ inline std::optional<double> standstill_scatter(std::span<const JointSample> sam
   return rests >= 3 ? std::optional(std::sqrt(squares / rests)) : std::nullopt;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

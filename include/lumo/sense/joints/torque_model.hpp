@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's rise towards standstill and a
 /// viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one rigid link, gravity_sin · sin q + gravity_cos · cos q.
@@ -102,4 +102,4 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
   return result;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

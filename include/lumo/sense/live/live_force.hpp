@@ -9,7 +9,7 @@
 #include <string>
 #include <utility>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Where a finger is touched and how hard, as its camera's pictures and its motors' samples come. Both are stamped on the clock of `wait.now_ns`. The first `wait.rest_s` seconds
 /// must be without contact, as for locate_live; `joints` is what an earlier run without contact told of them (identify_joints). `told(estimate)` is
@@ -50,4 +50,4 @@ void estimate_forces_live(C& camera, A& actuator, const JointReference& joints, 
   }
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Contacts on a hand as pictures and joint samples come, both stamped on one clock; `hand` has its references (add_references). `told(estimate, image)` is called for each picture
 /// and says whether to go on; no link is seen in pictures for which the joints are not known. Ends with the camera. Throws InputError, with `name` before the message, where no
@@ -38,4 +38,4 @@ void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session
   }
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

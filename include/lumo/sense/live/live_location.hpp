@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Where a finger is touched, as its camera's pictures come. The pictures of the first `wait.rest_s` seconds must show it unloaded: they tell where it lies and what its light is
 /// at rest. `make(readout, unloaded)` gives the localiser; `told(stamp_ns, estimate, faults)` is called for each picture after that, without an estimate where it cannot be read
@@ -35,4 +35,4 @@ void locate_live(C& camera, const Session& session, const LongitudinalBins& bins
   }
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -17,7 +17,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// How live streams are waited for.
 struct LiveWait {
@@ -96,4 +96,4 @@ LiveRest look_at_rest(C& camera, const Session& session, const LongitudinalBins&
   return {view, std::move(readout), std::move(unloaded), std::move(trusted), frame};
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

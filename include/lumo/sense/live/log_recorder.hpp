@@ -21,7 +21,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken is there when the program or the power ends. Stamps are told
 /// from the first picture's on. What comes before it, or does not come after what was last, is left out and counted, as are samples that the motor's range has cut off.
@@ -191,4 +191,4 @@ struct NoActuator {
 
 static_assert(Actuator<NoActuator>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

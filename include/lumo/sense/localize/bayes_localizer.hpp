@@ -13,7 +13,7 @@
 #include <cmath>
 #include <utility>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
 /// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
@@ -324,4 +324,4 @@ inline LocationEstimate BayesLocalizer::answer(std::int64_t stamp_ns) const {
 
 static_assert(LocationEstimator<BayesLocalizer>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

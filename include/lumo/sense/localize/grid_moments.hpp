@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Mean and variance of a distribution over places, and the number of its most probable one.
 struct GridMoments {
@@ -28,4 +28,4 @@ inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen:
   return m;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

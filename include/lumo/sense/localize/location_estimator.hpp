@@ -8,7 +8,7 @@
 #include <concepts>
 #include <cstdint>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Where the finger is touched, and how sure that is.
 struct ContactLocation {
@@ -45,4 +45,4 @@ concept LocationEstimator = requires(L& localizer, const Profile& response) {
   localizer.reset();
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

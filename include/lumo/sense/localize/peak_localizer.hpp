@@ -9,7 +9,7 @@
 #include <cmath>
 #include <utility>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The paper's localiser: the strongest peak of the low-passed response above a noise threshold. No labels, no training.
 /// A contact starts above `threshold` noises and ends below `release`. The filter is first order in time and starts anew after a gap.
@@ -101,4 +101,4 @@ class PeakLocalizer {
 
 static_assert(LocationEstimator<PeakLocalizer>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

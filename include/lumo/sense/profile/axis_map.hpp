@@ -11,7 +11,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
 /// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
@@ -109,4 +109,4 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   return map;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without one the first half second.
 struct UnloadedStretch {
@@ -132,4 +132,4 @@ inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles
   return reference;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
 class FrameMonitor {
@@ -112,4 +112,4 @@ class FrameMonitor {
   bool seen_ = false;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

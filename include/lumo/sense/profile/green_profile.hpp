@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
 /// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
@@ -85,4 +85,4 @@ class PositiveGreenProfile {
 
 static_assert(Readout<PositiveGreenProfile>);
 
-}  // namespace lumo
+}  // namespace lumo::sense

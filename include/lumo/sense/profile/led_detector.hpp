@@ -10,7 +10,7 @@
 #include <optional>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The finger's lights in an image, from proximal to distal, and the map they give.
 struct LedDetection {
@@ -168,4 +168,4 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
   return best;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -4,7 +4,7 @@
 
 #include <Eigen/Core>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Where along the finger a profile is averaged: bin i lies between edges i and i + 1.
 struct LongitudinalBins {
@@ -36,4 +36,4 @@ struct LongitudinalBins {
   }
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

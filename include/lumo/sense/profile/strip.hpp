@@ -10,7 +10,7 @@
 #include <cstring>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
 /// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
@@ -47,7 +47,7 @@ class Strip {
 };
 
 inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
-    : width_(width), height_(height), channels_(lumo::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
+    : width_(width), height_(height), channels_(sense::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
   require_in_range("frame width", width, 1, max_image_side, "px");
   require_in_range("frame height", height, 1, max_image_side, "px");
   require_in_range("row step", row_step, 1, height, "");
@@ -173,4 +173,4 @@ inline double Strip::saturated_share(const ImageView& image) const {
   return seen ? double(full) / double(seen) : 0.0;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

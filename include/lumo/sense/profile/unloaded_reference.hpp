@@ -8,7 +8,7 @@
 #include <cmath>
 #include <type_traits>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured against.
 class UnloadedReference {
@@ -42,4 +42,4 @@ class UnloadedReference {
   Eigen::VectorXd mean_, squares_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

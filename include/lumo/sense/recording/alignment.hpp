@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Stamps lie within ±this [ns], 146 years, so that the difference of any two is one of 64 bits.
 inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
@@ -108,4 +108,4 @@ class TimeSeries {
   Eigen::MatrixXd value_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

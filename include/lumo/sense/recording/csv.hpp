@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields. No quotes, no empty lines but at the
 /// end, no comments; fields may have spaces around them, lines may end in CR LF. Every fault is an InputError of one line with file, line and column.
@@ -136,4 +136,4 @@ inline std::string csv_number(double v) {
   return {buffer, end};
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -21,7 +21,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The observer of the hand that a log's session describes. Throws InvalidArgument where it describes none.
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
@@ -138,4 +138,4 @@ struct HandScore {
   }
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

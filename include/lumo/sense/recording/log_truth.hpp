@@ -15,7 +15,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What a log says of the contacts that its estimates are compared with. Only whoever compares reads it.
 class LogTruth {
@@ -74,4 +74,4 @@ class LogTruth {
   std::vector<std::pair<std::int64_t, Touch>> table_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`: Session::wrench_clock leads onto the frames'.
 /// Throws InvalidArgument where that leaves two samples at the same time.
@@ -23,4 +23,4 @@ inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const 
   return {std::move(stamp_ns), std::move(force_N)};
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
 inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
@@ -45,4 +45,4 @@ inline std::string photodiode_log_text(const std::vector<PhotodiodeSample>& samp
   return t;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A log's session and tables; the pictures stay where they are. A table that is absent is empty.
 struct RecordedLog {
@@ -30,4 +30,4 @@ inline void validate(const RecordedLog& log) {
     throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The segments of a session as what is to be done during a recording, in the order of time, each announced `notice_s` before it begins. Times are since the first picture. A plan
 /// that begins within the notice, or later than in a minute (another recording's clock), is moved as a whole, to begin when the notice is over.
@@ -48,4 +48,4 @@ class RecordingPlan {
   std::size_t next_ = 0;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

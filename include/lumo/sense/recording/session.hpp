@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A stretch of a log whose circumstances were known to whoever made it: what decoders learn from and metrics compare. Estimators do not read it.
 struct Segment {
@@ -112,4 +112,4 @@ inline void validate(const Session& s, const std::string& name) {
   }
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -16,7 +16,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 // A log is a folder (docs/log_format.md):
 //   session.json        what was done, with what (support/json.hpp reads it)
@@ -269,4 +269,4 @@ inline std::string marker_log_text(const std::vector<MarkerSample>& samples) {
   return t;
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -21,7 +21,7 @@ namespace lumo {
 template <class S>
 concept VideoSource = std::move_constructible<S> && requires(S& source, const std::string& path) {
   { source.open(path) } -> std::same_as<std::optional<double>>;
-  { source.next() } -> std::same_as<std::optional<ImageView>>;
+  { source.next() } -> std::same_as<std::optional<sense::ImageView>>;
 };
 
 /// A process that decodes one video, frame by frame as asked for. Whatever it does, the caller sees frames, an end or a failure.
@@ -54,7 +54,7 @@ class VideoProcess {
   int pid() const { return pid_; }        ///< −1 when it has gone
 
   /// `image` has no pixels for a frame that cannot be shown.
-  Got next(Image& image) {
+  Got next(sense::Image& image) {
     if (!is_open()) return Got::failed;
     const Deadline deadline(limits_.frame_s);
     Reply reply{};
@@ -64,7 +64,7 @@ class VideoProcess {
     const bool blank = reply.width == 0 && reply.height == 0;
     good = good && reply.kind == Reply::frame && (blank || is_image_size(reply.width, reply.height));
     if (good) {
-      image = blank ? Image{} : Image::black(reply.width, reply.height, reply.grey != 0 ? PixelFormat::grey : PixelFormat::bgr);
+      image = blank ? sense::Image{} : sense::Image::black(reply.width, reply.height, reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
       good = receive_all(socket_, image.pixels.data(), image.pixels.size(), deadline) == Transfer::done;
     }
     if (good) return Got::frame;
@@ -100,8 +100,8 @@ class VideoProcess {
         char ask = 0;
         if (receive_all(host, &ask, 1, never) != Transfer::done) ::_exit(0);
         last_moment(limits.frame_s);
-        const std::optional<ImageView> view = source.next();
-        const Reply reply{view ? Reply::frame : Reply::end, view ? view->width : 0, view ? view->height : 0, view && view->format == PixelFormat::grey, 0.0};
+        const std::optional<sense::ImageView> view = source.next();
+        const Reply reply{view ? Reply::frame : Reply::end, view ? view->width : 0, view ? view->height : 0, view && view->format == sense::PixelFormat::grey, 0.0};
         if (send_all(host, &reply, sizeof reply, never) != Transfer::done) ::_exit(0);
         for (int y = 0; y < reply.height; ++y)
           if (send_all(host, view->row(y), std::size_t(view->width) * std::size_t(channels(view->format)), never) != Transfer::done) ::_exit(0);

@@ -6,6 +6,7 @@
 #include <string>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -10,6 +10,7 @@
 #include <string>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

@@ -13,6 +13,7 @@
 #include <string>
 
 using namespace lumo;
+using namespace lumo::sense;
 
 namespace {
 

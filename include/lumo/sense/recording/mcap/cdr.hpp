@@ -13,7 +13,7 @@
 #include <type_traits>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 // Common Data Representation, as ROS 2 serialises messages (OMG DDS-XTypes 1.3, 7.4.1: plain CDR of version 1): four bytes that tell the byte order, then the
 // fields one by one, each number at a multiple of its size counted from behind those four bytes. A text is its length with the closing zero (32 bits), then its
@@ -178,4 +178,4 @@ std::vector<std::uint8_t> to_cdr(const Message& m, ByteOrder order = ByteOrder::
   return out.bytes();
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

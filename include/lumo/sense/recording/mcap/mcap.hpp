@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 // MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). All numbers are little endian:
 //   magic, Header, data: Schema, Channel, Message, Chunk, MessageIndex, Attachment, Metadata …, DataEnd, summary: Schema, Channel, Statistics, indexes …, Footer, magic
@@ -174,4 +174,4 @@ class McapBytes {
   std::vector<std::uint8_t> bytes_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Pictures of an MCAP file, in the order of the log. One that cannot be decoded is a frame without pixels.
 template <PictureDecoder Decoder, ChunkCodec... Codecs>
@@ -58,4 +58,4 @@ class McapCamera {
   bool failed_ = false;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -20,7 +20,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 // A log as an MCAP file (docs/log_format.md): one topic for each table, messages of ROS 2 (CDR, schema encoding ros2msg), session.json as an attachment.
 //   Image or CompressedImage   pictures: a frame's stamp is the header's
@@ -248,4 +248,4 @@ McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}
   return std::move(tables.found);
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// A picture to be written: the bytes of an image file, or pixels.
 struct McapPictureData {
@@ -155,4 +155,4 @@ void write_mcap_log(std::ostream& out, const RecordedLog& log, std::string_view 
   to.file.finish();
 }
 
-}  // namespace lumo
+}  // namespace lumo::sense

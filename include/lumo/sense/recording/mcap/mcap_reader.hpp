@@ -19,7 +19,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Where a message lies in a file, and what orders it.
 struct McapEntry {
@@ -306,4 +306,4 @@ class McapReader {
   [[no_unique_address]] std::tuple<Codecs...> codecs_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// The bytes of an MCAP file. No more are taken into memory than the file has. What it throws is an InputError with file and byte.
 class McapSource {
@@ -80,4 +80,4 @@ class McapSource {
   std::uint64_t size_ = 0;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

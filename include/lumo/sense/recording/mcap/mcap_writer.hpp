@@ -16,7 +16,7 @@
 #include <utility>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 /// Writes an MCAP file in chunks, with checksums of chunks, data and summary; the summary repeats schemas and channels and has statistics and the index of chunks,
 /// so that other programs find their way. `finish` must be called last: a file without it counts as cut.
@@ -213,4 +213,4 @@ class McapWriter {
   std::vector<Attached> attachments_;
 };
 
-}  // namespace lumo
+}  // namespace lumo::sense

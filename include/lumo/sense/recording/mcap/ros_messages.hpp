@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-namespace lumo {
+namespace lumo::sense {
 
 // Messages of ROS 2 that a log holds, and lumo's own for what ROS has none. `type` is the name of the schema, `definition` its text (encoding ros2msg): the
 // fields, and behind a line of 80 '=' those of each type that they name. Source: the packages std_msgs, sensor_msgs and geometry_msgs of ROS 2.
@@ -209,4 +209,4 @@ concept RosMessage = CdrStruct<M, CdrReader> && CdrStruct<const M, CdrWriter> &&
 static_assert(RosMessage<RosImage> && RosMessage<RosCompressedImage> && RosMessage<RosCameraInfo> && RosMessage<RosJointState> && RosMessage<RosWrenchStamped>);
 static_assert(RosMessage<FrameExposure> && RosMessage<JointCurrents> && RosMessage<MarkerDisplacement> && RosMessage<PhotodiodeSignals>);
 
-}  // namespace lumo
+}  // namespace lumo::sense
