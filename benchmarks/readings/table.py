@@ -43,15 +43,15 @@ def share(row, key):
 
 
 def table(rows):
-    lines = ["| assumption | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | τ, J_obs | "
-             "other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
+    lines = ["| assumption | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | "
+             "τ, J_obs | other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
     for row in sorted(rows, key=lambda r: -abs(float(r["delta_J_obs_percent"] or 0.0))):
         name = f"{row['quantity']}: {row['value']}".replace("|", "\\|")
         choice = "stays" if row["choice_mm"] == row["usual_choice_mm"] else row["choice_mm"] or "–"
         designs = row["designs"] + (f" ({row['lost']} lost)" if row["lost"] != "0" else "")
         lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | "
-                     f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | {tau(row['tau_J_obs'])} | "
-                     f"{share(row, 'worst_contact_moved')} | {share(row, 'worst_observation_moved')} | {choice} |")
+                     f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | "
+                     f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | {share(row, 'worst_observation_moved')} | {choice} |")
     return lines
 
 
