@@ -84,7 +84,8 @@ within 1 % for {r['stay_s']:g} s. Ratios are to the fastest of lumo's rows.
                  f"errors fall with edge^{e['error_order']:.2f} over these meshes, which would put 1 % at an edge of "
                  f"about {number(e['edge_mm'], 1)} mm. With as many steps as on the finest mesh here, each more "
                  f"expensive only by its vertices, that is {e['least_seconds']:.0e} CPU s at least; the measured "
-                 f"times grow faster, with edge^{e['time_order']:.1f}. Three meshes so far from 1 % show only that it is out of reach.\n\n")
+                 f"times grow faster, with edge^{e['time_order']:.1f}. Three meshes so far from 1 % show only that it is "
+                 f"out of reach.\n\n")
     soft = ", ".join(f"{row['soft_depth_mm']:.3f} mm ({percent(row['soft_depth_mm'] / r['reference_mm'] - 1, 0)}) "
                      f"at {row['edge_mm']:g} mm" for row in r["newton"])
     text += (f"A softer contact hides the error and does not cure it. With {r['soft_N_per_m']:g} N/m a vertex the same "

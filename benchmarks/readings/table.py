@@ -51,7 +51,8 @@ def table(rows):
         designs = row["designs"] + (f" ({row['lost']} lost)" if row["lost"] != "0" else "")
         lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | "
                      f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | "
-                     f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | {share(row, 'worst_observation_moved')} | {choice} |")
+                     f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | "
+                     f"{share(row, 'worst_observation_moved')} | {choice} |")
     return lines
 
 
