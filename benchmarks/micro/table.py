@@ -58,7 +58,7 @@ def rows(text):
 
 
 def table(found):
-    """Lines of Markdown. Ways of one kernel on one input are told as multiples of the first."""
+    """Lines of Markdown. Ways of one kernel on one input are multiples of the first."""
     lines = ["| kernel | input | by | mean | 95 % interval | for one | × the first |", "|---|---|---|--:|--:|--:|--:|"]
     first = {}
     for kernel, size, way, values in found:
@@ -114,7 +114,7 @@ benchmarks/micro/table.py        # writes this page; build/release/benchmarks/lu
 {machine()}; {version}, {cached(program, "CMAKE_BUILD_TYPE") or "unknown"} build{native}; {versions()}. {samples} samples each, {resamples} resamples.
 
 **Absolute times are noise here**: the machine is shared, and memory and clock are not this program's own. Compare what stands in one table of one run, and distrust
-a mean with a wide interval: Catch2 tells the mean of all samples, those with an interruption included, and a 95 % interval of it by bootstrap.
+a mean with a wide interval: Catch2 reports the mean of all samples, those with an interruption included, and a 95 % interval of it by bootstrap.
 "For one" is the mean over the input's first number; "× the first" is the mean over that of the first way to do the same on the same input: above 1 is slower.
 All on one thread but for the executors. Inputs are small, so that all takes about a minute and a half:
 a real press has several times as many elements and an evaluation 32 times as many rays, where ratios can differ.

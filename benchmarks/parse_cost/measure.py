@@ -45,7 +45,7 @@ def cost(compiler, folders, name):
 
 
 def instantiations(compiler, folders, name):
-    """Function and class templates that clang instantiates for a program. Granularity 0, or only the slow ones would be told."""
+    """Function and class templates that clang instantiates for a program. Granularity 0: otherwise clang reports the slow ones only."""
     with tempfile.TemporaryDirectory() as scratch:
         done = subprocess.run([*command(compiler, folders, name, pathlib.Path(scratch) / "x.o"), "-ftime-trace", "-ftime-trace-granularity=0"],
                               capture_output=True, text=True)

@@ -85,7 +85,8 @@ def order(x, y):
 
 
 def beyond(rows):
-    """Edge at which 1 % would be met by the order that the meshes show, and the least that it would take: as many steps as the finest mesh, each dearer by its vertices only."""
+    """Edge at which 1 % would be met by the order that the meshes show, and the least time that it would take: as many
+    steps as the finest mesh, each more expensive only by its vertices."""
     edges = [r["edge_mm"] for r in rows]
     p, a = order(edges, [abs(r["error"]) for r in rows])
     q, _ = order(edges, [r["settled_seconds"] for r in rows])

@@ -1,14 +1,17 @@
 #!/usr/bin/env python3
 """Puts what `lumo study readings` found into the page that says what the paper leaves open.
 
-usage: benchmarks/readings/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script and beside the page)
+usage: benchmarks/readings/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script
+and beside the page)
 
-The page's part between its two markers is written anew: a row a reading, largest change of J_obs first, and the readings under which a ranking is another one.
+The page's part between its two markers is written anew: a row for each assumption, largest change of J_obs first, and
+the assumptions under which a ranking changes.
 """
 import csv
 import pathlib
 import shutil
 import sys
+import textwrap
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
@@ -16,7 +19,7 @@ import pages
 
 PAGE = HERE.parents[1] / "docs/pages/readings.md"
 BEGIN, END = "<!-- found: made by benchmarks/readings/table.py -->\n", "<!-- found: end -->\n"
-WEAK = 0.8   # Kendall's tau below which conclusions hang on a reading, as the program says
+WEAK = 0.8   # Kendall's tau below which conclusions depend on an assumption, as the program says
 
 
 def number(text, digits):
@@ -40,21 +43,27 @@ def share(row, key):
 
 
 def table(rows):
-    lines = ["| reading | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | τ, J_obs | other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
+    lines = ["| assumption | designs | ΔJ_contact: median (95 %) | ΔJ_obs [%]: median (95 %) | τ, J_contact | "
+             "τ, J_obs | other contact decides J_contact | J_obs | i* |", "|" + "---|" * 9]
     for row in sorted(rows, key=lambda r: -abs(float(r["delta_J_obs_percent"] or 0.0))):
         name = f"{row['quantity']}: {row['value']}".replace("|", "\\|")
         choice = "stays" if row["choice_mm"] == row["usual_choice_mm"] else row["choice_mm"] or "–"
         designs = row["designs"] + (f" ({row['lost']} lost)" if row["lost"] != "0" else "")
-        lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | {change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | {tau(row['tau_J_obs'])} | "
-                     f"{share(row, 'worst_contact_moved')} | {share(row, 'worst_observation_moved')} | {choice} |")
+        lines.append(f"| {name} | {designs} | {change(row, 'delta_J_contact', 4)} | "
+                     f"{change(row, 'delta_J_obs_percent', 1)} | {tau(row['tau_J_contact'])} | "
+                     f"{tau(row['tau_J_obs'])} | {share(row, 'worst_contact_moved')} | "
+                     f"{share(row, 'worst_observation_moved')} | {choice} |")
     return lines
 
 
 def weak(rows):
     lines = []
     for key, objective in (("tau_J_contact", "J_contact"), ("tau_J_obs", "J_obs")):
-        names = [f"{r['quantity']} ({r['value']}), τ {float(r[key]):.2f}".replace("|", "\\|").replace("τ -", "τ −") for r in sorted(rows, key=lambda r: float(r[key] or 1.0)) if r[key] and float(r[key]) < WEAK]
-        lines.append(f"- The ranking by {objective} is another one (τ below {WEAK}) under: " + ("; ".join(names) if names else "none") + ".")
+        weakest = sorted((r for r in rows if r[key] and float(r[key]) < WEAK), key=lambda r: float(r[key]))
+        names = [f"{r['quantity']} ({r['value']}), τ {float(r[key]):.2f}" for r in weakest]
+        names = [name.replace("|", "\\|").replace("τ -", "τ −") for name in names]
+        text = f"- The ranking by {objective} changes (τ below {WEAK}) under: {'; '.join(names) if names else 'none'}."
+        lines += textwrap.wrap(text, 120, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
     return lines
 
 

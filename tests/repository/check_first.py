@@ -1,4 +1,5 @@
-"""The README's first program: it is the example's text, at most 15 lines; its command compiles it, and it prints equilibria and draws a picture.
+"""The README's first program: it is the example's text, at most 15 lines; its command compiles it, and it prints
+equilibria and draws a picture.
 
 usage: check_first.py --compiler c++ --eigen DIR
 """
@@ -29,9 +30,9 @@ def main(compiler, eigen, scratch):
     rows = re.findall(r"^(\S+) N at (\S+) mm, converged$", said, re.MULTILINE)
     if [round(float(force)) for force, _ in rows] != [1, 2, 5, 10, 15] or len(said.splitlines()) != 5:
         return f"it says:\n{said}"
-    told = re.search(r"```\n((?:\S+ N at .*\n)+)```", readme)[1]
-    if told != said:
-        return f"it says:\n{said}the README:\n{told}"
+    shown_output = re.search(r"```\n((?:\S+ N at .*\n)+)```", readme)[1]
+    if shown_output != said:
+        return f"it says:\n{said}the README:\n{shown_output}"
     xml.etree.ElementTree.parse(f"{scratch}/press.svg")
     return 0
 

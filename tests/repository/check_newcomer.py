@@ -1,8 +1,10 @@
-"""The README as a newcomer reads it: clones the repository and runs, in order and as they stand there, all commands that the README shows.
+"""README and manual as a newcomer reads them: clones the repository and runs, in order and as they stand there, all
+commands that both show.
 
 usage: check_newcomer.py --scratch DIR [--from N]
-Searches and studies that take hours are stopped once they have found something, or after half a minute where that takes long, as the README says may be done at any time. tests/run is not run: it
-is what runs this. With --from the clone of an earlier run is kept and the first N − 1 commands are passed over.
+Searches and studies that take hours are stopped once they have found something, or after half a minute where that
+takes long, as the manual says may be done at any time. tests/run is not run: it is what runs this. With --from the
+clone of an earlier run is kept and the first N − 1 commands are passed over.
 """
 import argparse
 import os
@@ -15,23 +17,37 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-SPACE = ('{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], "objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}')
+PAGES = ("README.md", "docs/manual.md")
+SPACE = ('{"variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}], '
+         '"objectives": [{"name": "f", "goal": "maximize", "reference": 0}], "evaluations": 4}')
 ANSWERS = "".join('{"tell": {"id": %d, "y": [%d]}}\n' % (k, k) for k in range(4))
 # What takes hours, and the line of progress after which it has shown what it does; none: half a minute.
-LONG = {"campaign run": r"^lumo: +[2-9]/", "study carrier": r"^lumo: +1/", "study void": r"^lumo: +1/", "study readings": None}
+LONG = {"campaign run": r"^lumo: +[2-9]/", "study carrier": r"^lumo: +1/", "study void": r"^lumo: +1/",
+        "study readings": None}
 INTERRUPTED = 130
+LEAST = 24   # commands of both pages
+PROMISED = ("first", "press.svg", "out/section.svg", "out/report.html", "out/evaluation/evaluation.json", "ds_flat.csv",
+            "report.html", "run.jsonl", "pressed/session.json", "places/locations.csv", "forces/forces.csv",
+            "pressed.mcap")
 
 
-def commands(readme):
-    lines = [line for block in re.findall(r"```sh\n(.*?)```", readme, re.DOTALL) for line in block.splitlines() if line.strip()]
+def commands(page):
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) for line in block.splitlines()
+             if line.strip()]
     return [re.split(r"\s+# ", line)[0].strip() for line in lines]
+
+
+def has_shown(words, log, begun):
+    if LONG[words]:
+        return re.search(LONG[words], log.read_text(encoding="utf-8"), re.MULTILINE)
+    return time.monotonic() > begun + 30.0
 
 
 def run(command, folder, log):
     """Exit code of one command, and whether it is as it should be."""
     with open(log, "w", encoding="utf-8") as out:
-        process = subprocess.Popen(command, shell=True, executable="/bin/bash", cwd=folder, stdin=subprocess.PIPE, stdout=out, stderr=subprocess.STDOUT, text=True,
-                                   start_new_session=True)
+        process = subprocess.Popen(command, shell=True, executable="/bin/bash", cwd=folder, stdin=subprocess.PIPE,
+                                   stdout=out, stderr=subprocess.STDOUT, text=True, start_new_session=True)
         if "optimize" in command:
             process.stdin.write(ANSWERS)
         process.stdin.close()
@@ -39,7 +55,7 @@ def run(command, folder, log):
         begun = time.monotonic()
         while long and process.poll() is None:
             time.sleep(1.0)
-            if re.search(LONG[long], log.read_text(encoding="utf-8"), re.MULTILINE) if LONG[long] else time.monotonic() > begun + 30.0:
+            if has_shown(long, log, begun):
                 os.killpg(process.pid, signal.SIGTERM)
                 break
         code = process.wait()
@@ -53,8 +69,8 @@ def main(scratch, first):
         scratch.mkdir(parents=True)
         subprocess.run(["git", "clone", "--quiet", ROOT, clone], check=True)
     (clone / "space.json").write_text(SPACE, encoding="utf-8")
-    shown = commands((clone / "README.md").read_text(encoding="utf-8"))
-    faults = [] if len(shown) > 15 else [f"the README shows {len(shown)} commands, more than 15 are expected"]
+    shown = [command for page in PAGES for command in commands((clone / page).read_text(encoding="utf-8"))]
+    faults = [] if len(shown) >= LEAST else [f"{len(shown)} commands are shown, at least {LEAST} are expected"]
     for number, command in enumerate(shown, 1):
         if number < first or command == "tests/run":
             continue
@@ -63,7 +79,7 @@ def main(scratch, first):
         print(f"{number:2}  {time.monotonic() - begun:7.1f} s  exit code {code}  {command}", flush=True)
         if not good:
             faults.append(f"{command}: exit code {code}\n{log.read_text(encoding='utf-8')[-2000:]}")
-    for promised in ("first", "press.svg", "out/section.svg", "out/report.html", "out/evaluation/evaluation.json", "ds_flat.csv", "report.html", "run.jsonl"):
+    for promised in PROMISED:
         path = clone / promised
         if not path.is_file() or path.stat().st_size == 0:
             faults.append(f"{promised} is not there, or empty")
