@@ -2,6 +2,7 @@
 
 #include "program/json.hpp"
 #include "program/options.hpp"
+#include "program/report.hpp"
 
 namespace lumo::program {
 

@@ -1,12 +1,11 @@
 #include "program/solver_study.hpp"
 
+#include "lumo/campaign/observations.hpp"
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
-#include "lumo/objective/contact_progression.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"
 #include "program/pad.hpp"
-#include "program/press_report.hpp"
 #include "program/simulation.hpp"
 
 #include <algorithm>
@@ -57,19 +56,8 @@ void compare(SolverState& out, const MechanicalState& state, const MechanicalSta
 }
 
 SolverRow row(const Options& o, const std::string& name, const Mechanics& m, const Meshed& on, const std::vector<MechanicalState>& states) {
-  SolverRow row{name, m, {on.mesh.nodes.size(), on.mesh.tets.size()}, {}, undefined, {}, undefined};
-  row.scenario.diameter_mm = o.diameter_mm, row.scenario.angle_deg = o.angle_deg, row.scenario.y_mm = o.y_mm;
-  row.scenario.status = std::string(to_string(states.back().status));
-  const ContactTerms terms = contact_terms(on.body, on.mesh, states, 0.5e-3 * o.diameter_mm);
-  report_terms(row.scenario, terms);
-  row.score = value_of(terms.score());
-  for (const MechanicalState& s : states) {
-    SolverState k;
-    k.state = report_state(s);
-    if (s.status == Status::held) k.met_force_N = s.met_force_N;
-    row.scenario.states.push_back(k.state);
-    row.states.push_back(k);
-  }
+  SolverRow row{name, m, on.mesh.nodes.size(), on.mesh.tets.size(), record_of(on.body, on.mesh, scenario_of(o), states)};
+  for (const MechanicalState& s : states) row.states.push_back({s.status == Status::held ? s.met_force_N : undefined});
   return row;
 }
 

@@ -10,9 +10,8 @@
 
 namespace lumo::program {
 
-/// One load by one solver.
+/// One load by one solver, beside the state's record.
 struct SolverState {
-  StateReport state;
   double met_force_N = undefined;            ///< when the advance stopped, before the hold; of a solver that goes in time
   /// Against the equilibrium on the same mesh under the force that was reached; undefined on the mesh of another order.
   double equilibrium_depth_mm = undefined;
@@ -24,10 +23,9 @@ struct SolverState {
 struct SolverRow {
   std::string name;
   Mechanics mechanics;
-  MeshReport size;
-  ScenarioReport scenario;
-  double score = undefined;                  ///< (q_form q_stable q_stiff)^(1/3)
-  std::vector<SolverState> states;
+  std::size_t nodes = 0, elements = 0;
+  ScenarioRecord scenario = {};
+  std::vector<SolverState> states = {};      ///< one for each of the scenario's
   double seconds = undefined;                ///< of the press by the clock, without the mesh
 };
 

@@ -34,11 +34,6 @@ std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& 
 
 }  // namespace
 
-std::optional<Estimate> estimate(const Json& record, const std::string& key) {
-  if (!record.at(key).is_number()) return std::nullopt;
-  return Estimate{record[key].get<double>(), record[key + "_err"].get<double>()};
-}
-
 Json json(const PairedSummary& s) {
   return {{"above_zero", s.above_zero}, {"positive", s.positive}, {"negative", s.negative}, {"undecided", s.undecided}, {"median", s.median},
           {"median_95", s.median_95 ? Json{s.median_95->first, s.median_95->second} : Json(nullptr)}};

@@ -1,12 +1,11 @@
 #pragma once
 
 #include "program/commands.hpp"
-#include "program/json.hpp"
+#include "program/records.hpp"
 
 #include "lumo/campaign/paired_differences.hpp"
 
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,9 +16,6 @@ struct StudyRow {
   std::vector<double> theta_mm;
   Json record;
 };
-
-/// A number of a record with its error, which stands beside it as `…_err`.
-std::optional<Estimate> estimate(const Json& record, const std::string& key);
 
 Json json(const PairedSummary& s);
 

@@ -1,18 +1,22 @@
 #pragma once
 
+#include "lumo/core/short_number.hpp"
+#include "lumo/core/units.hpp"
 #include "program/mechanics.hpp"
 
 #include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
 
 /// Numbers, columns and lines that people read.
 namespace lumo::program {
+
+/// "Not defined by the given loads", or not measured: null in JSON, a dash in text.
+inline constexpr double undefined = std::numeric_limits<double>::quiet_NaN();
 
 /// Control characters would break a message's one line, or the terminal.
 inline std::string one_line(std::string_view s) {
@@ -21,21 +25,10 @@ inline std::string one_line(std::string_view s) {
   return out;
 }
 
-/// A number with at most `digits` decimals and no trailing zeros; the same in every locale.
-inline std::string short_number(double v, int digits = 2) {
-  std::array<char, 400> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
-  if (end.ec != std::errc{}) return "?";
-  std::string s(buffer.data(), end.ptr);
-  if (s.find('.') != std::string::npos) {
-    while (s.back() == '0') s.pop_back();
-    if (s.back() == '.') s.pop_back();
-  }
-  return s == "-0" ? "0" : s;
-}
-
 /// Without the last digits, which a change of unit leaves: 30°, not 29.999999999999996.
 inline double as_typed(double v) { return std::round(v * 1e9) / 1e9; }
+inline double mm(double m) { return as_typed(1e3 * m); }
+inline double degrees(double rad) { return as_typed(rad * 180.0 / pi); }
 
 /// A design as it is typed, or with another separator.
 inline std::string joined(std::span<const double> values, const char* separator = ",") {
@@ -52,10 +45,10 @@ inline std::string cell(double v, int digits, int width = 0) {
   return buffer;
 }
 
-inline std::string scientific(double v) {
+inline std::string scientific(double v, int digits = 3) {
   if (!std::isfinite(v)) return "-";
   char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.3e", v);
+  std::snprintf(buffer, sizeof buffer, "%.*e", digits, v);
   return buffer;
 }
 

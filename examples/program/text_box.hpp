@@ -33,7 +33,7 @@ struct Box {
 };
 
 /// What a text covers when it stands at `at`: from the height of its capitals to the depth of its tails.
-inline Box text_box(Point at, std::string_view words, const TextStyle& t) {
+inline Box text_box(Point at, std::string_view words, const Svg::TextStyle& t) {
   const double width = text_width(words, t.size), left = t.anchor == "end" ? at[0] - width : t.anchor == "middle" ? at[0] - 0.5 * width : at[0];
   return {left, at[1] - 0.76 * t.size, left + width, at[1] + 0.24 * t.size};
 }
