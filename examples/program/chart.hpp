@@ -63,8 +63,10 @@ struct LegendEntry {
 inline void legend(Svg& svg, const plot::Frame& f, const std::vector<LegendEntry>& entries) {
   double y = f.top + 8;
   for (const auto& e : entries) {
-    if (e.bar) svg.rect({f.right + 16, y - 6}, 14, 12, {.fill = e.colour});
-    else svg.line({f.right + 14, y}, {f.right + 34, y}, {.stroke = e.colour, .width = 3});
+    if (e.bar)
+      svg.rect({f.right + 16, y - 6}, 14, 12, {.fill = e.colour});
+    else
+      svg.line({f.right + 14, y}, {f.right + 34, y}, {.stroke = e.colour, .width = 3});
     svg.text({f.right + 40, y + 4}, e.label);
     y += 20;
   }
@@ -83,9 +85,9 @@ inline plot::Frame frame_for(const std::vector<LegendEntry>& entries, double wid
 
 /// An interval about a bar's end, with a cap at each end of it; `along` is 0 for x, 1 for y.
 inline void whisker(Svg& svg, std::size_t along, double across, double from, double to, double cap) {
-  const auto line = [&](Point a, Point b) {
-    if (along == 1) std::swap(a[0], a[1]), std::swap(b[0], b[1]);
-    svg.line(a, b, {.stroke = plot::ink, .width = 1.1});
+  const auto line = [&](const Point& a, const Point& b) {
+    const std::size_t x = along, y = 1 - along;  // places of the two coordinates
+    svg.line({a[x], a[y]}, {b[x], b[y]}, {.stroke = plot::ink, .width = 1.1});
   };
   line({from, across}, {to, across});
   for (const double end : {from, to}) line({end, across - cap}, {end, across + cap});
@@ -99,7 +101,10 @@ inline std::string draw(const LineChart& chart) {
   for (const auto& c : chart.curves) {
     if (!c.label.empty()) entries.push_back({c.label, c.colour, false});
     for (const Point& p : c.points)
-      for (std::size_t i = 0; i < 2; ++i) low[i] = std::min(low[i], p[i]), high[i] = std::max(high[i], p[i]);
+      for (std::size_t i = 0; i < 2; ++i) {
+        low[i] = std::min(low[i], p[i]);
+        high[i] = std::max(high[i], p[i]);
+      }
   }
   Svg svg(760, 480);
   plot::Frame f = detail::frame_for(entries, svg.width(), svg.height());
@@ -146,7 +151,7 @@ inline std::string draw(const BarChart& chart) {
   const double slot = f.x(1) - f.x(0), width = 0.8 * slot / double(std::max<std::size_t>(1, chart.series.size()));
   for (std::size_t i = 0; i < chart.categories.size(); ++i) {
     const double left = f.x(double(i));
-    svg.text({f.x(double(i) + 0.5), f.bottom + 18}, chart.categories[i], {.anchor = "middle"});
+    svg.text({f.x(double(i) + 0.5), f.bottom + 18}, chart.categories[i], {.anchor = Svg::middle});
     if (i > 0) svg.line({left, f.bottom}, {left, f.bottom + 5}, {.stroke = plot::ink});
     for (std::size_t s = 0; s < chart.series.size(); ++s) {
       const auto& series = chart.series[s];
@@ -186,7 +191,7 @@ inline std::string draw(const TornadoChart& chart) {
   for (std::size_t k = 0; k < chart.rows.size(); ++k) {
     const auto& r = chart.rows[k];
     const double y = f.top + slot * (double(k) + 0.5), a = f.x(std::min(0.0, r.value)), b = f.x(std::max(0.0, r.value));
-    svg.text({f.left - 8, y + 4}, r.label, {.anchor = "end"});
+    svg.text({f.left - 8, y + 4}, r.label, {.anchor = Svg::end});
     svg.rect({a, y - 7}, std::max(0.5, b - a), 14, {.fill = palette[r.value < 0.0 ? 1 : 0]});
     if (r.high > r.low) detail::whisker(svg, 0, y, f.x(r.low), f.x(r.high), 4);
     svg.text({f.right + 16, y + 4}, r.note);

@@ -200,7 +200,9 @@ TraceResult make_trace(const Options& o, Progress& progress) {
       state.response = per_power(r, r.power_W);
       state.change_error = per_power(r, standard_error(r.replicates - responses[0].replicates));   // the same rays: most of their noise cancels
     }
-    if (r.ledger.imbalance() > worst) worst = r.ledger.imbalance(), seen.ledger = r.ledger;
+    if (!(r.ledger.imbalance() > worst)) continue;
+    worst = r.ledger.imbalance();
+    seen.ledger = r.ledger;
   }
   seen.seconds.optics = light.seconds();
   seen.seconds.total = watch.seconds();

@@ -37,7 +37,7 @@ inline std::vector<Points> contact_outline(const TetMesh& mesh, const std::vecto
   // next facet shares that edge.
   std::map<Edge, Edge> next;
   for (const auto& facet : sub_facets(mesh)) {
-    std::array<Edge, 2> crossed;   // where the field falls, where it rises
+    std::array<Edge, 2> crossed;  // where the field falls, where it rises
     bool crosses = false;
     for (std::size_t k = 0; k < 3; ++k) {
       const std::size_t a = facet[k], b = facet[(k + 1) % 3];

@@ -19,7 +19,8 @@ inline Points clip_positive(const std::array<Point, 3>& corner, const std::array
     if (field[i] > 0.0) kept.push_back(corner[i]);
     if ((field[i] > 0.0) == (field[j] > 0.0)) continue;
     const double t = zero_between(field[i], field[j]);
-    kept.push_back({corner[i][0] + t * (corner[j][0] - corner[i][0]), corner[i][1] + t * (corner[j][1] - corner[i][1])});
+    kept.push_back(
+        {corner[i][0] + t * (corner[j][0] - corner[i][0]), corner[i][1] + t * (corner[j][1] - corner[i][1])});
   }
   return kept;
 }
@@ -79,9 +80,9 @@ inline std::string draw_contact(const std::string& title, const std::string& sub
   svg.rect({f.left, f.top}, width, height, {.stroke = "#0072b2", .width = 1.4});
   plot::x_label(svg, f, "place along the finger y [mm]");
   svg.text({middle, f.bottom + 62}, "drawn on the undeformed pad; areas are those of the deformed surface",
-           {.size = 11, .anchor = "middle"});
+           {.size = 11, .anchor = Svg::middle});
   plot::y_label(svg, f, "across x [mm]", 30);
-  for (std::size_t s = states.size(); s-- > 0;) {   // largest set first, so that the smaller ones lie on it
+  for (std::size_t s = states.size(); s-- > 0;) {  // largest set first, so that the smaller ones lie on it
     const auto loops = detail::contact_set(mesh, states[s].contact_field, f);
     const std::string colour = shade(int(s), int(states.size()));
     // A hairline of the same colour closes the seams that antialiasing leaves between neighbours.

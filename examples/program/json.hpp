@@ -38,7 +38,9 @@ inline Json json_or_null(const std::string& text) {
 }
 
 /// For what others wrote: bytes that are no UTF-8 are replaced. `indent` −1: one line.
-inline std::string text_of(const Json& j, int indent) { return j.dump(indent, ' ', false, Json::error_handler_t::replace); }
+inline std::string text_of(const Json& j, int indent) {
+  return j.dump(indent, ' ', false, Json::error_handler_t::replace);
+}
 
 inline void append(Json& to, const Json& from) {
   for (const auto& [key, value] : from.items()) to[key] = value;
@@ -60,6 +62,8 @@ inline Json json(const Mechanics& m) {
 }
 
 /// A field of a CSV file: a number, a plain word, or nothing.
-inline std::string csv_field(const Json& v) { return v.is_number() ? v.dump() : v.is_string() ? v.get<std::string>() : ""; }
+inline std::string csv_field(const Json& v) {
+  return v.is_number() ? v.dump() : v.is_string() ? v.get<std::string>() : "";
+}
 
 }  // namespace lumo::program

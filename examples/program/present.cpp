@@ -74,8 +74,12 @@ LineChart force_depth_chart(const Options& o, const std::string& subtitle) {
 }
 
 BarChart response_chart(const Options& o, const std::string& title, const std::string& subtitle, std::size_t regions) {
-  BarChart c{title, theta_text(o) + "; " + subtitle, "region along the finger, proximal to distal",
-             "change of response per emitted power", {}, {}};
+  BarChart c{title,
+             theta_text(o) + "; " + subtitle,
+             "region along the finger, proximal to distal",
+             "change of response per emitted power",
+             {},
+             {}};
   for (std::size_t b = 1; b <= regions; ++b) c.categories.push_back(std::to_string(b));
   return c;
 }
@@ -89,7 +93,8 @@ BarSeries response_bars(const std::string& label, const std::string& colour, con
   return bars;
 }
 
-/// A contact field with a number on every node: what cannot be touched is as far from contact as the farthest node that can be.
+/// A contact field with a number on every node: what cannot be touched is as far from contact as the farthest node that
+/// can be.
 std::vector<double> on_all_nodes(std::vector<double> field) {
   double least = 0.0;
   for (const double v : field)
@@ -126,9 +131,11 @@ void add_press(const Options& o, const PressResult& press, Output& files) {
 }
 
 std::string ledger_text(const EnergyLedger& ledger) {
-  std::string text;
-  for (const PowerShare& s : power_shares(ledger))
-    text += (text.empty() ? "power: " : text.find('=') == std::string::npos ? " = " : " + ") + cell(s.part, 6) + " " + s.words;
+  std::string text = "power:", sign = " ";
+  for (const PowerShare& s : power_shares(ledger)) {
+    text += sign + cell(s.part, 6) + " " + s.words;
+    sign = sign == " " ? " = " : " + ";
+  }
   return text + "\n";
 }
 
@@ -152,15 +159,16 @@ std::string press_text(const Options& o, const PressResult& p) {
 
 /// One curve for each scenario, one colour for each diameter, in order of appearance.
 LineChart ensemble_curves(const Options& o, const std::vector<ScenarioRecord>& scenarios) {
-  LineChart chart = force_depth_chart(o, std::string(name(o.ensemble)) + " ensemble, " + std::to_string(scenarios.size()) +
-                                             " scenarios; one curve per place along the finger");
+  LineChart chart =
+      force_depth_chart(o, std::string(name(o.ensemble)) + " ensemble, " + std::to_string(scenarios.size()) +
+                               " scenarios; one curve per place along the finger");
   std::vector<double> seen;
   for (const ScenarioRecord& s : scenarios) {
     const auto place = std::size_t(std::find(seen.begin(), seen.end(), s.diameter_m) - seen.begin());
     const bool first = place == seen.size();
     if (first) seen.push_back(s.diameter_m);
-    chart.curves.push_back({first ? "sphere " + short_number(1e3 * s.diameter_m) + " mm" : "", palette[place % palette.size()],
-                            force_depth(s), 1.2, false, 0.7});
+    chart.curves.push_back({first ? "sphere " + short_number(1e3 * s.diameter_m) + " mm" : "",
+                            palette[place % palette.size()], force_depth(s), 1.2, false, 0.7});
   }
   return chart;
 }
@@ -168,29 +176,33 @@ LineChart ensemble_curves(const Options& o, const std::vector<ScenarioRecord>& s
 BarChart hardest_pair(const Options& o, const Evaluation& e) {
   const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
   const std::vector<double>& unloaded = e.observations.unloaded_response;
-  BarChart chart = response_chart(o, "The two places that are hardest to tell apart",
-                                  sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N", unloaded.size());
+  BarChart chart =
+      response_chart(o, "The two places that are hardest to tell apart",
+                     sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N", unloaded.size());
   for (const ObservedState* side : {&a, &b})
     for (const StateRecord& s : e.observations.scenarios[side->scenario].states)
       if (s.load_N == side->load_N)
-        chart.series.push_back(response_bars("y = " + y_text(side->y_m) + " mm", palette[chart.series.size()], s, unloaded));
+        chart.series.push_back(
+            response_bars("y = " + y_text(side->y_m) + " mm", palette[chart.series.size()], s, unloaded));
   return chart;
 }
 
 std::string evaluation_text(const Options& o, const Evaluation& e) {
   const Observations& seen = e.observations;
-  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(seen.scenarios.size()) +
-                     " scenarios\n" + how(o) + "J_contact = " + cell(value_of(e.J_contact), 4) + " ± " + cell(error_of(e.J_contact), 4);
+  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " +
+                     std::to_string(seen.scenarios.size()) + " scenarios\n" + how(o) +
+                     "J_contact = " + cell(value_of(e.J_contact), 4) + " ± " + cell(error_of(e.J_contact), 4);
   if (e.worst_contact) text += "   worst: " + scenario_text(seen.scenarios[*e.worst_contact]);
   text += "\nJ_obs     = " + scientific(value_of(e.J_obs)) + " ± " + scientific(error_of(e.J_obs));
   if (e.worst_observation) {
     const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    text += "   worst: " + sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) + " N, y = " + y_text(a.y_m) +
-            " and " + y_text(b.y_m) + " mm";
+    text += "   worst: " + sphere_text(a.diameter_m, a.angle_rad) + ", " + short_number(a.load_N) +
+            " N, y = " + y_text(a.y_m) + " and " + y_text(b.y_m) + " mm";
   }
   const Timing& s = seen.seconds;
-  return text + "\n" + ledger_text(seen.ledger) + size_text(seen.nodes, seen.elements) + "; " + cell(s.mesh, 1) + " s mesh, " +
-         cell(s.mechanics, 1) + " s mechanics, " + cell(s.optics, 1) + " s optics, " + cell(s.total, 1) + " s in all\n";
+  return text + "\n" + ledger_text(seen.ledger) + size_text(seen.nodes, seen.elements) + "; " + cell(s.mesh, 1) +
+         " s mesh, " + cell(s.mechanics, 1) + " s mechanics, " + cell(s.optics, 1) + " s optics, " + cell(s.total, 1) +
+         " s in all\n";
 }
 
 }  // namespace
@@ -220,9 +232,10 @@ std::string present(const Options& o, const MeshResult& m, Output& files) {
   const double volume_mm3 = 1e9 * m.quality.volume_m3, exact_mm3 = 1e9 * m.exact_volume_m3;
   const std::size_t nodes = m.mesh.nodes.size(), elements = m.mesh.tets.size(), faces = m.mesh.faces.size();
   if (!o.json)
-    return theta_text(o) + "\n" + size_text(nodes, elements) + ", " + std::to_string(faces) + " boundary faces\nvolume " +
-           cell(volume_mm3, 2) + " mm³ (exact " + cell(exact_mm3, 2) + " mm³)\nsmallest Jacobian ratio " +
-           cell(m.quality.min_jacobian_ratio, 3) + ", smallest dihedral angle " + cell(m.quality.min_dihedral_deg, 1) + "°\n";
+    return theta_text(o) + "\n" + size_text(nodes, elements) + ", " + std::to_string(faces) +
+           " boundary faces\nvolume " + cell(volume_mm3, 2) + " mm³ (exact " + cell(exact_mm3, 2) +
+           " mm³)\nsmallest Jacobian ratio " + cell(m.quality.min_jacobian_ratio, 3) + ", smallest dihedral angle " +
+           cell(m.quality.min_dihedral_deg, 1) + "°\n";
   Json j = heading(o);
   append(j, {{"mesh", mesh_size(nodes, elements)},
              {"boundary_faces", faces},
@@ -246,7 +259,8 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
   if (files.wanted()) {
     BarChart chart = response_chart(o, "Change of light in each region", scenario_text(p.scenario()), unloaded.size());
     for (const StateRecord& s : states)
-      chart.series.push_back(response_bars(short_number(s.load_N) + " N", shade(int(chart.series.size()), int(states.size())), s, unloaded));
+      chart.series.push_back(response_bars(short_number(s.load_N) + " N",
+                                           shade(int(chart.series.size()), int(states.size())), s, unloaded));
     files.add("response.svg", draw(chart));
     files.add("trace.csv", csv(p.seen.scenarios, true));
     add_press(o, p, files);

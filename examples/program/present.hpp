@@ -1,8 +1,8 @@
 #pragma once
 
+#include "lumo/campaign/evaluate.hpp"
 #include "program/options.hpp"
 #include "program/output.hpp"
-#include "lumo/campaign/evaluate.hpp"
 #include "program/report.hpp"
 #include "program/section_drawing.hpp"
 

@@ -25,16 +25,18 @@ inline std::vector<StateRecord> reported(const ScenarioRecord& scenario) {
 
 /// Part of the emitted power.
 struct PowerShare {
-  const char *name, *words;   ///< in records and in text
+  const char *name, *words;  ///< in records and in text
   double part;
 };
 
-/// Where the emitted power went; all others add up to the first. `sampling` is what Russian roulette and other estimators added or took; its expectation is 0.
-/// Undefined where nothing was traced.
+/// Where the emitted power went; all others add up to the first. `sampling` is what Russian roulette and other
+/// estimators added or took; its expectation is 0. Undefined where nothing was traced.
 inline std::array<PowerShare, 8> power_shares(const EnergyLedger& e) {
   double regions = 0.0;
   for (const double c : e.channels) regions += c;
-  const double physical = regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost, p = e.emitted;
+  const double physical =
+                   regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost,
+               p = e.emitted;
   return {{{"emitted", "emitted", p / p},
            {"regions", "regions", regions / p},
            {"to_indenter", "to indenter", e.to_indenter / p},
@@ -85,7 +87,9 @@ inline Json place(const ScenarioRecord& s) {
 }
 
 inline Json json(const ContactTerms& t) {
-  return {{"q_form", number(value_of(t.form))}, {"q_stable", number(value_of(t.stable))}, {"q_stiff", number(value_of(t.stiff))}};
+  return {{"q_form", number(value_of(t.form))},
+          {"q_stable", number(value_of(t.stable))},
+          {"q_stiff", number(value_of(t.stiff))}};
 }
 
 inline Json json(const ScenarioRecord& s) {
@@ -100,7 +104,10 @@ inline Json json(const ScenarioRecord& s) {
 inline Json mesh_size(std::size_t nodes, std::size_t elements) { return {{"nodes", nodes}, {"elements", elements}}; }
 
 inline Json json(const Timing& s) {
-  return {{"mesh", number(s.mesh)}, {"mechanics", number(s.mechanics)}, {"optics", number(s.optics)}, {"total", number(s.total)}};
+  return {{"mesh", number(s.mesh)},
+          {"mechanics", number(s.mechanics)},
+          {"optics", number(s.optics)},
+          {"total", number(s.total)}};
 }
 
 inline Json json(const EnergyLedger& ledger) {
@@ -122,15 +129,19 @@ inline Json objectives(const Evaluation& e) {
   }
   if (e.worst_observation) {
     const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    j["worst_observation"] = {{"diameter_mm", mm(a.diameter_m)}, {"angle_deg", degrees(a.angle_rad)}, {"load_N", a.load_N},
-                              {"y_mm", {mm(a.y_m), mm(b.y_m)}}, {"value", j["J_obs"]}};
+    j["worst_observation"] = {{"diameter_mm", mm(a.diameter_m)},
+                              {"angle_deg", degrees(a.angle_rad)},
+                              {"load_N", a.load_N},
+                              {"y_mm", {mm(a.y_m), mm(b.y_m)}},
+                              {"value", j["J_obs"]}};
   }
   return j;
 }
 
 /// Light of the unloaded body.
 inline Json unloaded(const Observations& seen) {
-  return {{"unloaded_response", numbers(seen.unloaded_response)}, {"unloaded_response_err", numbers(seen.unloaded_error)}};
+  return {{"unloaded_response", numbers(seen.unloaded_response)},
+          {"unloaded_response_err", numbers(seen.unloaded_error)}};
 }
 
 /// All but the design, and the time that it took.

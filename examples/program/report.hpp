@@ -21,9 +21,9 @@ struct MeshResult {
 };
 
 struct PressResult {
-  Observations seen;                     ///< one scenario; without light, what belongs to light is empty or undefined
+  Observations seen;  ///< one scenario; without light, what belongs to light is empty or undefined
   TetMesh mesh;
-  std::vector<MechanicalState> states;   ///< one per load, for the pictures and .vtu files
+  std::vector<MechanicalState> states;  ///< one per load, for the pictures and .vtu files
 
   const ScenarioRecord& scenario() const { return seen.scenarios.front(); }
 };
@@ -31,7 +31,7 @@ struct PressResult {
 /// One of several presses: a failure does not end the others.
 struct PressOutcome {
   std::optional<PressResult> press;
-  std::string why;                       ///< there is none
+  std::string why;  ///< there is none
 };
 
 /// A press with its light.

@@ -35,44 +35,56 @@ namespace detail {
 
 inline Paint paint(SectionDrawing::Fill fill) {
   switch (fill) {
-    case SectionDrawing::Fill::silicone: return {.fill = "#bfe0f2", .stroke = "#0072b2", .width = 1.6};
-    case SectionDrawing::Fill::carrier: return {.fill = "#8c8c8c", .stroke = "#444444", .width = 1.2};
-    case SectionDrawing::Fill::air: return {.fill = "#ffffff", .stroke = "#444444", .width = 1.0, .dash = "4 3"};
-    default: return {.fill = "#f0a500", .stroke = "#7a4b00", .width = 1.0};
+    case SectionDrawing::Fill::silicone:
+      return {.fill = "#bfe0f2", .stroke = "#0072b2", .width = 1.6};
+    case SectionDrawing::Fill::carrier:
+      return {.fill = "#8c8c8c", .stroke = "#444444", .width = 1.2};
+    case SectionDrawing::Fill::air:
+      return {.fill = "#ffffff", .stroke = "#444444", .width = 1.0, .dash = "4 3"};
+    default:
+      return {.fill = "#f0a500", .stroke = "#7a4b00", .width = 1.0};
   }
 }
 
 /// Filled arrowhead with its tip at `tip`, pointing along (dx, dy).
 inline void arrow(Svg& svg, Point tip, double dx, double dy) {
   constexpr double length = 8, half = 2.6;
-  svg.polygon({{tip, {tip[0] - length * dx - half * dy, tip[1] - length * dy + half * dx}, {tip[0] - length * dx + half * dy, tip[1] - length * dy - half * dx}}},
+  svg.polygon({{tip,
+                {tip[0] - length * dx - half * dy, tip[1] - length * dy + half * dx},
+                {tip[0] - length * dx + half * dy, tip[1] - length * dy - half * dx}}},
               {.fill = plot::ink});
 }
 
 /// Where a label may stand.
 struct Place {
   Point at;
-  std::string anchor;
+  Svg::Anchor anchor;
 };
 
-/// For the label of a dimension line from a to b, the best places first. Lines within the body (no shift) have less room about them.
+/// For the label of a dimension line from a to b, the best places first. Lines within the body (no shift) have less
+/// room about them.
 inline std::vector<Place> label_places(const SectionDrawing::Dimension& d, Point a, Point b) {
-  const double left = std::min(a[0], b[0]), right = std::max(a[0], b[0]), top = std::min(a[1], b[1]), bottom = std::max(a[1], b[1]);
+  const double left = std::min(a[0], b[0]), right = std::max(a[0], b[0]), top = std::min(a[1], b[1]),
+               bottom = std::max(a[1], b[1]);
   const double x = 0.5 * (left + right), y = 0.5 * (top + bottom);
   std::vector<Place> places;
-  if (d.along == SectionDrawing::Dimension::Along::x && d.shift != 0.0)   // on it, beside it, below it
-    return {{{x, y - 6}, "middle"}, {{right + 18, y + 4}, "start"}, {{left - 18, y + 4}, "end"}, {{x, y + 15}, "middle"}};
+  if (d.along == SectionDrawing::Dimension::Along::x && d.shift != 0.0)  // on it, beside it, below it
+    return {{{x, y - 6}, Svg::middle},
+            {{right + 18, y + 4}, Svg::start},
+            {{left - 18, y + 4}, Svg::end},
+            {{x, y + 15}, Svg::middle}};
   if (d.along == SectionDrawing::Dimension::Along::x) {
     for (const double away : {-6.0, -12.0, -18.0, 15.0, 21.0}) {
-      for (const double from_end : {10.0, 4.0, 16.0, 24.0}) places.push_back({{right - from_end, y + away}, "end"});
-      for (const double from_end : {4.0, 10.0}) places.push_back({{left + from_end, y + away}, "start"});
+      for (const double from_end : {10.0, 4.0, 16.0, 24.0}) places.push_back({{right - from_end, y + away}, Svg::end});
+      for (const double from_end : {4.0, 10.0}) places.push_back({{left + from_end, y + away}, Svg::start});
     }
     return places;
   }
-  const std::array<Place, 2> sides = {{{{x + 7, 0}, "start"}, {{x - 7, 0}, "end"}}};
+  const std::array<Place, 2> sides = {{{{x + 7, 0}, Svg::start}, {{x - 7, 0}, Svg::end}}};
   for (const double part : {0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8})
     for (const Place& side : sides)
-      if (d.shift == 0.0 || (d.shift < 0.0) == (side.anchor == "end")) places.push_back({{side.at[0], bottom + part * (top - bottom) + 4}, side.anchor});
+      if (d.shift == 0.0 || (d.shift < 0.0) == (side.anchor == Svg::end))
+        places.push_back({{side.at[0], bottom + part * (top - bottom) + 4}, side.anchor});
   return places;
 }
 
@@ -96,8 +108,10 @@ class SectionPicture {
   void cover() {
     double x1 = 0, z0 = 0;
     const auto include = [&](const Point& p) {
-      x0_ = std::min(x0_, p[0]), x1 = std::max(x1, p[0]);
-      z0 = std::min(z0, p[1]), z1_ = std::max(z1_, p[1]);
+      x0_ = std::min(x0_, p[0]);
+      x1 = std::max(x1, p[0]);
+      z0 = std::min(z0, p[1]);
+      z1_ = std::max(z1_, p[1]);
     };
     for (const auto& a : s_.areas)
       for (const Point& p : a.loop) include(p);
@@ -131,7 +145,7 @@ class SectionPicture {
     const std::size_t along = d.along == SectionDrawing::Dimension::Along::x ? 0 : 1;
     Point u{};
     u[along] = b[along] > a[along] ? 1 : -1;
-    const bool inside = std::abs(b[along] - a[along]) > room_for_arrows;   // else the arrows point inwards from outside
+    const bool inside = std::abs(b[along] - a[along]) > room_for_arrows;  // else the arrows point inwards from outside
     const double back = inside ? 0 : outside, way = inside ? 1 : -1;
     line({a[0] - back * u[0], a[1] - back * u[1]}, {b[0] + back * u[0], b[1] + back * u[1]}, thin);
     arrow(svg_, b, way * u[0], way * u[1]);
@@ -145,7 +159,7 @@ class SectionPicture {
     const auto best = std::min_element(places.begin(), places.end(),
                                        [&](const Place& p, const Place& q) { return hits(p) < hits(q); });
     const Box taken = box(*best);
-    if (hits(*best) > 0)   // readable all the same
+    if (hits(*best) > 0)  // readable all the same
       svg_.rect({taken.left, taken.top}, taken.right - taken.left, taken.bottom - taken.top,
                 {.fill = "#ffffff", .opacity = 0.75});
     svg_.text(best->at, d.label, {.anchor = best->anchor});
@@ -156,8 +170,10 @@ class SectionPicture {
     using Fill = SectionDrawing::Fill;
     const double x = svg_.width() - legend_width + 10;
     double y = head + 26;
-    for (const auto& [fill, label] : {std::pair{Fill::silicone, "silicone"}, {Fill::carrier, "rigid carrier"},
-                                      {Fill::air, "lateral void (air)"}, {Fill::led, "LED"}}) {
+    for (const auto& [fill, label] : {std::pair{Fill::silicone, "silicone"},
+                                      {Fill::carrier, "rigid carrier"},
+                                      {Fill::air, "lateral void (air)"},
+                                      {Fill::led, "LED"}}) {
       if (std::none_of(s_.areas.begin(), s_.areas.end(), [f = fill](const auto& a) { return a.fill == f; })) continue;
       svg_.rect({x, y - 11}, 18, 14, paint(fill));
       svg_.text({x + 26, y}, label);
@@ -166,7 +182,7 @@ class SectionPicture {
   }
 
   const SectionDrawing& s_;
-  double x0_ = 0, z1_ = 0, scale_ = 1;   ///< left and upper end [mm], px per mm
+  double x0_ = 0, z1_ = 0, scale_ = 1;  ///< left and upper end [mm], px per mm
   Svg svg_{0, 0};
   Obstacles obstacles_;
 };

@@ -8,27 +8,6 @@
 using namespace lumo;
 using namespace lumo::program;
 
-TEST_CASE("short numbers have no trailing zeros and no minus zero") {
-  CHECK(short_number(1.50) == "1.5");
-  CHECK(short_number(-0.001, 2) == "0");
-  CHECK(short_number(10.0, 0) == "10");
-  CHECK(short_number(-29.5, 2) == "-29.5");
-}
-
-TEST_CASE("ticks are round, few and cover the data") {
-  for (const double high : {1e-6, 0.0037, 0.3, 1.0, 3.7, 15.0, 999.0, 12345.0})
-    for (const double low : {0.0, -0.3 * high}) {
-      const auto t = plot::ticks(low, high, 6);
-      INFO(low << " " << high);
-      CHECK(t.front() <= low + 1e-5 * high);
-      CHECK(t.back() >= high * (1 - 1e-5));
-      CHECK(t.size() >= 3);
-      CHECK(t.size() <= 12);
-    }
-  CHECK(plot::ticks(0.0, 15.0 + 1e-7, 6).back() == 15.0);
-  CHECK(plot::ticks(0.0, 0.0, 6).size() > 1);   // all values zero
-}
-
 TEST_CASE("shades run from light to dark") {
   CHECK(shade(0, 5) == "#a9cfea");
   CHECK(shade(4, 5) == "#082c5c");

@@ -24,8 +24,14 @@ struct Frame {
   double x(double v) const { return left + (v - x0) / (x1 - x0) * (right - left); }
   double y(double v) const { return bottom - (v - y0) / (y1 - y0) * (bottom - top); }
   /// The axes end at the first and at the last tick.
-  void fit_x() { x0 = x_ticks.front(), x1 = x_ticks.back(); }
-  void fit_y() { y0 = y_ticks.front(), y1 = y_ticks.back(); }
+  void fit_x() {
+    x0 = x_ticks.front();
+    x1 = x_ticks.back();
+  }
+  void fit_y() {
+    y0 = y_ticks.front();
+    y1 = y_ticks.back();
+  }
 };
 
 /// Round tick values that cover [low, high].
@@ -87,7 +93,7 @@ inline void x_grid(Svg& svg, const Frame& f, int exponent = 0) {
   for (std::size_t k = 0; k < texts.size(); ++k) {
     const double x = f.x(f.x_ticks[k]);
     svg.line({x, f.top}, {x, f.bottom}, {.stroke = faint});
-    svg.text({x, f.bottom + 18}, texts[k], {.anchor = "middle"});
+    svg.text({x, f.bottom + 18}, texts[k], {.anchor = Svg::middle});
   }
 }
 
@@ -96,17 +102,17 @@ inline void y_grid(Svg& svg, const Frame& f, int exponent = 0) {
   for (std::size_t k = 0; k < texts.size(); ++k) {
     const double y = f.y(f.y_ticks[k]);
     svg.line({f.left, y}, {f.right, y}, {.stroke = faint});
-    svg.text({f.left - 8, y + 4}, texts[k], {.anchor = "end"});
+    svg.text({f.left - 8, y + 4}, texts[k], {.anchor = Svg::end});
   }
 }
 
 inline void x_label(Svg& svg, const Frame& f, const std::string& label) {
-  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, label, {.size = 13, .anchor = "middle"});
+  svg.text({0.5 * (f.left + f.right), f.bottom + 42}, label, {.size = 13, .anchor = Svg::middle});
 }
 
 /// `at`: the baseline's place, in px from the left.
 inline void y_label(Svg& svg, const Frame& f, const std::string& label, double at = 22) {
-  svg.text({at, 0.5 * (f.top + f.bottom)}, label, {.size = 13, .anchor = "middle", .rotate_deg = -90});
+  svg.text({at, 0.5 * (f.top + f.bottom)}, label, {.size = 13, .anchor = Svg::middle, .rotate_deg = -90});
 }
 
 /// Grid and label, divided by 10 to the `exponent`.

@@ -7,7 +7,8 @@
 
 namespace lumo {
 
-/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more than 400 characters.
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
+/// than 400 characters.
 inline std::string short_number(double v, int digits = 2) {
   std::array<char, 400> buffer;
   const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);

@@ -20,9 +20,9 @@ class Svg {
 
   struct Page {
     double width, height;
-    std::string unit = {};   ///< of width and height on paper; empty: px
+    std::string unit = {};  ///< of width and height on paper; empty: px
     std::string title = {};
-    int digits = 2;          ///< decimals of all numbers
+    int digits = 2;  ///< decimals of all numbers
   };
   /// How a shape is painted; an empty colour means none.
   struct Paint {
@@ -33,13 +33,15 @@ class Svg {
     std::string dash = {};
     bool round_ends = false;
   };
+  /// Which end of a text stands at its place; `left_out` is `start`, too, but not written.
+  enum Anchor { start, middle, end, left_out };
   struct TextStyle {
     double size = 12.0;
-    std::string anchor = "start";  ///< start, middle or end; empty: not written, which means start
+    Anchor anchor = start;
     std::string fill = "#222222";
-    double rotate_deg = 0.0;       ///< about the anchor point
+    double rotate_deg = 0.0;  ///< about the anchor point
     bool bold = false;
-    std::string stroke = {};       ///< empty: that of the group
+    std::string stroke = {};  ///< empty: that of the group
   };
 
   explicit Svg(Page page) : page_(std::move(page)) {}
@@ -74,7 +76,7 @@ class Svg {
   }
   void text(Point at, std::string_view words) { text(at, words, TextStyle{}); }
   void text(Point at, std::string_view words, const TextStyle& t) {
-    body_ += "<text" + place("x", "y", at) + quoted("font-size", n(t.size)) + given("text-anchor", t.anchor) +
+    body_ += "<text" + place("x", "y", at) + quoted("font-size", n(t.size)) + given("text-anchor", words_of(t.anchor)) +
              quoted("fill", t.fill) + given("stroke", t.stroke);
     if (t.bold) body_ += " font-weight=\"bold\"";
     if (t.rotate_deg != 0.0)
@@ -107,7 +109,12 @@ class Svg {
   static std::string quoted(const char* key, const std::string& value) {
     return std::string(" ") + key + "=\"" + value + "\"";
   }
-  static std::string given(const char* key, const std::string& value) { return value.empty() ? "" : quoted(key, value); }
+  static std::string given(const char* key, const std::string& value) {
+    return value.empty() ? "" : quoted(key, value);
+  }
+  static std::string words_of(Anchor a) {
+    return a == left_out ? "" : a == end ? "end" : a == middle ? "middle" : "start";
+  }
   std::string place(const char* x, const char* y, Point p) const { return quoted(x, n(p[0])) + quoted(y, n(p[1])); }
   std::string box(Point corner, double w, double h) const {
     return "<rect" + place("x", "y", corner) + quoted("width", n(w)) + quoted("height", n(h));
@@ -115,10 +122,14 @@ class Svg {
   static std::string escaped(std::string_view s) {
     std::string out;
     for (const char c : s) {
-      if (c == '&') out += "&amp;";
-      else if (c == '<') out += "&lt;";
-      else if (c == '>') out += "&gt;";
-      else out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;   // XML has no control characters
+      if (c == '&')
+        out += "&amp;";
+      else if (c == '<')
+        out += "&lt;";
+      else if (c == '>')
+        out += "&gt;";
+      else
+        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
     }
     return out;
   }

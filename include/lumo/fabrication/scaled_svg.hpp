@@ -12,7 +12,7 @@ namespace lumo {
 /// Throws InputError when the stream fails.
 inline void write_svg(std::ostream& out, const Drawing& drawing) {
   constexpr double margin = 5.0e-3, line_mm = 0.15;
-  constexpr int nanometres = 6;  // decimals of a mm
+  constexpr int nanometres = 6;          // decimals of a mm
   constexpr double capitals = 0.73;      // height of DejaVu's capitals over its size
   constexpr double letter_width = 0.85;  // over their height: most letters are narrower
   auto [low, high] = drawing.box();
@@ -35,8 +35,9 @@ inline void write_svg(std::ostream& out, const Drawing& drawing) {
     }
     for (const Drawing::Label& label : drawing.labels)
       if (std::size_t(label.layer) == k)
-        svg.text(at(label.at), label.words,
-                 {.size = 1e3 * (label.height / capitals), .anchor = "", .fill = layer.stroke, .stroke = "none"});
+        svg.text(
+            at(label.at), label.words,
+            {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
     svg.end_group();
   }
   svg.write(out);

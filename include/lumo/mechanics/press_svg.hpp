@@ -17,8 +17,9 @@
 namespace lumo {
 
 /// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the
-/// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws InvalidArgument
-/// for a state that has no displacement on this mesh, or when the indenter passes by; InputError when the stream fails.
+/// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws
+/// InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by; InputError when
+/// the stream fails.
 template <Indenter Tool>
 void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
                      const MechanicalState& state);
@@ -182,7 +183,9 @@ void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, c
     const std::string colour = detail::moved_colour(most_mm > 0.0 ? moved / most_mm : 0.0);
     svg.polygon({detail::to_px(f, area)}, {.fill = colour, .stroke = colour, .width = 0.6});
   }
-  const auto distance = [&](double x, double z) { return scenario.indenter.distance(Vec3(1e-3 * x, y, 1e-3 * z) - tool); };
+  const auto distance = [&](double x, double z) {
+    return scenario.indenter.distance(Vec3(1e-3 * x, y, 1e-3 * z) - tool);
+  };
   svg.polylines(detail::zero_lines(f, distance), {.stroke = "#d55e00", .width = 2, .round_ends = true});
   std::vector<Svg::Points> outline;
   for (const auto& line : cut.outline) outline.push_back(detail::to_px(f, line));
