@@ -23,6 +23,7 @@
 namespace {
 
 using namespace lumo::program;
+using lumo::ScenarioRecord, lumo::Status;
 
 enum ExitCode { ok = 0, fault = 1, usage = 2, infeasible = 3, numerical = 4, bad_file = 5 };
 
@@ -31,24 +32,26 @@ int complain(const std::string& text, ExitCode code) {
   return code;
 }
 
-std::string_view meaning(std::string_view status) {
-  if (status == "not_positive_definite") return "the pad gives way, or buckles";
-  if (status == "inverted") return "an element is crushed";
-  if (status == "max_iterations") return "the residual stays too large";
-  if (status == "time_limit") return "out of time";
-  return "the solver found no way on";
+std::string_view meaning(Status status) {
+  switch (status) {
+    case Status::not_positive_definite: return "the pad gives way, or buckles";
+    case Status::inverted: return "an element is crushed";
+    case Status::max_iterations: return "the residual stays too large";
+    case Status::time_limit: return "out of time";
+    default: return "the solver found no way on";
+  }
 }
 
 /// Shows the result even where a solve went wrong, for the states before it are sound; files are for good results only.
 template <class Result>
-int deliver(const Options& options, const Result& result, const std::vector<ScenarioReport>& scenarios, Output& files, Progress& progress) {
+int deliver(const Options& options, const Result& result, const std::vector<ScenarioRecord>& scenarios, Output& files, Progress& progress) {
   const std::string text = present(options, result, files);
   progress.finish();
   for (const auto& s : scenarios)
-    if (s.status != "converged" && s.status != "held") {   // who asked for a solver that holds gets what it holds
+    if (!is_scored(s.status, true)) {   // who asked for a solver that holds gets what it holds
       print(text);
-      return complain(lumo::message("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", s.status, ": ", meaning(s.status), "), sphere of ", s.diameter_mm,
-                                         " mm at ", s.angle_deg, " deg, y = ", s.y_mm, " mm"),
+      return complain(lumo::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", to_string(s.status), ": ", meaning(s.status), "), sphere of ",
+                                         mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm"),
                       numerical);
     }
   hand_out(text, files, progress);
@@ -83,19 +86,19 @@ int run(const Options& options, char** arguments) {
     case Command::mesh: return deliver(options, make_mesh(options, progress), {}, files, progress);
     case Command::press: {
       const auto result = make_press(options, progress);
-      return deliver(options, result, {result.scenario}, files, progress);
+      return deliver(options, result, result.seen.scenarios, files, progress);
     }
     case Command::trace: {
       const auto result = make_trace(options, progress);
-      return deliver(options, result, {result.scenario}, files, progress);
+      return deliver(options, result, result.press.seen.scenarios, files, progress);
     }
     case Command::evaluate: {
       const auto result = make_evaluation(options, progress);
-      return deliver(options, result, result.scenarios, files, progress);
+      return deliver(options, result, result.observations.scenarios, files, progress);
     }
     case Command::study_solver: {
       const auto result = make_solver_study(options, progress);
-      std::vector<ScenarioReport> presses;
+      std::vector<ScenarioRecord> presses;
       for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
       return deliver(options, result, presses, files, progress);
     }

@@ -23,7 +23,10 @@ constexpr std::array<double, 2> pressed_diameters_mm = {10.0, 30.0};
 
 /// As a shell takes it for one word.
 std::string word(const std::string& s) {
-  const auto plain = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || std::string_view("/._-+=:,@%").find(c) != std::string_view::npos; };
+  const auto plain = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) != 0 ||
+           std::string_view("/._-+=:,@%").find(c) != std::string_view::npos;
+  };
   if (!s.empty() && std::all_of(s.begin(), s.end(), plain)) return s;
   std::string quoted = "'";
   for (const char c : s) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
@@ -39,8 +42,11 @@ std::string command_line(const Options& o, const std::string& page) {
 /// Presses the selected pads, each once, at y = 0 along z; what goes wrong is said in the page.
 void add_presses(Json& campaigns, const Options& o, Progress& progress) {
   std::vector<Options> requests;
-  const auto same = [](const Options& a, const Options& b) { return a.theta_mm == b.theta_mm && a.material == b.material && a.diameter_mm == b.diameter_mm && a.mechanics.paper == b.mechanics.paper; };
-  std::vector<std::pair<std::size_t, std::size_t>> wanted;   // campaign, request
+  const auto same = [](const Options& a, const Options& b) {
+    return a.theta_mm == b.theta_mm && a.material == b.material && a.diameter_mm == b.diameter_mm &&
+           a.mechanics.paper == b.mechanics.paper;
+  };
+  std::vector<std::pair<std::size_t, std::size_t>> wanted;  // campaign, request
   for (std::size_t c = 0; c < campaigns.size(); ++c) {
     if (campaigns[c]["design"].is_null()) continue;
     for (const double diameter_mm : pressed_diameters_mm) {
@@ -49,7 +55,8 @@ void add_presses(Json& campaigns, const Options& o, Progress& progress) {
       request.material = campaigns[c]["material"].get<std::string>();
       request.diameter_mm = diameter_mm;
       if (campaigns[c]["mechanics"]["mode"] == "paper") request.mechanics = paper_mechanics();
-      const auto found = std::find_if(requests.begin(), requests.end(), [&](const Options& r) { return same(r, request); });
+      const auto found =
+          std::find_if(requests.begin(), requests.end(), [&](const Options& r) { return same(r, request); });
       wanted.emplace_back(c, std::size_t(found - requests.begin()));
       if (found == requests.end()) requests.push_back(request);
     }
@@ -58,7 +65,7 @@ void add_presses(Json& campaigns, const Options& o, Progress& progress) {
   std::vector<PressOutcome> outcomes(requests.size());
   try {
     outcomes = make_presses(requests, o.threads, progress);
-  } catch (const Error& e) {   // this build lacks the simulations
+  } catch (const Error& e) {  // this build lacks the simulations
     for (PressOutcome& outcome : outcomes) outcome.why = e.what();
   }
   for (const auto& [c, k] : wanted) campaigns[c]["design"]["presses"].push_back(press_model(requests[k], outcomes[k]));
@@ -69,7 +76,8 @@ void add_presses(Json& campaigns, const Options& o, Progress& progress) {
 std::string campaign_report(const Options& o, Progress& progress) {
   namespace fs = std::filesystem;
   const fs::path path = o.page;
-  if (std::error_code unknown; !path.has_filename() || fs::is_directory(path, unknown)) throw InputError("cannot write to '" + path.string() + "': it names a directory, not a file");
+  if (std::error_code unknown; !path.has_filename() || fs::is_directory(path, unknown))
+    throw InputError("cannot write to '" + path.string() + "': it names a directory, not a file");
   Output files(path.has_parent_path() ? path.parent_path().string() : ".");
   const std::string charts = chart_library();
 
@@ -83,7 +91,8 @@ std::string campaign_report(const Options& o, Progress& progress) {
   add_presses(campaigns, o, progress);
 
   Json variables = Json::array();
-  for (const Variable& v : finger_space().variables) variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
+  for (const Variable& v : finger_space().variables)
+    variables.push_back({{"name", v.name}, {"unit", v.unit}, {"lower", v.lower}, {"upper", v.upper}});
   const PadDimensions pad;
   const Json data = {{"lumo", version},
                      {"results_version", results_version},

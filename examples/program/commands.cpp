@@ -13,7 +13,7 @@
 #include "program/doctor.hpp"
 #include "program/json.hpp"
 #include "program/pad.hpp"
-#include "program/press_report.hpp"
+#include "program/records.hpp"
 #include "program/simulation.hpp"
 #include "program/text.hpp"
 #include "program/version.hpp"
@@ -67,91 +67,32 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
   return out;
 }
 
-Seconds report(const Timing& t) { return {t.mesh, t.mechanics, t.optics, t.total}; }
-
-Ledger report(const EnergyLedger& e) {
-  double regions = 0.0;
-  for (const double c : e.channels) regions += c;
-  const double physical = regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost, p = e.emitted;
-  return {1.0, regions / p, e.to_indenter / p, e.elsewhere / p, e.absorbed_in_medium / p, e.absorbed_at_surfaces / p, (e.accounted() - physical) / p, e.lost / p};
-}
-
 /// The part of a press that a trace shares.
 template <class P>
 PressResult pressed(const Options& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
-  result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
-  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
+  Observations& seen = result.seen;
+  seen.seconds = {undefined, undefined, undefined, undefined};
+  result.mesh = mesh_of(o, body, pipeline, progress, seen.seconds.mesh);
+  seen.nodes = result.mesh.nodes.size();
+  seen.elements = result.mesh.tets.size();
   const Stopwatch watch;
   progress.stage("press");
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
-  report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
-  result.seconds.mechanics = watch.seconds();
-  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return is_scored(s.status, true); })) progress.step();   // else it is not done
-
-  result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
-  for (const auto& s : result.states) {
-    result.scenario.states.push_back(report_state(s));
-    result.scenario.status = std::string(to_string(s.status));
-    if (!is_scored(s.status, true)) break;
-  }
-  return result;
-}
-
-/// As people give them: 30, where 30 · π/180 · 180/π is an ulp below.
-double degrees(double rad) { return as_typed(rad * 180.0 / pi); }
-
-ScenarioReport report(const ScenarioRecord& s) {
-  ScenarioReport report;
-  report.diameter_mm = 1e3 * s.diameter_m, report.angle_deg = degrees(s.angle_rad), report.y_mm = 1e3 * s.y_m;
-  report.status = std::string(to_string(s.status));
-  report_terms(report, s.terms);
-  for (const StateRecord& k : s.states) {
-    StateReport state = report_state(k);
-    state.response = k.response;
-    if (k.change.size() > 0) state.change_error = standard_error(k.change);
-    report.states.push_back(std::move(state));
-  }
-  return report;
-}
-
-EvaluationResult report(const Evaluation& e) {
-  const Observations& seen = e.observations;
-  EvaluationResult result;
-  const auto record = [](const std::optional<Estimate>& j, double& value, double& error) {
-    if (j) value = j->value, error = j->error;
-  };
-  record(e.J_contact, result.J_contact, result.J_contact_err);
-  record(e.J_obs, result.J_obs, result.J_obs_err);
-  for (const ScenarioRecord& s : seen.scenarios) result.scenarios.push_back(report(s));
-  if (e.worst_contact) {
-    const ScenarioReport& s = result.scenarios[*e.worst_contact];
-    result.worst_contact = WorstContact{s.diameter_mm, s.angle_deg, s.y_mm, result.J_contact};
-  }
-  if (e.worst_observation) {
-    const ObservedState &a = e.observed[e.worst_observation->first], &b = e.observed[e.worst_observation->second];
-    result.worst_observation = WorstObservation{1e3 * a.diameter_m, degrees(a.angle_rad), a.load_N, 1e3 * a.y_m, 1e3 * b.y_m, result.J_obs};
-  }
-  result.unloaded_response = seen.unloaded_response;
-  result.unloaded_error = seen.unloaded_error;
-  result.ledger = report(seen.ledger);
-  result.size = {seen.nodes, seen.elements};
-  result.seconds = report(seen.seconds);
+  seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
+  seen.seconds.mechanics = watch.seconds();
+  if (is_scored(result.scenario().status, true)) progress.step();   // else it is not done
   return result;
 }
 
 Json json(const VariantResult& v) {
   Json j = {{"variant", to_string(v.twin)}, {"why", v.why.empty() ? Json(nullptr) : Json(v.why)}};
-  const auto add = [&](const char* key, const std::optional<Estimate>& e) {
-    j[key] = e ? number(e->value) : Json(nullptr);
-    j[std::string(key) + "_err"] = e ? number(e->error) : Json(nullptr);
-  };
-  add("J_contact", v.J_contact);
-  add("D", v.change);
+  put(j, "J_contact", v.J_contact);
+  put(j, "D", v.change);
   j["scenarios"] = Json::array();
-  for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(json(report(s)));
-  j["mesh"] = json(MeshReport{v.observations.nodes, v.observations.elements});
+  for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(program::json(s));
+  j["mesh"] = mesh_size(v.observations.nodes, v.observations.elements);
   return j;
 }
 
@@ -198,20 +139,15 @@ MeshResult make_mesh(const Options& o, Progress& progress) {
   MeshResult result;
   const Body body = body_of(o);
   result.mesh = mesh_of(o, body, pipeline_for(o), progress, result.seconds);
-  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
-  result.boundary_faces = result.mesh.faces.size();
-  const MeshQuality quality = measure(result.mesh);
-  result.volume_mm3 = 1e9 * quality.volume_m3;
-  result.exact_volume_mm3 = 1e9 * body.exact_volume_m3;
-  result.min_jacobian_ratio = quality.min_jacobian_ratio;
-  result.min_dihedral_deg = quality.min_dihedral_deg;
+  result.quality = measure(result.mesh);
+  result.exact_volume_m3 = body.exact_volume_m3;
   return result;
 }
 
 PressResult make_press(const Options& o, Progress& progress) {
   const Stopwatch watch;
   PressResult result = pressed(o, body_of(o), pipeline_for(o), progress);
-  result.seconds.total = watch.seconds();
+  result.seen.seconds.total = watch.seconds();
   return result;
 }
 
@@ -241,9 +177,9 @@ TraceResult make_trace(const Options& o, Progress& progress) {
   const Body body = body_of(o);
   const auto pipeline = pipeline_for(o);
   TraceResult result;
-  result.press = pressed(o, body, pipeline, progress);
-  result.scenario = result.press.scenario;
-  const PressResult& press = result.press;
+  PressResult& press = result.press;
+  press = pressed(o, body, pipeline, progress);
+  Observations& seen = press.seen;
   if (!is_scored(press.states.back().status, true)) return result;
 
   const Stopwatch light;
@@ -254,27 +190,29 @@ TraceResult make_trace(const Options& o, Progress& progress) {
     responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
     progress.step();
   });
-  result.unloaded_response = per_power(responses[0], responses[0].power_W);
-  result.unloaded_error = per_power(responses[0], responses[0].error_W);
+  seen.unloaded_response = per_power(responses[0], responses[0].power_W);
+  seen.unloaded_error = per_power(responses[0], responses[0].error_W);
   double worst = -1.0;
   for (std::size_t k = 0; k < responses.size(); ++k) {
     const Response& r = responses[k];
     if (k > 0) {
-      StateReport& state = result.scenario.states[k - 1];
+      StateRecord& state = seen.scenarios.front().states[k - 1];
       state.response = per_power(r, r.power_W);
       state.change_error = per_power(r, standard_error(r.replicates - responses[0].replicates));   // the same rays: most of their noise cancels
     }
-    if (r.ledger.imbalance() > worst) worst = r.ledger.imbalance(), result.ledger = report(r.ledger);
+    if (!(r.ledger.imbalance() > worst)) continue;
+    worst = r.ledger.imbalance();
+    seen.ledger = r.ledger;
   }
-  result.press.seconds.optics = light.seconds();
-  result.press.seconds.total = watch.seconds();
+  seen.seconds.optics = light.seconds();
+  seen.seconds.total = watch.seconds();
   return result;
 }
 
-EvaluationResult make_evaluation(const Options& o, Progress& progress) {
+Evaluation make_evaluation(const Options& o, Progress& progress) {
   const auto pipeline = pipeline_for(o);
-  return report(evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
-                         shown_in(progress)));
+  return evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
+                  shown_in(progress));
 }
 
 std::vector<double> make_depths(const Options& o, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress) {
@@ -314,7 +252,7 @@ struct PadSettings {
 
 std::string pad_responses_key(const Options& o) {
   const PadSettings s(o.coarse);
-  return lumo::message("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
+  return lumo::text("lab 1, lumo ", version, ", theta ", joined(o.theta_mm), " mm, ", o.material, ", sphere ", 1e3 * s.grid.diameter_m, " mm, ", s.grid.places, " places every ",
                             1e3 * s.grid.spacing_m, " mm, loads ", joined(s.grid.load_N), " N, finest edge ", 1e3 * s.focus.finest, " mm, surface edge ", 1e3 * s.finger.mesh.contact_edge,
                             " mm, rays ", s.rays.rays_per_emitter, " ", s.rays.carrier_rays, " ", s.rays.exit_rays, ", bins ", s.sight.bins);
 }
@@ -336,9 +274,8 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e =
           evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads}, report_stage);
-      const EvaluationResult result = report(e);
-      append(record, json(result));
-      notes["seconds"] = json(result.seconds);
+      append(record, json(e));
+      notes["seconds"] = json(e.observations.seconds);
       return verdict_of(e, o.mechanics.holds());
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, work);
@@ -353,7 +290,7 @@ Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lum
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
         record["variants"].push_back(json(v));
-        notes["seconds"][std::string(to_string(v.twin))] = json(report(v.observations.seconds));
+        notes["seconds"][std::string(to_string(v.twin))] = json(v.observations.seconds);
         verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
@@ -387,16 +324,9 @@ Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
       for (std::size_t k = 0; k < results.size(); ++k) {
-        const EvaluationResult r = report(results[k].evaluation);
         const std::string& why = results[k].why;
-        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()},
-                                      {"why", why.empty() ? Json(nullptr) : Json(why)},
-                                      {"J_contact", number(r.J_contact)},
-                                      {"J_contact_err", number(r.J_contact_err)},
-                                      {"J_obs", number(r.J_obs)},
-                                      {"J_obs_err", number(r.J_obs_err)},
-                                      {"worst_contact", r.worst_contact ? json(*r.worst_contact) : Json(nullptr)},
-                                      {"worst_observation", r.worst_observation ? json(*r.worst_observation) : Json(nullptr)}});
+        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()}, {"why", why.empty() ? Json(nullptr) : Json(why)}});
+        append(record["readings"].back(), objectives(results[k].evaluation));
       }
       Verdict verdict = verdict_of(results.front().evaluation);
       for (std::size_t k = 1; k < results.size(); ++k)

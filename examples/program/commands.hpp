@@ -6,6 +6,7 @@
 #include "program/section_drawing.hpp"
 
 #include "lumo/campaign/campaign.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/study/matched_study.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
@@ -25,7 +26,7 @@ PressResult make_press(const Options& options, Progress& progress);
 /// Presses side by side on `threads` threads, in the order of their requests.
 std::vector<PressOutcome> make_presses(const std::vector<Options>& requests, int threads, Progress& progress);
 TraceResult make_trace(const Options& options, Progress& progress);
-EvaluationResult make_evaluation(const Options& options, Progress& progress);
+Evaluation make_evaluation(const Options& options, Progress& progress);
 
 /// Depth [mm] at the last load of each scenario, without light; undefined where no equilibrium was found.
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>& theta_mm, const lumo::Ensemble& ensemble, Progress& progress);

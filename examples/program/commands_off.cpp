@@ -15,7 +15,7 @@ PressResult make_press(const Options& options, Progress&) { off(options.command)
 std::vector<PressOutcome> make_presses(const std::vector<Options>&, int, Progress&) { off(Command::press); }
 TraceResult make_trace(const Options& options, Progress&) { off(options.command); }
 SolverStudy make_solver_study(const Options& options, Progress&) { off(options.command); }
-EvaluationResult make_evaluation(const Options& options, Progress&) { off(options.command); }
+Evaluation make_evaluation(const Options& options, Progress&) { off(options.command); }
 std::vector<double> make_depths(const Options& options, const std::array<double, 5>&, const lumo::Ensemble&, Progress&) { off(options.command); }
 PadResponses make_pad_responses(const Options& options, Progress&) { off(options.command); }
 std::string pad_responses_key(const Options&) { return ""; }

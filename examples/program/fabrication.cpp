@@ -61,9 +61,6 @@ std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
   return list;
 }
 
-/// To a nanometre, so that 9 mm in m are 9 mm again.
-double mm(double length_m) { return as_typed(1e3 * length_m); }
-
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
 
 }  // namespace

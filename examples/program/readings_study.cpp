@@ -41,7 +41,7 @@ std::string problem_text(const Options& o, const Problem& p) {
     append(j, conditions(o.material, contacts_name(o)));
     j["loads_N"] = pressed_contacts(o).front().loads_N;
     j["contacts"] = Json::array();
-    for (const auto& s : pressed_contacts(o)) j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
+    for (const auto& s : pressed_contacts(o)) j["contacts"].push_back({mm(s.indenter.diameter_m), degrees(s.angle_rad), mm(s.y_m)});
   }
   j["coarse"] = o.coarse;
   j["readings"] = Json::array();

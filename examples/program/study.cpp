@@ -119,7 +119,7 @@ std::string picture(const Options& o, const std::vector<StudyRow>& rows, const C
   chart.subtitle = lumo::message(sorted.size(), " designs, ", o.material, ", ", title_of(o), " contacts");
   chart.x_label = "designs, sorted";
   chart.y_label = c.quantity == "D" ? "ΔD [W/W]" : "Δ" + c.quantity + " [–]";
-  chart.series = {{"", std::string(palette[0]), {}, {}}};
+  chart.series = {{"", palette[0], {}, {}}};
   for (std::size_t k = 0; k < sorted.size(); ++k) {
     chart.categories.push_back(k % 5 == 4 ? std::to_string(k + 1) : "");
     chart.series[0].values.push_back(sorted[k].value);

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/byte_order.hpp"
-#include "lumo/core/colour.hpp"
+#include "lumo/drawing/colour.hpp"
 #include "lumo/core/read_whole.hpp"
 #include "temporary_folder.hpp"
 
