@@ -1,6 +1,7 @@
 #pragma once
 
-// Everything of lumo that needs nothing but Eigen, in the order in which data flows. Foreign libraries enter through lumo/support/.
+// The design chain and its optimisation, in the order in which data flows: section → mesh → contact → light → objectives →
+// search. Needs Eigen only. Foreign libraries enter through lumo/support/.
 
 #include "lumo/version.hpp"
 
@@ -8,6 +9,8 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/executor.hpp"
 #include "lumo/core/units.hpp"
+
+#include "lumo/geometry/surface_file.hpp"
 
 #include "lumo/morphology/design.hpp"
 #include "lumo/morphology/section.hpp"
@@ -20,23 +23,26 @@
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/sizing.hpp"
-#include "lumo/geometry/surface_file.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/mesh/vtu.hpp"
 
-#include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/materials/mooney_rivlin.hpp"
 #include "lumo/mechanics/materials/yeoh.hpp"
 #include "lumo/mechanics/materials/ogden.hpp"
+
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/mechanics/indenters/mesh_indenter.hpp"
+
 #include "lumo/mechanics/contact/vertex_contact.hpp"
+
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
+
+#include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/press_svg.hpp"
 
@@ -48,47 +54,13 @@
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
 
+#include "lumo/pipeline/evaluate.hpp"
+
 #include "lumo/optimize/optimizer.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
 
-#include "lumo/sense/devices/recorded_camera.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
-#include "lumo/sense/devices/mini_cheetah.hpp"
-#include "lumo/sense/profile/led_detector.hpp"
-#include "lumo/sense/decode/segment_responses.hpp"
-#include "lumo/sense/decode/nearest_template.hpp"
-#include "lumo/sense/decode/bayes_decoder.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
-#include "lumo/sense/decode/constraint_gain.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/localize/bayes_localizer.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
-#include "lumo/sense/joints/planar_finger.hpp"
-#include "lumo/sense/joints/serial_chain.hpp"
-#include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/force/force_baselines.hpp"
-#include "lumo/sense/force/calibration.hpp"
-#include "lumo/sense/live/live_location.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
-#include "lumo/sense/recording/log_truth.hpp"
-
-#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/campaign/finger_campaign.hpp"
+
 #include "lumo/study/choice_stability.hpp"
 #include "lumo/study/matched_study.hpp"
 #include "lumo/study/paired_differences.hpp"
-#include "lumo/sense/decode/gaussian_process_decoder.hpp"
-#include "lumo/lab/observe_pad.hpp"
-
-#include "lumo/fabrication/casting_kit.hpp"
-#include "lumo/fabrication/casting_drawings.hpp"
-#include "lumo/fabrication/stl.hpp"
-#include "lumo/fabrication/three_mf.hpp"
-#include "lumo/fabrication/dxf.hpp"
-#include "lumo/fabrication/scaled_svg.hpp"
-
-#include "lumo/lab/virtual_rig.hpp"
-#include "lumo/lab/hand_lab.hpp"
-#include "lumo/lab/pad_responses.hpp"
-#include "lumo/lab/pad_file.hpp"

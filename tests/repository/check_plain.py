@@ -8,7 +8,8 @@ import subprocess
 import sys
 import tempfile
 
-EVERY_HEADER = '#pragma once\n#include "lumo/lumo.hpp"\ninline auto executor() { return lumo::Serial{}; }\n'
+UMBRELLAS = ["lumo", "sense", "lab", "fabrication"]
+EVERY_HEADER = "#pragma once\n" + "".join(f'#include "lumo/{name}.hpp"\n' for name in UMBRELLAS) + 'inline auto executor() { return lumo::Serial{}; }\n'
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()

@@ -292,14 +292,14 @@ inline sense::RecordedLog read_log_folder(const std::string& path) {
     const std::string file = path + '/' + name;
     std::error_code error;
     if (!std::filesystem::exists(file, error)) return;
-    std::ifstream in = open_text(file);
+    std::ifstream in = sense::open_text(file);
     read(in, file);
   };
-  table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = read_frame_log(in, name, !log.session.video.empty()); });
-  table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = read_joint_log(in, name); });
-  table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = read_wrench_log(in, name); });
-  table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = read_marker_log(in, name); });
-  table("photodiode.csv", [&](std::istream& in, const std::string& name) { log.photodiodes = read_photodiode_log(in, name); });
+  table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = sense::read_frame_log(in, name, !log.session.video.empty()); });
+  table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = sense::read_joint_log(in, name); });
+  table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
+  table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
+  table("photodiode.csv", [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
   validate(log);
   return log;
 }

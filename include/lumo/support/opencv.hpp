@@ -51,7 +51,7 @@ inline int flags_of(sense::PixelFormat format) { return (format == sense::PixelF
 
 /// Decoded bytes of a PNG, JPEG or BMP file of sane size, or an empty matrix.
 inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelFormat format) {
-  if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !is_decodable(picture_header(file))) return {};
+  if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !sense::is_decodable(sense::picture_header(file))) return {};
   try {
     return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())), flags_of(format));
   } catch (const cv::Exception&) {
@@ -246,8 +246,8 @@ class V4l2Camera {
 
   /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure locked.
   explicit V4l2Camera(const Config& config) : config_(config) {
-    require_in_range("width of the camera's pictures", config.width, 1, max_image_side, "px");
-    require_in_range("height of the camera's pictures", config.height, 1, max_image_side, "px");
+    require_in_range("width of the camera's pictures", config.width, 1, sense::max_image_side, "px");
+    require_in_range("height of the camera's pictures", config.height, 1, sense::max_image_side, "px");
     require_in_range("exposure of the camera", config.exposure_s, 1e-4, 100.0, "s");
     require_in_range("gain of the camera", config.gain, 0.0, 1e9, "");
     require_in_range("wait for a frame", config.wait_s, 0.0, 10.0, "s");

@@ -60,7 +60,7 @@ class MiniCheetahMotors {
   /// On a socket that carries one CAN frame in each packet. Throws InvalidArgument for a configuration that makes no sense.
   MiniCheetahMotors(Descriptor socket, Config config) : socket_(std::move(socket)), config_(std::move(config)) {
     const std::size_t n = config_.motors.size();
-    require_in_range("number of motors", double(n), 1.0, max_joints, "");
+    require_in_range("number of motors", double(n), 1.0, sense::max_joints, "");
     if (config_.sign.size() == 1) config_.sign.resize(n, config_.sign[0]);
     if (config_.offset_rad.size() == 1) config_.offset_rad.resize(n, config_.offset_rad[0]);
     if (config_.sign.size() != n || config_.offset_rad.size() != n)

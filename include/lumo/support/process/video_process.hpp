@@ -62,7 +62,7 @@ class VideoProcess {
     bool good = send_all(socket_, &ask, 1, deadline) == Transfer::done && receive_all(socket_, &reply, sizeof reply, deadline) == Transfer::done;
     if (good && reply.kind == Reply::end) return Got::end;
     const bool blank = reply.width == 0 && reply.height == 0;
-    good = good && reply.kind == Reply::frame && (blank || is_image_size(reply.width, reply.height));
+    good = good && reply.kind == Reply::frame && (blank || sense::is_image_size(reply.width, reply.height));
     if (good) {
       image = blank ? sense::Image{} : sense::Image::black(reply.width, reply.height, reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
       good = receive_all(socket_, image.pixels.data(), image.pixels.size(), deadline) == Transfer::done;

@@ -1,0 +1,12 @@
+#pragma once
+
+// What casts a finger: kit, drawings, files for printers. Needs Eigen only.
+
+#include "lumo/version.hpp"
+
+#include "lumo/fabrication/casting_kit.hpp"
+#include "lumo/fabrication/casting_drawings.hpp"
+#include "lumo/fabrication/stl.hpp"
+#include "lumo/fabrication/three_mf.hpp"
+#include "lumo/fabrication/dxf.hpp"
+#include "lumo/fabrication/scaled_svg.hpp"

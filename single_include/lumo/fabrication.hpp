@@ -1,0 +1,3514 @@
+// lumo/fabrication.hpp in one file; made by single_include/generate, not to be edited. Needs C++20 and Eigen.
+//
+// MIT License
+//
+// Copyright (c) 2026 the lumo authors
+//
+// Permission is hereby granted, free of charge, to any person obtaining a copy
+// of this software and associated documentation files (the "Software"), to deal
+// in the Software without restriction, including without limitation the rights
+// to use, copy, modify, merge, publish, distribute, sublicense, and/or sell
+// copies of the Software, and to permit persons to whom the Software is
+// furnished to do so, subject to the following conditions:
+//
+// The above copyright notice and this permission notice shall be included in all
+// copies or substantial portions of the Software.
+//
+// THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR
+// IMPLIED, INCLUDING BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY,
+// FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+// AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER
+// LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR OTHERWISE, ARISING FROM,
+// OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE
+// SOFTWARE.
+
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <numbers>
+#include <numeric>
+#include <optional>
+#include <ostream>
+#include <span>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+// ---- lumo/version.hpp
+#ifndef SINGLE_INCLUDE_LUMO_VERSION_HPP
+#define SINGLE_INCLUDE_LUMO_VERSION_HPP
+
+namespace lumo {
+
+/// Version of this library, by semantic versioning: before 1.0 a new minor version may break its users, a new patch does not.
+/// These three numbers are the only place where it stands; CMake and pkg-config read them here.
+inline constexpr int version_major = 0;
+inline constexpr int version_minor = 1;
+inline constexpr int version_patch = 0;
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/units.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_UNITS_HPP
+
+namespace lumo {
+
+/// Literals that turn the field's units into SI: `5.0_mm`, `106.0_kPa`, `3.1_dB_per_cm`.
+inline namespace literals {
+
+constexpr double operator""_m(long double v) { return double(v); }
+constexpr double operator""_mm(long double v) { return double(v * 1e-3L); }
+constexpr double operator""_um(long double v) { return double(v * 1e-6L); }
+constexpr double operator""_N(long double v) { return double(v); }
+constexpr double operator""_Pa(long double v) { return double(v); }
+constexpr double operator""_kPa(long double v) { return double(v * 1e3L); }
+constexpr double operator""_MPa(long double v) { return double(v * 1e6L); }
+constexpr double operator""_W(long double v) { return double(v); }
+constexpr double operator""_kg_per_m3(long double v) { return double(v); }
+constexpr double operator""_N_per_m3(long double v) { return double(v); }
+constexpr double operator""_deg(long double v) { return double(v * 3.14159265358979323846264338327950288L / 180.0L); }
+constexpr double operator""_per_m(long double v) { return double(v); }
+/// Power attenuation: 10 dB are a factor of ten, so 1 dB/cm = 100 ln(10)/10 per metre.
+constexpr double operator""_dB_per_cm(long double v) { return double(v * 23.0258509299404568401799145468436421L); }
+
+}  // namespace literals
+
+inline constexpr double pi = 3.14159265358979323846;
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/error.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_ERROR_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_ERROR_HPP
+
+namespace lumo {
+
+/// Base of everything that lumo throws. The text is one line: what, value, limit, unit.
+class Error : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// The caller broke a contract: an argument out of its range, not finite, or of the wrong shape.
+class InvalidArgument : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A design outside its space; names the broken constraint and by how much it is broken.
+class InfeasibleDesign : public Error {
+ public:
+  InfeasibleDesign(std::string constraint, double value, double limit, std::string unit, const std::string& text)
+      : Error(text), constraint_(std::move(constraint)), value_(value), limit_(limit), unit_(std::move(unit)) {}
+
+  const std::string& constraint() const { return constraint_; }
+  double value() const { return value_; }
+  double limit() const { return limit_; }
+  const std::string& unit() const { return unit_; }
+  /// How far beyond the limit, in `unit()`; NaN where the value is not a number.
+  double excess() const { return std::abs(value_ - limit_); }
+
+ private:
+  std::string constraint_;
+  double value_;
+  double limit_;
+  std::string unit_;
+};
+
+/// The input was sound, and yet there is no result.
+class NumericalError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A surface that cannot be meshed, or a mesh that fails a quality gate.
+class MeshError : public NumericalError {
+ public:
+  enum class Reason {
+    not_finite,         ///< a coordinate is NaN, infinite or absurdly large
+    bad_index,          ///< a facet names a vertex that is not there
+    degenerate,         ///< a facet without area, or a body without volume
+    duplicate,          ///< two vertices at one place
+    open,               ///< an edge without a partner
+    not_manifold,       ///< an edge with more than two facets, or facets of opposite orientation
+    self_intersecting,  ///< facets that cross
+    crashed,            ///< the mesher died
+    timed_out,          ///< the mesher ran out of time
+    out_of_memory,      ///< the mesher ran out of memory
+    inverted,           ///< an element whose Jacobian is not positive everywhere
+    inaccurate          ///< the mesh's volume or surface is not the body's
+  };
+  MeshError(Reason reason, const std::string& text) : NumericalError(text), reason_(reason) {}
+  Reason reason() const { return reason_; }
+
+ private:
+  Reason reason_;
+};
+
+/// A press found no equilibrium where one is needed to go on.
+class PressFailure : public NumericalError {
+ public:
+  using NumericalError::NumericalError;
+};
+
+/// A file or stream that cannot be read or written, or says what makes no sense.
+class InputError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
+inline std::string exact(double value) {
+  if (std::isnan(value)) return "nan";
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+}
+
+/// Foreign text as a message may show it: at most `most` characters, '?' for what is not ASCII.
+inline std::string printable(std::string_view s, std::size_t most = 40) {
+  std::string p;
+  for (const char c : s.substr(0, most)) p += c >= ' ' && c <= '~' ? c : '?';
+  return p + (s.size() > most ? "..." : "");
+}
+
+/// Joins its arguments into one line of text.
+template <class... Args>
+std::string message(const Args&... args) {
+  std::ostringstream out;
+  out.precision(10);
+  (out << ... << args);
+  return out.str();
+}
+
+/// Throws InvalidArgument unless `value` is finite and lies in [low, high].
+inline void require_in_range(const char* what, double value, double low, double high, const char* unit) {
+  if (std::isfinite(value) && value >= low && value <= high) return;
+  throw InvalidArgument(message(what, " is ", exact(value), " ", unit, ", must lie in [", low, ", ", high, "] ", unit));
+}
+
+/// What a quantity may be, ends included.
+struct Limits {
+  double low, high;
+};
+
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+
+/// Throws InvalidArgument unless `value` is finite and positive.
+inline void require_positive(const char* what, double value, const char* unit) {
+  if (std::isfinite(value) && value > 0.0) return;
+  throw InvalidArgument(message(what, " is ", value, " ", unit, ", must be finite and > 0 ", unit));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/types.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_TYPES_HPP
+
+namespace lumo {
+
+/// A small matrix of fixed size: Eigen's, with sums and products that are computed at once instead of expressions. Their order of summation is fixed,
+/// whatever the processor's vectors, so results do not depend on them; and a compiler makes no type for each formula. An operand that is an expression
+/// of Eigen's (a block, a transpose) takes Eigen's own operators.
+template <class S, int Rows, int Cols>
+class SmallMatrix : public Eigen::Matrix<S, Rows, Cols> {
+ public:
+  using Base = Eigen::Matrix<S, Rows, Cols>;
+  using Base::Base;
+  SmallMatrix() = default;
+  template <class E>
+  SmallMatrix& operator=(const Eigen::EigenBase<E>& e) {
+    Base::operator=(e.derived());
+    return *this;
+  }
+
+  SmallMatrix eval() const { return *this; }
+  SmallMatrix normalized() const { return Base::normalized(); }
+  SmallMatrix cross(const SmallMatrix& b) const
+    requires(Rows == 3 && Cols == 1)
+  {
+    return Base::cross(b);
+  }
+};
+
+template <class S>
+using Vec3 = SmallMatrix<S, 3, 1>;
+template <class S>
+using Mat3 = SmallMatrix<S, 3, 3>;
+/// Derivative of a 3 × 3 tensor by another, both flattened column by column: row i + 3 j, column k + 3 l.
+template <class S>
+using Mat9 = SmallMatrix<S, 9, 9>;
+
+using Vec3d = Vec3<double>;
+using Mat3d = Mat3<double>;
+using Mat9d = Mat9<double>;
+
+/// What may scale a matrix of scalars S.
+template <class F, class S>
+concept ScaleOf = std::same_as<F, S> || std::is_arithmetic_v<F>;
+
+template <class S, int R, int C>
+SmallMatrix<S, R, C> operator+(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
+  SmallMatrix<S, R, C> sum;
+  for (int k = 0; k < R * C; ++k) sum.data()[k] = a.data()[k] + b.data()[k];
+  return sum;
+}
+
+template <class S, int R, int C>
+SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a, const SmallMatrix<S, R, C>& b) {
+  SmallMatrix<S, R, C> difference;
+  for (int k = 0; k < R * C; ++k) difference.data()[k] = a.data()[k] - b.data()[k];
+  return difference;
+}
+
+template <class S, int R, int C>
+SmallMatrix<S, R, C> operator-(const SmallMatrix<S, R, C>& a) {
+  SmallMatrix<S, R, C> opposite;
+  for (int k = 0; k < R * C; ++k) opposite.data()[k] = -a.data()[k];
+  return opposite;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator*(const SmallMatrix<S, R, C>& a, const F& factor) {
+  SmallMatrix<S, R, C> product;
+  for (int k = 0; k < R * C; ++k) product.data()[k] = a.data()[k] * S(factor);
+  return product;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator*(const F& factor, const SmallMatrix<S, R, C>& a) {
+  return a * factor;
+}
+
+template <class S, int R, int C, ScaleOf<S> F>
+SmallMatrix<S, R, C> operator/(const SmallMatrix<S, R, C>& a, const F& divisor) {
+  SmallMatrix<S, R, C> quotient;
+  for (int k = 0; k < R * C; ++k) quotient.data()[k] = a.data()[k] / S(divisor);
+  return quotient;
+}
+
+template <class S, int C>
+SmallMatrix<S, 3, C> operator*(const Mat3<S>& a, const SmallMatrix<S, 3, C>& b) {
+  SmallMatrix<S, 3, C> product;
+  for (int j = 0; j < C; ++j)
+    for (int i = 0; i < 3; ++i)
+      product.data()[i + 3 * j] =
+          a.data()[i] * b.data()[3 * j] + a.data()[i + 3] * b.data()[1 + 3 * j] + a.data()[i + 6] * b.data()[2 + 3 * j];
+  return product;
+}
+
+/// a bᵀ.
+template <class S, class B>
+  requires std::same_as<std::remove_const_t<B>, Eigen::Matrix<S, 3, 1>>
+Mat3<S> operator*(const Vec3<S>& a, const Eigen::Transpose<B>& b) {
+  Mat3<S> dyad;
+  for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; ++i) dyad.data()[i + 3 * j] = a.data()[i] * b.nestedExpression().data()[j];
+  return dyad;
+}
+
+template <class S>
+Vec3<S> elementwise_min(const Vec3<S>& a, const Vec3<S>& b) {
+  return {std::min(a.x(), b.x()), std::min(a.y(), b.y()), std::min(a.z(), b.z())};
+}
+template <class S>
+Vec3<S> elementwise_max(const Vec3<S>& a, const Vec3<S>& b) {
+  return {std::max(a.x(), b.x()), std::max(a.y(), b.y()), std::max(a.z(), b.z())};
+}
+
+/// Two unit tangents that make a right-handed frame with the unit vector `n` (after Duff et al., JCGT 6(1), 2017).
+template <class S>
+void tangents(const Vec3<S>& n, Vec3<S>& t1, Vec3<S>& t2) {
+  const double sign = n.z() < -0.6180339887 ? -1.0 : 1.0;  // not at 0: walls are upright, and rounding must not turn their frames
+  const S a = -1.0 / (sign + n.z()), b = n.x() * n.y() * a;
+  t1 = {1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x()};
+  t2 = {b, sign + n.y() * n.y() * a, -n.y()};
+}
+
+/// Planes of mirror symmetry of a body. `x` is the plane x = 0, `y` the plane y = 0.
+struct Symmetry {
+  bool x = false;
+  bool y = false;
+  bool operator==(const Symmetry&) const = default;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/emitter.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_EMITTER_HPP
+
+namespace lumo {
+
+/// Sine (≥ 0) and cosine of the angle between a direction and an axis.
+struct Polar {
+  double sine, cosine;
+};
+
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
+/// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
+/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
+/// air beside the body, not into the body; its light is traced forward.
+/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
+/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
+/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+template <class E>
+concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
+  { e.center } -> std::convertible_to<Vec3d>;
+  { e.power_W } -> std::convertible_to<double>;
+  { e.channel } -> std::convertible_to<int>;
+  { e.axis() } -> std::convertible_to<Vec3d>;
+  { e.point(u, u) } -> std::convertible_to<Vec3d>;
+  { e.polar(u) } -> std::convertible_to<Polar>;
+  { e.mirrored(m) } -> std::convertible_to<E>;
+};
+
+/// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
+struct RectangleEmitter {
+  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};     ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};     ///< half edge [m]
+  double power_W = 1.0;
+  int channel = 0;                 ///< colour channel
+  bool in_air = false;             ///< radiates into the air beside the body
+
+  Vec3d axis() const {
+    const Vec3d &u = half_u, &v = half_v;
+    return u.cross(v).normalized();
+  }
+  Vec3d point(double u, double v) const {
+    const Vec3d &c = center, &to_u = half_u, &to_v = half_v;
+    return c + (2.0 * u - 1.0) * to_u + (2.0 * v - 1.0) * to_v;
+  }
+  Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
+  double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
+  RectangleEmitter mirrored(const Vec3d& m) const;
+};
+
+static_assert(EmitterModel<RectangleEmitter>);
+
+/// Throws InvalidArgument for an emitter without area or with a coordinate that is not finite.
+inline void validate(const RectangleEmitter& e) {
+  if (!e.half_u.allFinite() || !e.half_v.allFinite()) throw InvalidArgument("emitter: a coordinate is not finite");
+  require_positive("emitter area", 4.0 * e.half_u.cross(e.half_v).norm(), "m2");
+}
+
+/// Any model of EmitterModel: a value, cheap to copy.
+class Emitter {
+ public:
+  template <class E>
+    requires(!std::same_as<E, Emitter> && EmitterModel<E>)
+  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+
+  Vec3d center() const { return calls_->center(model_.get()); }
+  double power_W() const { return calls_->power_W(model_.get()); }
+  int channel() const { return calls_->channel(model_.get()); }
+  Vec3d axis() const { return calls_->axis(model_.get()); }
+  Vec3d point(double u, double v) const { return calls_->point(model_.get(), u, v); }
+  Polar polar(double u) const { return calls_->polar(model_.get(), u); }
+  bool has_intensity() const { return calls_->intensity != nullptr; }
+  bool in_air() const { return calls_->in_air(model_.get()); }
+  /// [W/sr]; only where has_intensity().
+  double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
+  Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
+  /// Its model, if it is an E.
+  template <EmitterModel E>
+  const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
+  bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  void validate() const;
+
+ private:
+  struct Calls {
+    Vec3d (*center)(const void*);
+    double (*power_W)(const void*);
+    int (*channel)(const void*);
+    Vec3d (*axis)(const void*);
+    Vec3d (*point)(const void*, double, double);
+    Polar (*polar)(const void*, double);
+    double (*intensity)(const void*, double);  ///< or null
+    bool (*in_air)(const void*);
+    Emitter (*mirrored)(const void*, const Vec3d&);
+    void (*validate)(const void*);
+  };
+  template <class E>
+  static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E>
+  static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) { { e.intensity(0.5) } -> std::convertible_to<double>; })
+      return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
+    else
+      return nullptr;
+  }
+  template <class E>
+  static const Calls calls;
+
+  std::shared_ptr<const void> model_;
+  const Calls* calls_;
+};
+
+/// Throws InvalidArgument for no emitters, a broken one, or a colour channel below the highest one that no emitter has.
+inline void validate(const std::vector<Emitter>& emitters);
+
+/// Number of colour channels: one more than the highest; 0 without emitters.
+inline int color_count(const std::vector<Emitter>& emitters) {
+  int count = 0;
+  for (const Emitter& e : emitters) count = std::max(count, e.channel() + 1);
+  return count;
+}
+
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
+  RectangleEmitter image = *this;
+  image.center = m.cwiseProduct(center);
+  image.half_u = m.cwiseProduct(half_u);
+  image.half_v = m.cwiseProduct(half_v) * m.prod();
+  Eigen::Index k = 0;
+  image.half_u.cwiseAbs().maxCoeff(&k);
+  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  return image;
+}
+
+namespace detail {
+
+/// What the model's own validate() says, if it has one.
+template <class E>
+void validate_model(const E& model) {
+  if constexpr (requires { validate(model); }) validate(model);
+}
+
+}  // namespace detail
+
+template <class E>
+const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
+                                       [](const void* e) -> double { return model<E>(e).power_W; },
+                                       [](const void* e) -> int { return model<E>(e).channel; },
+                                       [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+                                       [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
+                                       [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
+                                       intensity_of<E>(),
+                                       [](const void* e) -> bool {
+                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
+                                         else return false;
+                                       },
+                                       [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
+                                       [](const void* e) { detail::validate_model(model<E>(e)); }};
+
+inline void Emitter::validate() const {
+  require_positive("emitter power", power_W(), "W");
+  require_in_range("emitter channel", channel(), 0, 255, "");
+  if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
+  calls_->validate(model_.get());
+  if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
+}
+
+inline void validate(const std::vector<Emitter>& emitters) {
+  if (emitters.empty()) throw InvalidArgument("emitters: none given, at least one is needed");
+  for (const Emitter& e : emitters) e.validate();
+  for (int c = 0; c < color_count(emitters); ++c)
+    if (std::none_of(emitters.begin(), emitters.end(), [&](const Emitter& e) { return e.channel() == c; }))
+      throw InvalidArgument(message("emitters: none has colour channel ", c, ", but one has a higher one"));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/optical_data.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_OPTICAL_DATA_HPP
+
+namespace lumo {
+
+/// A homogeneous medium: refractive index [–], extinction coefficient [1/m], and what a scattering reading of the extinction needs.
+struct Medium {
+  double refractive_index = 1.0;
+  double extinction_per_m = 0.0;    ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering
+};
+
+/// How light meets a surface.
+struct Dielectric { bool operator==(const Dielectric&) const = default; };                               ///< smooth interface: Fresnel reflection and refraction
+struct Lambertian { double albedo = 0.8; bool operator==(const Lambertian&) const = default; };         ///< diffuse, opaque
+struct Mirror { double reflectance = 1.0; bool operator==(const Mirror&) const = default; };            ///< specular, opaque
+struct Absorber { bool operator==(const Absorber&) const = default; };                                   ///< black
+using SurfaceOptics = std::variant<Dielectric, Lambertian, Mirror, Absorber>;
+
+/// A flat opaque face of the rigid carrier that light can meet through air, as a convex polygon; counter-clockwise seen from the lit side.
+struct RigidFace {
+  std::string name;
+  std::vector<Vec3d> corners;       ///< [m]
+  SurfaceOptics optics = Lambertian{};
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/shape.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SHAPE_HPP
+
+namespace lumo {
+
+/// An exact surface that a patch of a body lies on.
+/// Laws: closest_point is idempotent; normal(p) is the outward unit normal at closest_point(p).
+template <class S>
+concept SurfaceShape = requires(const S& shape, const Vec3d& p) {
+  { shape.closest_point(p) } -> std::convertible_to<Vec3d>;
+  { shape.normal(p) } -> std::convertible_to<Vec3d>;
+};
+
+/// The plane through `point` with outward unit normal `direction`.
+struct Plane {
+  Vec3d point{0.0, 0.0, 0.0};
+  Vec3d direction{0.0, 0.0, 1.0};
+
+  Vec3d closest_point(const Vec3d& p) const { return p - direction.dot(p - point) * direction; }
+  Vec3d normal(const Vec3d&) const { return direction; }
+};
+
+/// The upper half (z ≥ centre) of the elliptic cylinder along y: ((x−cx)/semi_x)² + ((z−cz)/semi_z)² = 1, lengths in m.
+struct EllipticCylinder {
+  Vec3d center{0.0, 0.0, 0.0};
+  double semi_x = 1.0;
+  double semi_z = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const;
+  Vec3d normal(const Vec3d& p) const;
+};
+
+/// Sphere of `radius` [m] about `center`; the body is inside.
+struct SphereShape {
+  Vec3d center{0.0, 0.0, 0.0};
+  double radius = 1.0;
+
+  Vec3d closest_point(const Vec3d& p) const { return center + radius * normal(p); }
+  Vec3d normal(const Vec3d& p) const {
+    const Vec3d d = p - center;
+    const double r = d.norm();
+    return r > 0.0 ? Vec3d(d / r) : Vec3d(Vec3d::UnitZ());
+  }
+};
+
+using Shape = std::variant<Plane, EllipticCylinder, SphereShape>;
+
+inline Vec3d closest_point(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.closest_point(p); }, shape);
+}
+inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
+  return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
+}
+
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
+// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
+// so that it converges for every aspect ratio and every point.
+inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
+  const double px = std::abs(p.x() - center.x());
+  const double pz = std::max(0.0, p.z() - center.z());
+  const double side = p.x() < center.x() ? -1.0 : 1.0;
+  const bool x_major = semi_x >= semi_z;
+  const double a = x_major ? semi_x : semi_z, b = x_major ? semi_z : semi_x;
+  const double u = x_major ? px : pz, v = x_major ? pz : px;  // along the major and the minor axis
+  double fu = 0.0, fv = 0.0;
+  if (v > 0.0) {
+    if (u > 0.0) {
+      const double r = (a / b) * (a / b), e = r - 1.0, zu = r * u / a, zv = v / b;
+      double low = zv, high = std::hypot(zu, zv), t = std::clamp(1.0, low, high);  // 1: on the surface
+      for (int i = 0; i < 200; ++i) {
+        const double x = zu / (t + e), y = zv / t, excess = x * x + y * y - 1.0;
+        (excess > 0.0 ? low : high) = t;
+        const double step = 0.5 * excess / (x * x / (t + e) + y * y / t), next = t + step;
+        const bool close = std::abs(step) <= 1e-9 * t;  // then the error that is left is the square of this
+        t = close || (next >= low && next <= high) ? next : 0.5 * (low + high);
+        if (close || !(low < high)) break;
+      }
+      fu = r * u / (t + e);
+      fv = v / t;
+    } else {
+      fv = b;
+    }
+  } else {
+    const double c = a * a - b * b;
+    if (a * u < c) {
+      fu = a * a * u / c;
+      fv = b * std::sqrt(std::max(0.0, 1.0 - (fu / a) * (fu / a)));
+    } else {
+      fu = a;
+    }
+  }
+  return {center.x() + side * (x_major ? fu : fv), p.y(), center.z() + (x_major ? fv : fu)};
+}
+
+inline Vec3d EllipticCylinder::normal(const Vec3d& p) const {
+  const Vec3d foot = closest_point(p) - center;
+  return Vec3d(foot.x() / (semi_x * semi_x), 0.0, foot.z() / (semi_z * semi_z)).normalized();
+}
+
+static_assert(SurfaceShape<Plane> && SurfaceShape<EllipticCylinder> && SurfaceShape<SphereShape>);
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/body.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_BODY_HPP
+
+namespace lumo {
+
+/// A part of a body's closed surface on which all tags are the same.
+struct Patch {
+  std::string name;
+  Shape shape = Plane{};                  ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;                    ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;               ///< the indenter may touch it
+  bool meets_carrier = false;             ///< may come to rest on the carrier
+  SurfaceOptics optics = Dielectric{};
+  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
+};
+
+/// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
+struct Facet {
+  std::vector<int> loop;
+  int patch = -1;                         ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
+};
+
+/// A rigid axis-aligned box that the silicone can come to rest on.
+struct RigidBox {
+  Vec3d center{0.0, 0.0, 0.0};             ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};               ///< half edges [m]
+};
+
+/// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
+struct Sizing {
+  std::function<double(const Vec3d&)> edge;  ///< across y [m]
+  double stretch_y = 1.0;                   ///< edges along y are this much longer
+};
+
+/// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
+/// SI units, finger frame (x lateral, y along the finger, z outward normal).
+struct Body {
+  static constexpr int mirror_patch = -1;
+
+  std::string name;
+  std::vector<Patch> patches;
+  std::vector<Vec3d> vertices;               ///< of the boundary of the meshed sector [m]
+  std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
+  Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
+  Sizing sizing;
+  double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
+
+  std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
+  Vec3d pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
+
+  Medium medium;                            ///< inside
+  Medium surroundings;                      ///< outside (air)
+  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
+  std::vector<Emitter> emitters;
+  int regions = 0;                          ///< number of readout regions
+  /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
+  std::function<int(const Vec3d& position, const Vec3d& normal)> region;
+  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
+  /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
+  std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
+};
+
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
+inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
+  const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
+  return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/core/design_space.hpp
+#ifndef SINGLE_INCLUDE_LUMO_CORE_DESIGN_SPACE_HPP
+#define SINGLE_INCLUDE_LUMO_CORE_DESIGN_SPACE_HPP
+
+namespace lumo {
+
+/// One design variable: bounds and, when `step` > 0, a lattice of multiples of `step` counted from `origin`.
+struct Variable {
+  std::string name;
+  double lower = 0.0;
+  double upper = 1.0;
+  double step = 0.0;
+  std::string unit;
+  double origin = 0.0;
+
+  /// The lattice node nearest to `x`, which may lie outside the bounds.
+  double nearest_node(double x) const { return origin + std::round((x - origin) / step) * step; }
+  /// Is `x` a node, but for rounding?
+  bool on_lattice(double x) const {
+    return std::abs(x - nearest_node(x)) <= 4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
+  }
+};
+
+/// lower ≤ Σ coefficients · x ≤ upper. Coefficients as many as variables.
+struct LinearConstraint {
+  std::string name;
+  std::vector<double> coefficients;
+  double lower = -std::numeric_limits<double>::infinity();
+  double upper = std::numeric_limits<double>::infinity();
+  std::string unit;
+
+  double sum(std::span<const double> x) const {
+    double total = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) total += coefficients[i] * x[i];
+    return total;
+  }
+  /// By how much rounding may have moved the sum: 0.1 + 0.2 must not break a limit of 0.3.
+  double rounding(std::span<const double> x) const {
+    double size = 0.0;
+    for (std::size_t i = 0; i < x.size(); ++i) size += std::abs(coefficients[i] * x[i]);
+    return 2.0 * std::numeric_limits<double>::epsilon() * size;
+  }
+};
+
+/// A constraint of any form. Both are called only where bounds, lattice, linear constraints and the rules before hold.
+struct DesignRule {
+  std::function<bool(std::span<const double>)> holds;
+  std::function<InfeasibleDesign(std::span<const double>)> refusal;  ///< what to say where it does not
+};
+
+/// The designs that may be tried, in any number of dimensions: a box or lattice, linear constraints, and further rules.
+struct DesignSpace {
+  std::vector<Variable> variables;
+  std::vector<LinearConstraint> constraints;
+  std::vector<DesignRule> rules;
+
+  /// Throws InfeasibleDesign naming the first broken constraint, or InvalidArgument when the number of values is wrong.
+  void check(std::span<const double> x) const;
+
+  /// Whether check() would pass. Throws InvalidArgument when the number of values is wrong.
+  bool contains(std::span<const double> x) const;
+};
+
+inline void DesignSpace::check(std::span<const double> x) const {
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    const std::string unit = v.unit.empty() ? "" : " " + v.unit;
+    if (!std::isfinite(x[i]))
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
+    if (x[i] < v.lower)
+      throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
+    if (x[i] > v.upper)
+      throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
+    if (v.step > 0.0 && !v.on_lattice(x[i]))
+      throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+  }
+  for (const LinearConstraint& c : constraints) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    const std::string unit = c.unit.empty() ? "" : " " + c.unit;
+    if (sum > c.upper + rounding)
+      throw InfeasibleDesign(c.name, sum, c.upper, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
+    if (sum < c.lower - rounding)
+      throw InfeasibleDesign(c.name, sum, c.lower, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
+  }
+  for (const DesignRule& r : rules)
+    if (!r.holds(x)) throw r.refusal(x);
+}
+
+inline bool DesignSpace::contains(std::span<const double> x) const {
+  if (x.size() != variables.size()) throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const Variable& v = variables[i];
+    if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;
+  }
+  for (const LinearConstraint& c : constraints) {
+    const double sum = c.sum(x), rounding = c.rounding(x);
+    if (sum > c.upper + rounding || sum < c.lower - rounding) return false;
+  }
+  return std::all_of(rules.begin(), rules.end(), [&](const DesignRule& r) { return r.holds(x); });
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/design.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_DESIGN_HPP
+
+namespace lumo {
+
+/// The paper's design vector θ = [h_fp, h_ep, w_s, h_s, w_v] in mm (paper §III-A).
+struct FingerDesign {
+  double h_fp = 6.0;  ///< height of the flat sides
+  double h_ep = 6.0;  ///< height of the half ellipse above them
+  double w_s = 8.0;   ///< width of the rigid stem
+  double h_s = 5.0;   ///< height of the stem
+  double w_v = 0.0;   ///< width of the lateral void on each side of the stem
+
+  static constexpr double lattice_mm = 0.5;  ///< all five are multiples of it
+
+  /// Values that are multiples of the lattice but for rounding become them, so that 0.1 + 0.4 is 0.5 in every bit; others are taken as they are.
+  static FingerDesign from(std::span<const double> x);
+  std::array<double, 5> values() const { return {h_fp, h_ep, w_s, h_s, w_v}; }
+  bool operator==(const FingerDesign&) const = default;
+};
+
+/// Lengths that the paper leaves open, shared by all designs, in mm.
+struct PadDimensions {
+  double width = 29.5;   ///< W: at this width w_s + 2 w_v ≤ 19.5 says the same as 5 mm of silicone at each side
+  double length = 60.0;  ///< L, centred on y = 0
+  double t_min = 5.0;    ///< smallest silicone thickness
+  bool t_min_beside = true;  ///< it holds beside stem and voids, too, not only above them
+
+  bool operator==(const PadDimensions&) const = default;
+};
+
+/// Silicone above the voids and the stem: min over |x| ≤ w_s/2 + w_v of z_outer(x) − h_s, in mm.
+double vertical_thickness(const FingerDesign& d, const PadDimensions& pad = {});
+/// Silicone beside the voids: min over 0 ≤ z ≤ h_s of x_outer(z) − (w_s/2 + w_v), in mm.
+double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad = {});
+
+/// The space of θ: bounds, 0.5 mm lattice, the two sums and the thickness rule (paper Table I), decided exactly on the lattice.
+inline DesignSpace finger_space(const PadDimensions& pad = {});
+
+/// Nominal design and the five reference designs that start every campaign.
+inline FingerDesign baseline_design() { return {6.0, 6.0, 8.0, 5.0, 0.0}; }
+inline std::vector<FingerDesign> reference_designs() {
+  return {baseline_design(), {4.0, 8.0, 8.0, 5.0, 2.0}, {8.0, 4.0, 6.0, 4.0, 2.0}, {5.0, 10.0, 10.0, 6.0, 3.0}, {10.0, 5.0, 8.0, 6.0, 1.0}};
+}
+
+inline FingerDesign FingerDesign::from(std::span<const double> x) {
+  if (x.size() != 5) throw InvalidArgument(message("theta has ", x.size(), " values, must have 5 (h_fp, h_ep, w_s, h_s, w_v in mm)"));
+  const Variable lattice{"length", 0.0, 0.0, lattice_mm, "mm"};
+  const auto snapped = [&](double value) { return lattice.on_lattice(value) ? lattice.nearest_node(value) : value; };
+  return {snapped(x[0]), snapped(x[1]), snapped(x[2]), snapped(x[3]), snapped(x[4])};
+}
+
+inline double vertical_thickness(const FingerDesign& d, const PadDimensions& pad) {
+  const double r = (d.w_s + 2.0 * d.w_v) / pad.width;
+  return d.h_fp + d.h_ep * std::sqrt(std::max(0.0, 1.0 - r * r)) - d.h_s;
+}
+
+inline double horizontal_thickness(const FingerDesign& d, const PadDimensions& pad) {
+  const double above = std::max(0.0, d.h_s - d.h_fp) / d.h_ep;
+  return 0.5 * pad.width * std::sqrt(std::max(0.0, 1.0 - above * above)) - 0.5 * (d.w_s + 2.0 * d.w_v);
+}
+
+namespace detail {
+
+// Squared forms of the two thickness rules: on the lattice every term is a dyadic rational of few bits, so doubles decide them exactly.
+inline bool vertically_thick(const FingerDesign& d, const PadDimensions& pad) {
+  const double inner = d.w_s + 2.0 * d.w_v, need = pad.t_min + d.h_s - d.h_fp, w2 = pad.width * pad.width;
+  if (inner >= pad.width) return false;
+  return need <= 0.0 || d.h_ep * d.h_ep * (w2 - inner * inner) >= w2 * need * need;
+}
+
+inline bool horizontally_thick(const FingerDesign& d, const PadDimensions& pad) {
+  const double need = d.w_s + 2.0 * d.w_v + 2.0 * pad.t_min, above = d.h_s - d.h_fp;
+  if (above <= 0.0) return pad.width >= need;
+  if (above > d.h_ep) return false;
+  return pad.width * pad.width * (d.h_ep * d.h_ep - above * above) >= need * need * d.h_ep * d.h_ep;
+}
+
+}  // namespace detail
+
+inline DesignSpace finger_space(const PadDimensions& pad) {
+  DesignSpace space;
+  const double step = FingerDesign::lattice_mm;
+  space.variables = {{"h_fp", 2.0, 29.0, step, "mm"}, {"h_ep", 1.0, 20.0, step, "mm"}, {"w_s", 4.0, 15.0, step, "mm"}, {"h_s", 2.0, 15.0, step, "mm"}, {"w_v", 0.0, 7.5, step, "mm"}};
+  const double unbounded = -std::numeric_limits<double>::infinity();
+  space.constraints = {{"h_fp + h_ep", {1, 1, 0, 0, 0}, unbounded, 20.0, "mm"}, {"w_s + 2 w_v", {0, 0, 1, 0, 2}, unbounded, 19.5, "mm"}};
+  const auto refusal = [pad](const char* where, double value) {
+    return InfeasibleDesign(std::string("t_min ") + where, value, pad.t_min, "mm",
+                            message("infeasible design: smallest silicone thickness t_min (", where, ") = ", value, " mm is below its limit ", pad.t_min, " mm"));
+  };
+  space.rules = {{[pad](std::span<const double> x) { return detail::vertically_thick(FingerDesign::from(x), pad); },
+                  [pad, refusal](std::span<const double> x) { return refusal("vertical", vertical_thickness(FingerDesign::from(x), pad)); }}};
+  if (pad.t_min_beside)
+    space.rules.push_back({[pad](std::span<const double> x) { return detail::horizontally_thick(FingerDesign::from(x), pad); },
+                           [pad, refusal](std::span<const double> x) { return refusal("horizontal", horizontal_thickness(FingerDesign::from(x), pad)); }});
+  return space;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/section.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SECTION_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SECTION_HPP
+
+namespace lumo {
+
+/// Matched variants of a design. The twins without a carrier are for mechanics only (paper §IV-A).
+enum class Twin {
+  none,              ///< the finger itself
+  no_void,           ///< the same θ with w_v = 0
+  bonded_base,       ///< the stem's volume is silicone, voids stay, base bonded under the stem too
+  unsupported_base   ///< the same, but bonded at the two end faces only: a soft finger that can bend
+};
+
+constexpr std::string_view to_string(Twin twin) {
+  switch (twin) {
+    case Twin::no_void: return "no_void";
+    case Twin::bonded_base: return "bonded_base";
+    case Twin::unsupported_base: return "unsupported_base";
+    default: return "design";
+  }
+}
+
+/// What a boundary edge of the section is.
+enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
+
+/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i + 1.
+struct HalfSection {
+  FingerDesign design;
+  PadDimensions pad;
+  Twin twin = Twin::none;
+  std::vector<double> x, z;
+  std::vector<SectionTag> tag;
+
+  /// Exact area of the half section [m²].
+  double exact_area_m2() const;
+};
+
+/// How a curve is cut into chords.
+struct Chords {
+  double longest_m;
+  double max_turn_rad;
+  double shortest_m = 0.0;   ///< about; turning does not ask for shorter ones
+};
+
+/// The section of a feasible design, its curve cut into chords, its straight edges left whole. Throws InfeasibleDesign.
+inline HalfSection half_section(const FingerDesign& design, Twin twin, const Chords& chords, const PadDimensions& pad = {});
+
+namespace detail {
+
+// Angles of points on the quarter ellipse from the side (0) to the apex (π/2): each chord is as long and turns as much as allowed, evened out.
+inline std::vector<double> ellipse_angles(double a, double b, const Chords& chords) {
+  constexpr int fine = 20000;
+  std::vector<double> measure(fine + 1, 0.0);
+  const auto tangent = [&](double t) { return std::atan2(b * std::cos(t), -a * std::sin(t)); };
+  for (int i = 1; i <= fine; ++i) {
+    const double t0 = 0.5 * pi * (i - 1) / fine, t1 = 0.5 * pi * i / fine;
+    const double arc = std::hypot(a * (std::cos(t1) - std::cos(t0)), b * (std::sin(t1) - std::sin(t0)));
+    measure[std::size_t(i)] = measure[std::size_t(i) - 1] + arc / chords.longest_m +
+                                   std::min(std::abs(tangent(t1) - tangent(t0)) / chords.max_turn_rad, arc / std::max(chords.shortest_m, 1e-12));
+  }
+  const int count = std::max(2, int(std::ceil(measure.back() - 1e-9)));
+  std::vector<double> angles;
+  std::size_t at = 0;
+  for (int k = 0; k <= count; ++k) {
+    const double want = measure.back() * k / count;
+    while (at + 1 < measure.size() && measure[at + 1] < want) ++at;
+    if (k == 0) angles.push_back(0.0);
+    else if (k == count) angles.push_back(0.5 * pi);
+    else angles.push_back(0.5 * pi * (double(at) + (want - measure[at]) / (measure[at + 1] - measure[at])) / fine);
+  }
+  return angles;
+}
+
+}  // namespace detail
+
+inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chords& chords, const PadDimensions& pad) {
+  finger_space(pad).check(given.values());
+  FingerDesign d = given;
+  if (twin == Twin::no_void) d.w_v = 0.0;
+  HalfSection s{d, pad, twin, {}, {}, {}};
+  const double w = 0.5e-3 * pad.width, fp = 1e-3 * d.h_fp, ep = 1e-3 * d.h_ep;
+  const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
+  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
+  const auto add = [&](double px, double pz, SectionTag tag) { s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag); };
+  if (soft_stem) {
+    if (has_void) {
+      add(0.0, 0.0, SectionTag::base);
+      add(stem, 0.0, SectionTag::void_inner);
+    }
+  } else {
+    add(0.0, hs, SectionTag::stem_top);
+  }
+  if (has_void) {
+    add(stem, hs, SectionTag::void_roof);
+    add(outer, hs, SectionTag::void_wall);
+    add(outer, 0.0, SectionTag::base);
+  } else if (soft_stem) {
+    add(0.0, 0.0, SectionTag::base);
+  } else {
+    add(stem, hs, SectionTag::stem_side);
+    add(stem, 0.0, SectionTag::base);
+  }
+  add(w, 0.0, SectionTag::side);
+  const std::vector<double> angles = detail::ellipse_angles(w, ep, chords);
+  for (std::size_t k = 0; k + 1 < angles.size(); ++k)
+    add(k == 0 ? w : w * std::cos(angles[k]), fp + ep * std::sin(angles[k]), SectionTag::dome);
+  add(0.0, fp + ep, SectionTag::mirror);
+  return s;
+}
+
+inline double HalfSection::exact_area_m2() const {
+  const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base;
+  const double w = 0.5e-3 * pad.width, cut = (soft_stem ? 0.0 : 0.5e-3 * design.w_s) + 1e-3 * design.w_v;
+  return w * 1e-3 * design.h_fp + 0.25 * pi * w * 1e-3 * design.h_ep - cut * 1e-3 * design.h_s;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/silicone.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_SILICONE_HPP
+
+namespace lumo {
+
+/// Material card of a transparent silicone. Source: paper Table I (both have Poisson's ratio 0.495).
+struct Silicone {
+  std::string name;
+  double density_kg_per_m3;
+  double mu_Pa;                 ///< shear modulus
+  double lambda_Pa;             ///< Lamé's first parameter
+  double refractive_index;
+  double extinction_per_m;      ///< absorption and scattering together
+  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert takes all of it as absorption
+  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering; neither is in the paper
+
+  bool operator==(const Silicone&) const = default;
+  Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }
+};
+
+inline Silicone dragon_skin() { return {"DS", 1070.0, 106.0_kPa, 10.494_MPa, 1.4348, 71.3801_per_m}; }
+inline Silicone solaris() { return {"Sol", 990.0, 98.5_kPa, 9.750_MPa, 1.4100, 14.5063_per_m}; }
+
+/// Card by its short name, "DS" or "Sol". Throws InvalidArgument for any other.
+inline Silicone silicone(std::string_view name) {
+  for (const Silicone& card : {dragon_skin(), solaris()})
+    if (card.name == name) return card;
+  throw InvalidArgument(message("material is '", name, "', must be DS or Sol"));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/finger.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_FINGER_HPP
+
+namespace lumo {
+
+/// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
+struct FingerOptions {
+  /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
+  struct Mesh {
+    double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 5.0e-3;    ///< at depth
+    double growth = 0.35;             ///< edge length gained per length of depth
+    double stretch_y = 1.0;           ///< edges along y are this much longer
+    double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
+    double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
+
+    /// All edges `factor` times as long; the stretch stays.
+    constexpr Mesh scaled(double factor) const {
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad, factor * shortest_chord};
+    }
+    bool operator==(const Mesh&) const = default;
+  };
+  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
+  struct Leds {
+    enum class Place { top, sides };
+    Place place = Place::top;
+    int count = 5;
+    double pitch = 11.0e-3;
+    double length_y = 1.6e-3;
+    double width_x = 0.8e-3;          ///< on the sides, their height
+    double power_W = 1.0;             ///< of all together
+
+    bool operator==(const Leds&) const = default;
+  };
+  /// Readout regions on the outer surface.
+  struct Readout {
+    int bins = 11;
+    double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
+    double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
+    bool one_side = false;            ///< only x > 0 is seen
+    bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
+
+    bool operator==(const Readout&) const = default;
+  };
+
+  Twin twin = Twin::none;
+  PadDimensions pad = {};
+  Mesh mesh = {};
+  Leds leds = {};
+  Readout readout = {};
+  double carrier_albedo = 0.8;
+  bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
+  SurfaceOptics touched = Dielectric{};   ///< Body::touched
+
+  bool operator==(const FingerOptions&) const = default;
+};
+
+/// Throws InvalidArgument for an option that is out of range.
+inline void validate(const FingerOptions& options);
+
+/// The whole finger of a feasible design as a body; its quarter x ≥ 0, y ≥ 0 is described, the rest is mirrored.
+/// Throws InfeasibleDesign or InvalidArgument. Source: paper §III-A and Table I.
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& options = {});
+
+namespace detail {
+
+inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOptions& o) {
+  const bool supported = s.twin != Twin::unsupported_base;
+  const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
+  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  switch (tag) {
+    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+    default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
+  }
+}
+
+inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o) {
+  const double half_length = 0.5e-3 * s.pad.length, w = 0.5e-3 * s.pad.width;
+  const double hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s, outer = stem + 1e-3 * s.design.w_v, thick = 5e-3;
+  if (s.twin == Twin::unsupported_base) return;
+  body.carrier.push_back({{0, 0, -thick}, {w, half_length, thick}});
+  if (s.twin == Twin::bonded_base) return;
+  body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
+  if (s.design.w_v <= 0.0) return;
+  const SurfaceOptics wall = Lambertian{o.carrier_albedo};
+  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
+  const double l = half_length;
+  face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
+  face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
+  face("base +x", {stem, -l, 0}, {outer, -l, 0}, {outer, l, 0}, {stem, l, 0});
+  face("base -x", {-stem, -l, 0}, {-stem, l, 0}, {-outer, l, 0}, {-outer, -l, 0});
+}
+
+inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone, const FingerOptions& o) {
+  body.medium = silicone.medium();
+  if (s.twin == Twin::bonded_base || s.twin == Twin::unsupported_base) return;
+  const auto& led = o.leds;
+  const double stem = 0.5e-3 * s.design.w_s, height = 1e-3 * s.design.h_s;
+  const Vec3d along(0, 0.5 * led.length_y, 0);
+  for (int k = 0; k < led.count; ++k) {
+    const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
+    if (led.place == FingerOptions::Leds::Place::top) {
+      body.emitters.push_back(RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      continue;
+    }
+    const bool air = s.design.w_v > 0.0;
+    require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
+    for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
+  }
+  const auto r = o.readout;
+  body.touched = o.touched;
+  body.regions = r.bins;
+  body.regions_in_space = r.in_space;
+  std::vector<int> other_end;
+  for (int b = 0; b < r.bins; ++b) other_end.push_back(r.bins - 1 - b);
+  body.region_image_y = other_end;
+  if (r.one_side) body.region_image_x.reset();
+  body.region = [r](const Vec3d& p, const Vec3d& n) {
+    if ((r.one_side ? n.x() : std::abs(n.x())) < r.min_abs_nx || std::abs(p.y()) > r.half_range) return -1;
+    const double bin = (p.y() + r.half_range) / (2.0 * r.half_range) * r.bins;
+    return std::clamp(int(bin), 0, r.bins - 1);
+  };
+}
+
+}  // namespace detail
+
+inline void validate(const FingerOptions& o) {
+  require_in_range("mesh edge at the contact surface", o.mesh.contact_edge * 1e3, 0.2, 10.0, "mm");
+  require_in_range("coarsest mesh edge", o.mesh.coarsest_edge * 1e3, o.mesh.contact_edge * 1e3, 30.0, "mm");
+  require_in_range("mesh growth with depth", o.mesh.growth, 0.0, 100.0, "");
+  require_in_range("mesh stretch along y", o.mesh.stretch_y, 0.5, 4.0, "");
+  require_in_range("largest turning along an edge", o.mesh.max_turn_rad, 0.01, 1.6, "rad");
+  require_in_range("shortest chord", o.mesh.shortest_chord * 1e3, 0.0, 10.0, "mm");
+  require_in_range("pad width", o.pad.width, 1.0, 200.0, "mm");
+  require_in_range("pad length", o.pad.length, 1.0, 1000.0, "mm");
+  require_in_range("smallest silicone thickness", o.pad.t_min, 0.0, 100.0, "mm");
+  require_in_range("number of LEDs", o.leds.count, 0, 1000, "");
+  require_in_range("LED pitch", o.leds.pitch * 1e3, 0.0, 1000.0, "mm");
+  require_in_range("LED length", o.leds.length_y * 1e3, 1e-3, 100.0, "mm");
+  require_in_range("LED width", o.leds.width_x * 1e3, 1e-3, 100.0, "mm");
+  require_positive("LED power", o.leds.power_W, "W");
+  require_in_range("readout bins", o.readout.bins, 0, 10000, "");
+  require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
+  require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
+  require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched)) require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+}
+
+inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
+  validate(o);
+  require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
+  require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
+  const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
+  const double half_length = 0.5e-3 * o.pad.length;
+  Body body;
+  body.name = "finger";
+  body.symmetry = {true, true};
+  body.exact_volume_m3 = 4.0 * s.exact_area_m2() * half_length;
+  body.pivot = {0, 0, 1e-3 * s.design.h_fp};
+  detail::add_carrier(body, s, o);
+  detail::add_light(body, s, silicone, o);
+
+  const int n = int(s.x.size());
+  for (int k = 0; k < n; ++k) {
+    body.vertices.emplace_back(s.x[std::size_t(k)], 0.0, s.z[std::size_t(k)]);
+    body.vertices.emplace_back(s.x[std::size_t(k)], half_length, s.z[std::size_t(k)]);
+  }
+  std::vector<int> patch_of(std::size_t(SectionTag::dome) + 1, -2);
+  for (int k = 0; k < n; ++k) {
+    const SectionTag tag = s.tag[std::size_t(k)];
+    int& patch = patch_of[std::size_t(tag)];
+    if (tag == SectionTag::mirror) patch = Body::mirror_patch;
+    if (patch == -2) {
+      patch = int(body.patches.size());
+      body.patches.push_back(detail::finger_patch(tag, s, o));
+    }
+    const int next = (k + 1) % n;
+    body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
+  }
+  Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  for (int k = 0; k < n; ++k) {
+    middle.loop.push_back(2 * k);
+    end.loop.push_back(2 * (n - 1 - k) + 1);
+  }
+  body.facets.push_back(middle);
+  body.facets.push_back(end);
+
+  const auto mesh = o.mesh;
+  std::vector<Shape> touchable;
+  for (const Patch& p : body.patches)
+    if (p.contactable && p.name == "dome") touchable.push_back(p.shape);
+  body.sizing.stretch_y = mesh.stretch_y;
+  body.sizing.edge = [mesh, touchable](const Vec3d& p) {
+    double depth = std::numeric_limits<double>::infinity();
+    for (const Shape& shape : touchable) depth = std::min(depth, (closest_point(shape, p) - p).norm());
+    return std::min(mesh.contact_edge + mesh.growth * depth, mesh.coarsest_edge);
+  };
+  return body;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/morphology/cast_section.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MORPHOLOGY_CAST_SECTION_HPP
+#define SINGLE_INCLUDE_LUMO_MORPHOLOGY_CAST_SECTION_HPP
+
+namespace lumo {
+
+/// What a pad that is cast on its carrier looks like, in general words: a dome over a ridge, an open gap along each side of the ridge, the same all along y.
+/// Lengths in m, the body's frame: x across, y along, centred, z from the carrier's plate outwards.
+struct CastSection {
+  std::vector<std::array<double, 2>> outline;  ///< half outline (x, z) of the pad: from the plate at x > 0 up and over to (0, height)
+  double length = 0.0;                         ///< of the pad along y
+  double ridge_width = 0.0;                    ///< of the rigid ridge in the middle
+  double ridge_height = 0.0;
+  double gap_width = 0.0;                      ///< of the air gap on each side of the ridge, as high as the ridge; 0: none
+  double exact_volume_m3 = 0.0;                ///< of the pad with its curve uncut [m³]
+  FingerOptions::Leds leds = {};               ///< centred on the ridge, facing up
+
+  double half_width() const { return outline.front()[0]; }
+  double height() const { return outline.back()[1]; }
+  /// Area inside the cut outline, ridge and gaps taken off [m²].
+  double area_m2() const;
+};
+
+/// Chords for making things: they leave the curve by less than 5 µm, a tenth of what printers resolve.
+inline Chords fabrication_chords() { return {0.5e-3, 0.05, 0.05e-3}; }
+
+/// The section of a feasible design for casting: its stem is the ridge, its voids are the gaps. Throws InfeasibleDesign.
+inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options = {}, const Chords& chords = fabrication_chords());
+
+inline double CastSection::area_m2() const {
+  double half = 0.0;
+  for (std::size_t i = 0; i + 1 < outline.size(); ++i) half += 0.5 * (outline[i][0] * outline[i + 1][1] - outline[i + 1][0] * outline[i][1]);
+  return 2.0 * half - (ridge_width + 2.0 * gap_width) * ridge_height;
+}
+
+inline CastSection cast_section(const FingerDesign& design, const FingerOptions& options, const Chords& chords) {
+  validate(options);
+  const HalfSection half = half_section(design, Twin::none, chords, options.pad);
+  CastSection s;
+  s.outline.push_back({0.5e-3 * options.pad.width, 0.0});
+  for (std::size_t i = 0; i < half.x.size(); ++i)
+    if (half.tag[i] == SectionTag::dome || half.tag[i] == SectionTag::mirror) s.outline.push_back({half.x[i], half.z[i]});
+  s.length = 1e-3 * options.pad.length;
+  s.ridge_width = 1e-3 * design.w_s, s.ridge_height = 1e-3 * design.h_s, s.gap_width = 1e-3 * design.w_v;
+  s.exact_volume_m3 = 2.0 * half.exact_area_m2() * s.length;
+  s.leds = options.leds;
+  return s;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/casting_options.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_OPTIONS_HPP
+
+namespace lumo {
+
+/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within what the sources in
+/// docs/fabrication.md advise.
+struct CastingOptions {
+  double clearance = 0.2e-3;       ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
+  double plate = 4.0e-3;           ///< thickness of the carrier's plate
+  double flange = 3.0e-3;          ///< of the plate beyond the pad's long sides: the mould seals on it
+  double tab = 7.0e-3;             ///< of the plate beyond the pad's ends, with the mounting holes
+  double hole_diameter = 3.4e-3;   ///< of the mounting holes: M3, ISO 273 medium
+  double strip_width = 2.0e-3;     ///< of the LED strip
+  double strip_height = 0.9e-3;    ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
+  double wall = 8.0e-3;            ///< of the mould about the pad
+  double rim = 3.0e-3;             ///< how far the mould reaches down the plate's edge, which it is centred by
+  double gate_diameter = 4.0e-3;   ///< at the pad; a Luer tip fits
+  double vent_diameter = 2.0e-3;   ///< at the pad: the smallest hole that FDM prints well
+
+  /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
+  static constexpr double thinnest_wall = 0.8e-3;
+};
+
+/// Limits of the options in mm, as they are checked and as they are told.
+namespace casting_limits {
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5};
+inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
+}
+
+/// Throws InvalidArgument for an option that is out of range, or does not fit the section.
+inline void validate(const CastingOptions& options, const CastSection& section);
+
+/// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
+struct CastingLayout {
+  double half_width, top, half_length;            ///< of the pad; half_length is that of the cavity, too
+  double plate_x, plate_y;                        ///< half the plate
+  double rim_x, rim_y;                            ///< where the mould's rim begins: the plate with its clearance
+  double mould_x, mould_y, mould_top;             ///< half the mould, and its height above the plate
+  double notch_inner, notch_outer, notch_roof;    ///< of the openings for the cores, from the middle out
+  double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
+  double strip_y;                                 ///< half the LED strip
+
+  CastingLayout(const CastSection& s, const CastingOptions& o) {
+    const double c = o.clearance;
+    half_width = s.half_width(), top = s.height(), half_length = 0.5 * s.length;
+    plate_x = half_width + o.flange, plate_y = half_length + o.tab;
+    rim_x = plate_x + c, rim_y = plate_y + c;
+    mould_x = half_width + o.wall, mould_y = rim_y + (mould_x - rim_x), mould_top = top + o.wall;
+    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c, notch_roof = s.ridge_height + c;
+    strip_y = 0.5 * ((s.leds.count - 1) * s.leds.pitch + strip_margin);
+    pocket_x = 0.5 * o.strip_width + c, pocket_y = strip_y + c, pocket_floor = s.ridge_height - o.strip_height;
+  }
+
+  static constexpr double strip_margin = 8.0e-3;  ///< of the strip beyond the outer LEDs' centres, both together
+  static constexpr double duct_length = 3.0e-3;   ///< of the opening for the wires, along y
+};
+
+inline void validate(const CastingOptions& o, const CastSection& s) {
+  namespace limits = casting_limits;
+  require_in_range("clearance of printed parts", o.clearance * 1e3, limits::clearance_mm, "mm");
+  require_in_range("plate thickness", o.plate * 1e3, limits::plate_mm, "mm");
+  require_in_range("mould wall", o.wall * 1e3, limits::wall_mm, "mm");
+  require_in_range("LED strip width", o.strip_width * 1e3, limits::strip_width_mm, "mm");
+  require_in_range("LED strip height", o.strip_height * 1e3, limits::strip_height_mm, "mm");
+  require_in_range("gate diameter", o.gate_diameter * 1e3, limits::gate_mm, "mm");
+  require_in_range("vent diameter", o.vent_diameter * 1e3, limits::vent_mm, "mm");
+  require_in_range("mounting hole diameter", o.hole_diameter * 1e3, 1.0, 5.0, "mm");
+  require_in_range("plate beyond the pad's ends", o.tab * 1e3, o.hole_diameter * 1e3 + 3.0, 30.0, "mm");
+  require_in_range("plate beyond the pad's sides", o.flange * 1e3, 1.0, (o.wall - o.clearance) * 1e3 - 2.0, "mm");
+  require_in_range("mould rim", o.rim * 1e3, 1.0, o.plate * 1e3, "mm");
+  require_in_range("pad width", 2e3 * s.half_width(), 20.0, 200.0, "mm");
+  require_in_range("ridge height", s.ridge_height * 1e3, o.strip_height * 1e3 + 0.5, 1e3 * s.height() - 4.9, "mm");
+  const CastingLayout at(s, o);
+  const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
+  if (o.strip_width * 1e3 > widest + 1e-9)
+    throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
+                                       " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
+  if (at.pocket_y > at.half_length - 1.0e-3)
+    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
+  if (at.notch_outer > at.half_width - 4.55e-3)
+    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
+                                       4.55 + 1e3 * o.clearance, " mm"));
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/predicates.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_PREDICATES_HPP
+
+// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close to call is
+// computed without error as an unevaluated sum of doubles of falling size. Source: Shewchuk 1997, Adaptive precision floating-point
+// arithmetic and fast robust geometric predicates; his error bounds, his expansions, without his intermediate stages.
+// Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows or underflows (lengths 1e-60 … 1e60).
+
+namespace lumo {
+
+using Point2 = std::array<double, 2>;
+
+/// Sign of (b − a) × (c − a): +1 if a, b, c turn left, −1 right, 0 if they are exactly on a line.
+int orient2d(const Point2& a, const Point2& b, const Point2& c);
+
+/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+
+inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
+
+/// The sign where rounding errors cannot change it, else 0.
+inline int sure_orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  const double left = (b[0] - a[0]) * (c[1] - a[1]);
+  const double right = (b[1] - a[1]) * (c[0] - a[0]);
+  const double bound = 4.0 * half_ulp * (std::abs(left) + std::abs(right));
+  return left - right > bound ? 1 : left - right < -bound ? -1 : 0;
+}
+
+/// The sign where rounding errors cannot change it, else 0.
+inline int sure_orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  const Vec3d u = b - a;
+  const Vec3d v = c - a;
+  const Vec3d w = d - a;
+  double value = 0.0;
+  double size = 0.0;
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3;
+    const int k = (i + 2) % 3;
+    const double left = u[j] * v[k];
+    const double right = u[k] * v[j];
+    value += w[i] * (left - right);
+    size += std::abs(w[i]) * (std::abs(left) + std::abs(right));
+  }
+  const double bound = 8.0 * half_ulp * size;
+  return value > bound ? 1 : value < -bound ? -1 : 0;
+}
+
+/// A sum of doubles that do not overlap, smallest first, without zeros.
+struct Expansion {
+  std::size_t size = 0;
+  std::array<double, 192> parts;  // as many as a 3 × 3 determinant of differences can need
+
+  void push(double part) {
+    if (part != 0.0) parts[size++] = part;
+  }
+  int sign() const { return size == 0 ? 0 : parts[size - 1] > 0.0 ? 1 : -1; }
+};
+
+struct SumAndError {
+  double sum;
+  double error;
+};
+
+inline SumAndError two_sum(double a, double b) {
+  const double sum = a + b;
+  const double b_part = sum - a;
+  const double a_part = sum - b_part;
+  return {sum, (a - a_part) + (b - b_part)};
+}
+
+inline Expansion difference(double a, double b) {
+  const auto [sum, error] = two_sum(a, -b);
+  Expansion result;
+  result.push(error);
+  result.push(sum);
+  return result;
+}
+
+/// Merges by size, then carries the rounding errors along.
+inline Expansion operator+(const Expansion& e, const Expansion& f) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0, j = 0; i < e.size || j < f.size;) {
+    const bool from_e = j == f.size || (i < e.size && std::abs(e.parts[i]) < std::abs(f.parts[j]));
+    const auto [sum, error] = two_sum(carry, from_e ? e.parts[i++] : f.parts[j++]);
+    result.push(error);
+    carry = sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, double factor) {
+  Expansion result;
+  double carry = 0.0;
+  for (std::size_t i = 0; i < e.size; ++i) {
+    const double product = e.parts[i] * factor;
+    const double tail = std::fma(e.parts[i], factor, -product);
+    const auto low = two_sum(carry, tail);
+    const auto high = two_sum(product, low.sum);
+    result.push(low.error);
+    result.push(high.error);
+    carry = high.sum;
+  }
+  result.push(carry);
+  return result;
+}
+
+inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a difference: at most two parts
+  Expansion result;
+  for (std::size_t i = 0; i < f.size; ++i) result = result + e * f.parts[i];
+  return result;
+}
+
+/// a d − b c of differences.
+inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) { return a * d + (b * c) * -1.0; }
+
+inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
+  if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;
+  return minor(difference(b[0], a[0]), difference(b[1], a[1]), difference(c[0], a[0]), difference(c[1], a[1])).sign();
+}
+
+inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+  if (const int sure = sure_orient3d(a, b, c, d); sure != 0) return sure;
+  std::array<std::array<Expansion, 3>, 3> rows;
+  for (int k = 0; k < 3; ++k) {
+    rows[0][static_cast<std::size_t>(k)] = difference(b[k], a[k]);
+    rows[1][static_cast<std::size_t>(k)] = difference(c[k], a[k]);
+    rows[2][static_cast<std::size_t>(k)] = difference(d[k], a[k]);
+  }
+  Expansion sum;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::size_t j = (i + 1) % 3;
+    const std::size_t k = (i + 2) % 3;
+    sum = sum + minor(rows[0][j], rows[0][k], rows[1][j], rows[1][k]) * rows[2][i];
+  }
+  return sum.sign();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/facet_triangles.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_FACET_TRIANGLES_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_FACET_TRIANGLES_HPP
+
+namespace lumo {
+
+/// A triangle of a surface, by vertex numbers, and the facet that it is part of.
+struct SurfaceTriangle {
+  std::array<int, 3> corners;
+  int facet;
+};
+
+/// Twice the area vector of a polygon (Newell's sum), taken about its first corner to keep digits.
+inline Vec3d polygon_normal(const std::vector<Vec3d>& vertices, const std::vector<int>& loop) {
+  const Vec3d& origin = vertices[static_cast<std::size_t>(loop[0])];
+  Vec3d sum = Vec3d::Zero();
+  for (std::size_t i = 1; i + 1 < loop.size(); ++i)
+    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin).cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
+  return sum;
+}
+
+/// Drops one coordinate and keeps the sense of rotation of what faces along `normal`. Exact: nothing is computed.
+struct Projection {
+  std::size_t first = 0;
+  std::size_t second = 1;
+
+  explicit Projection(const Vec3d& normal) {
+    int axis = 0;
+    normal.cwiseAbs().maxCoeff(&axis);
+    first = static_cast<std::size_t>((axis + 1) % 3);
+    second = static_cast<std::size_t>((axis + 2) % 3);
+    if (normal[axis] < 0.0) std::swap(first, second);
+  }
+  Point2 operator()(const Vec3d& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
+};
+
+/// Whether p, known to be on the line through a and b, is between them or at an end.
+inline bool within(const Point2& a, const Point2& b, const Point2& p) {
+  const std::size_t axis = std::abs(b[0] - a[0]) >= std::abs(b[1] - a[1]) ? 0 : 1;
+  return std::min(a[axis], b[axis]) <= p[axis] && p[axis] <= std::max(a[axis], b[axis]);
+}
+
+/// Whether two closed line segments of the plane have a point in common. Exact.
+inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, const Point2& d) {
+  const int ac = orient2d(a, b, c);
+  const int ad = orient2d(a, b, d);
+  const int ca = orient2d(c, d, a);
+  const int cb = orient2d(c, d, b);
+  if (ac * ad < 0 && ca * cb < 0) return true;
+  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) || (cb == 0 && within(c, d, b));
+}
+
+/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+inline bool outline_crosses(const std::vector<Point2>& points) {
+  const std::size_t n = points.size();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Point2& a = points[i];
+    const Point2& b = points[(i + 1) % n];
+    const Point2& c = points[(i + 2) % n];
+    const bool back = (a[0] - b[0]) * (c[0] - b[0]) + (a[1] - b[1]) * (c[1] - b[1]) > 0.0;
+    if (back && orient2d(a, b, c) == 0) return true;
+    for (std::size_t j = i + 2; j < n; ++j)
+      if ((j + 1) % n != i && segments_meet(a, b, points[j], points[(j + 1) % n])) return true;
+  }
+  return false;
+}
+
+/// Signed height of p over the line from a to b, positive on its left.
+inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
+  const double x = b[0] - a[0];
+  const double y = b[1] - a[1];
+  return (x * (p[1] - a[1]) - y * (p[0] - a[0])) / std::hypot(x, y);
+}
+
+/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
+/// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
+/// Empty result: the outline is not simple or not counter-clockwise about `normal`.
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal,
+                                                                   int facet, double slack) {
+  std::vector<SurfaceTriangle> triangles;
+  if (loop.size() == 3) {
+    triangles.push_back({{loop[0], loop[1], loop[2]}, facet});
+    return triangles;
+  }
+  const Projection project(normal);
+  std::vector<Point2> points;
+  for (int vertex : loop) points.push_back(project(vertices[static_cast<std::size_t>(vertex)]));
+  if (outline_crosses(points)) return std::nullopt;
+
+  std::vector<std::size_t> left(loop.size());
+  for (std::size_t i = 0; i < left.size(); ++i) left[i] = i;
+  const auto is_ear = [&](std::size_t at, bool careful) {
+    const std::size_t before = left[(at + left.size() - 1) % left.size()];
+    const std::size_t here = left[at];
+    const std::size_t after = left[(at + 1) % left.size()];
+    const Point2& a = points[before];
+    const Point2& b = points[here];
+    const Point2& c = points[after];
+    if (orient2d(a, b, c) <= 0 || (careful && height_over(a, c, b) > -slack)) return false;
+    return std::none_of(left.begin(), left.end(), [&](std::size_t other) {
+      if (other == before || other == here || other == after) return false;
+      const Point2& p = points[other];
+      if (careful) return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
+      return orient2d(a, b, p) >= 0 && orient2d(b, c, p) >= 0 && orient2d(c, a, p) >= 0;
+    });
+  };
+  for (std::size_t at = 0; left.size() > 3;) {
+    std::size_t tried = 0;
+    while (tried < 2 * left.size() && !is_ear(at % left.size(), tried < left.size())) {
+      ++at;
+      ++tried;
+    }
+    if (tried == 2 * left.size()) return std::nullopt;
+    at %= left.size();
+    triangles.push_back({{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]}, facet});
+    left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
+    ++at;  // the next corner but one: fewer slender triangles than a fan
+  }
+  if (orient2d(points[left[0]], points[left[1]], points[left[2]]) <= 0) return std::nullopt;
+  triangles.push_back({{loop[left[0]], loop[left[1]], loop[left[2]]}, facet});
+  return triangles;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/polygon_triangles.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_POLYGON_TRIANGLES_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_POLYGON_TRIANGLES_HPP
+
+namespace lumo {
+
+/// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
+/// are exact. Corners on straight edges are allowed.
+class PolygonTriangles {
+ public:
+  using Triangle = std::array<int, 3>;
+  using Loop = std::vector<int>;
+
+  PolygonTriangles(const std::vector<Vec3d>& vertices, const Vec3d& normal) {
+    const Projection project(normal);
+    for (const Vec3d& v : vertices) points_.push_back(project(v));
+  }
+
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
+
+ private:
+  const Point2& at(int vertex) const { return points_[std::size_t(vertex)]; }
+  int turn(int a, int b, int c) const { return orient2d(at(a), at(b), at(c)); }
+  bool crosses(int a, int b, const std::vector<int>& loop) const;
+  bool opens_to(const std::vector<int>& loop, std::size_t corner, int to) const;
+  bool bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const;
+  double shape_of_ear(const std::vector<int>& loop, std::size_t corner) const;
+
+  std::vector<Point2> points_;
+};
+
+/// Whether the segment a b meets an edge of the loop that does not end in a or b.
+inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop) const {
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int p = loop[i], q = loop[(i + 1) % loop.size()];
+    const bool shared = p == a || p == b || q == a || q == b;
+    if (!shared && segments_meet(at(a), at(b), at(p), at(q))) return true;
+  }
+  return false;
+}
+
+/// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
+inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
+  return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
+}
+
+inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+  const int from = hole[start];
+  struct Candidate {
+    double distance2;
+    std::size_t corner;
+    auto operator<=>(const Candidate&) const = default;
+  };
+  std::vector<Candidate> nearest;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const double dx = at(loop[i])[0] - at(from)[0], dy = at(loop[i])[1] - at(from)[1];
+    nearest.push_back({dx * dx + dy * dy, i});
+  }
+  std::sort(nearest.begin(), nearest.end());
+  for (const auto& candidate : nearest) {
+    const std::size_t corner = candidate.corner;
+    const int to = loop[corner];
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
+    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    std::vector<int> detour{to};
+    for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
+    loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
+    return true;
+  }
+  return false;
+}
+
+/// Sine of the smallest angle or so, at most one; 0 where the corner is no ear.
+inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::size_t corner) const {
+  const int a = loop[(corner + loop.size() - 1) % loop.size()], b = loop[corner], c = loop[(corner + 1) % loop.size()];
+  if (a == c || turn(a, b, c) <= 0) return 0.0;
+  for (const int p : loop)
+    if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
+  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
+  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
+}
+
+inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
+  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+  std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
+  while (!holes.empty()) {
+    const std::vector<int> hole = std::move(holes.back());
+    holes.pop_back();
+    if (!bridge(loop, hole, holes)) return std::nullopt;
+  }
+  std::vector<Triangle> triangles;
+  std::vector<double> shape;   // of the ear at each corner
+  for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
+  while (loop.size() > 3) {
+    const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
+    if (!(shape[ear] > 0.0)) return std::nullopt;
+    const std::size_t n = loop.size();
+    triangles.push_back({loop[(ear + n - 1) % n], loop[ear], loop[(ear + 1) % n]});
+    loop.erase(loop.begin() + std::ptrdiff_t(ear));
+    shape.erase(shape.begin() + std::ptrdiff_t(ear));
+    // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
+    for (std::size_t i = 0; i < loop.size(); ++i)
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+  }
+  if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
+  triangles.push_back({loop[0], loop[1], loop[2]});
+  return triangles;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/mesh/mesher.hpp
+#ifndef SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+#define SINGLE_INCLUDE_LUMO_MESH_MESHER_HPP
+
+namespace lumo {
+
+/// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
+struct MeshInput {
+  std::vector<Vec3d> vertices;                    ///< [m] or any unit: the mesher is scale-free
+  std::vector<Facet> facets;                     ///< closed, manifold, counter-clockwise seen from outside
+  std::function<double(const Vec3d&)> edge;       ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                     ///< do not split the given facets
+};
+
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry their facet's patch.
+struct LinearTets {
+  std::vector<Vec3d> vertices;
+  std::vector<std::array<int, 4>> tets;          ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 3>> faces;
+  std::vector<int> patches;                      ///< one per face
+};
+
+/// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.
+template <class M>
+concept Mesher = requires(const M& mesher, const MeshInput& input) {
+  { mesher.fill(input) } -> std::same_as<LinearTets>;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/self_intersection.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SELF_INTERSECTION_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SELF_INTERSECTION_HPP
+
+namespace lumo {
+
+/// Two triangles that meet elsewhere than in corners that they share, or come closer than `gap` without sharing any.
+/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the candidates.
+class SelfIntersection {
+ public:
+  SelfIntersection(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
+      : vertices_(vertices), triangles_(triangles), gap_(gap) {}
+
+  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
+  std::optional<std::pair<int, int>> find() const;
+
+ private:
+  using Corners = std::array<int, 3>;
+
+  const Vec3d& at(int vertex) const { return vertices_[static_cast<std::size_t>(vertex)]; }
+  static bool has(const Corners& t, int vertex) { return t[0] == vertex || t[1] == vertex || t[2] == vertex; }
+  Vec3d normal(const Corners& t) const { return (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0])); }
+
+  bool clash(const Corners& a, const Corners& b) const;
+  bool surely_apart(const Corners& a, const Corners& b) const;
+  bool surely_beside(const Corners& a, const Corners& b, const Projection& project) const;
+  bool folded(const Corners& a, const Corners& b) const;
+  bool meets(int p, int q, const Corners& t) const;
+  bool close(const Corners& a, const Corners& b) const;
+
+  const std::vector<Vec3d>& vertices_;
+  const std::vector<SurfaceTriangle>& triangles_;
+  double gap_;
+};
+
+/// Squared distance between two line segments. Source: Ericson 2005, section 5.1.9.
+inline double segment_distance2(const Vec3d& p1, const Vec3d& q1, const Vec3d& p2, const Vec3d& q2) {
+  const Vec3d d1 = q1 - p1;
+  const Vec3d d2 = q2 - p2;
+  const Vec3d r = p1 - p2;
+  const double a = d1.squaredNorm();
+  const double e = d2.squaredNorm();
+  const double b = d1.dot(d2);
+  const double c = d1.dot(r);
+  const double f = d2.dot(r);
+  const double det = a * e - b * b;
+  double s = det > 0.0 ? std::clamp((b * f - c * e) / det, 0.0, 1.0) : 0.0;
+  const double t = std::clamp((b * s + f) / e, 0.0, 1.0);
+  s = std::clamp((b * t - c) / a, 0.0, 1.0);
+  return (r + s * d1 - t * d2).squaredNorm();
+}
+
+/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
+inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
+  int side = 0;
+  for (int vertex : b) {
+    if (has(a, vertex)) continue;
+    const int sign = sure_orient3d(at(a[0]), at(a[1]), at(a[2]), at(vertex));
+    if (sign == 0 || sign == -side) return false;
+    side = sign;
+  }
+  return true;
+}
+
+/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
+/// projection is disjoint in space.
+inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
+  for (std::size_t i = 0; i < 3; ++i) {
+    const int p = a[i];
+    const int q = a[(i + 1) % 3];
+    const Point2 from = project(at(p));
+    const Point2 to = project(at(q));
+    const int side = sure_orient2d(from, to, project(at(a[(i + 2) % 3])));
+    if (side == 0) continue;
+    const auto beyond = [&](int vertex) { return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side; };
+    if (std::all_of(b.begin(), b.end(), beyond)) return true;
+  }
+  return false;
+}
+
+/// Neighbours across an edge that lie on each other, or nearly (dihedral angle below 1e-6).
+inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
+  int apex_a = 0, apex_b = 0;
+  std::array<int, 2> edge{};
+  std::size_t shared = 0;
+  for (int vertex : a) {
+    if (has(b, vertex)) edge[shared++] = vertex;
+    else apex_a = vertex;
+  }
+  for (int vertex : b)
+    if (!has(a, vertex)) apex_b = vertex;
+  const Vec3d along = at(edge[1]) - at(edge[0]);
+  const Vec3d u = along.cross(at(apex_a) - at(edge[0]));
+  const Vec3d v = along.cross(at(apex_b) - at(edge[0]));
+  return u.dot(v) > 0.0 && u.cross(v).norm() < 1e-6 * u.norm() * v.norm();
+}
+
+/// Whether the closed segment p q meets the closed triangle t. Exact.
+inline bool SelfIntersection::meets(int p, int q, const Corners& t) const {
+  const int side_p = orient3d(at(t[0]), at(t[1]), at(t[2]), at(p));
+  const int side_q = orient3d(at(t[0]), at(t[1]), at(t[2]), at(q));
+  if (side_p * side_q > 0) return false;
+  if (side_p != 0 || side_q != 0) {
+    int low = 0, high = 0;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const int sign = orient3d(at(p), at(q), at(t[i]), at(t[(i + 1) % 3]));
+      low = std::min(low, sign);
+      high = std::max(high, sign);
+    }
+    return low == 0 || high == 0;
+  }
+  const Projection project(normal(t));
+  const std::array<Point2, 3> corners{project(at(t[0])), project(at(t[1])), project(at(t[2]))};
+  const Point2 from = project(at(p));
+  const Point2 to = project(at(q));
+  bool inside = true;
+  for (std::size_t i = 0; i < 3; ++i) {
+    if (segments_meet(from, to, corners[i], corners[(i + 1) % 3])) return true;
+    inside = inside && orient2d(corners[i], corners[(i + 1) % 3], from) > 0;
+  }
+  return inside;
+}
+
+inline bool SelfIntersection::close(const Corners& a, const Corners& b) const {
+  for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}}) {
+    const Vec3d n = normal(*t).normalized();
+    int above = 0, below = 0;
+    for (int vertex : *other) {
+      const double height = n.dot(at(vertex) - at((*t)[0]));
+      above += height > gap_;
+      below += height < -gap_;
+      if (std::abs(height) > gap_) continue;
+      bool inside = true;  // of the prism over the triangle
+      for (std::size_t i = 0; i < 3; ++i) {
+        const Vec3d& corner = at((*t)[i]);
+        inside = inside && n.dot((at((*t)[(i + 1) % 3]) - corner).cross(at(vertex) - corner)) >= 0.0;
+      }
+      if (inside) return true;
+    }
+    if (above == 3 || below == 3) return false;
+  }
+  for (std::size_t i = 0; i < 3; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      if (segment_distance2(at(a[i]), at(a[(i + 1) % 3]), at(b[j]), at(b[(j + 1) % 3])) < gap_ * gap_) return true;
+  return false;
+}
+
+inline bool SelfIntersection::clash(const Corners& a, const Corners& b) const {
+  const auto shared = std::count_if(a.begin(), a.end(), [&](int vertex) { return has(b, vertex); });
+  if (shared == 3) return true;
+  if (shared == 2) return folded(a, b);
+  if (shared == 0 && close(a, b)) return true;
+  if (surely_apart(a, b) || surely_apart(b, a)) return false;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Projection project(Vec3d::Unit(axis));
+    if (surely_beside(a, b, project) || surely_beside(b, a, project)) return false;
+  }
+  // One shared corner: whatever else they share reaches an edge opposite to it.
+  for (const auto& [t, other] : {std::pair{&a, &b}, std::pair{&b, &a}})
+    for (std::size_t i = 0; i < 3; ++i) {
+      const int p = (*t)[i];
+      const int q = (*t)[(i + 1) % 3];
+      if (has(*other, p) || has(*other, q)) continue;
+      if (meets(p, q, *other)) return true;
+    }
+  return false;
+}
+
+inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
+  struct TriangleBox {
+    Vec3d low, high;
+    int triangle;
+  };
+  std::vector<TriangleBox> boxes;
+  const Vec3d margin = Vec3d::Constant(0.5 * gap_);
+  Vec3d low = Vec3d::Constant(HUGE_VAL), high = Vec3d::Constant(-HUGE_VAL);
+  for (std::size_t i = 0; i < triangles_.size(); ++i) {
+    const Corners& t = triangles_[i].corners;
+    const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
+    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin, elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+    low = elementwise_min(low, boxes.back().low);
+    high = elementwise_max(high, boxes.back().high);
+  }
+  int axis = 0;
+  (high - low).maxCoeff(&axis);
+  std::sort(boxes.begin(), boxes.end(),
+            [axis](const TriangleBox& a, const TriangleBox& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
+  for (std::size_t i = 0; i < boxes.size(); ++i)
+    for (std::size_t j = i + 1; j < boxes.size() && boxes[j].low[axis] <= boxes[i].high[axis]; ++j) {
+      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any()) continue;
+      const SurfaceTriangle& a = triangles_[static_cast<std::size_t>(boxes[i].triangle)];
+      const SurfaceTriangle& b = triangles_[static_cast<std::size_t>(boxes[j].triangle)];
+      if (a.facet != b.facet && clash(a.corners, b.corners)) return std::pair{boxes[i].triangle, boxes[j].triangle};
+    }
+  return std::nullopt;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/shells.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SHELLS_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SHELLS_HPP
+
+namespace lumo {
+
+/// A connected part of a surface. Faces outwards (volume > 0, a solid) or inwards (a cavity).
+struct Shell {
+  std::vector<int> triangles;
+  double area = 0.0;
+  double volume = 0.0;
+};
+
+/// Union–find with path halving.
+class Groups {
+ public:
+  explicit Groups(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0); }
+  int find(int i) {
+    while (at(i) != i) i = at(i) = at(at(i));
+    return i;
+  }
+  void join(int i, int j) { at(find(i)) = find(j); }
+
+ private:
+  int& at(int i) { return parent_[static_cast<std::size_t>(i)]; }
+  std::vector<int> parent_;
+};
+
+/// Every edge has two facets that run along it in opposite directions, and the facets around each vertex form one fan.
+/// Throws MeshError (open, not_manifold).
+inline void check_edges(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  struct Side {
+    int low, high;
+    bool up;           // runs from the lower vertex number to the higher
+    int facet;
+    int from, to;      // corners, numbered through all facets
+  };
+  std::vector<Side> sides;
+  std::vector<int> vertex_of;
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    const int base = static_cast<int>(vertex_of.size());
+    const int n = static_cast<int>(loop.size());
+    for (int i = 0; i < n; ++i) {
+      const int a = loop[static_cast<std::size_t>(i)];
+      const int b = loop[static_cast<std::size_t>((i + 1) % n)];
+      sides.push_back({std::min(a, b), std::max(a, b), a < b, static_cast<int>(f), base + i, base + (i + 1) % n});
+      vertex_of.push_back(a);
+    }
+  }
+  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
+  Groups fans(vertex_of.size());
+  for (std::size_t i = 0; i < sides.size();) {
+    std::size_t end = i + 1;
+    while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
+    const auto edge = message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
+    if (end - i > 2) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
+    const Side& a = sides[i];
+    const Side& b = sides[i + 1];
+    if (a.up == b.up) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+    fans.join(a.from, b.to);
+    fans.join(a.to, b.from);
+    i = end;
+  }
+  std::vector<int> fan_of(input.vertices.size(), -1);
+  for (std::size_t corner = 0; corner < vertex_of.size(); ++corner) {
+    int& known = fan_of[static_cast<std::size_t>(vertex_of[corner])];
+    const int fan = fans.find(static_cast<int>(corner));
+    if (known >= 0 && known != fan)
+      throw MeshError(Reason::not_manifold, message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+    known = fan;
+  }
+}
+
+/// The connected parts of a surface, with areas and enclosed volumes.
+inline std::vector<Shell> find_shells(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles) {
+  Groups groups(input.vertices.size());
+  for (const SurfaceTriangle& t : triangles) {
+    groups.join(t.corners[0], t.corners[1]);
+    groups.join(t.corners[0], t.corners[2]);
+  }
+  std::vector<int> number(input.vertices.size(), -1);
+  std::vector<Shell> shells;
+  for (std::size_t i = 0; i < triangles.size(); ++i) {
+    int& shell = number[static_cast<std::size_t>(groups.find(triangles[i].corners[0]))];
+    if (shell < 0) {
+      shell = static_cast<int>(shells.size());
+      shells.emplace_back();
+    }
+    shells[static_cast<std::size_t>(shell)].triangles.push_back(static_cast<int>(i));
+  }
+  const auto at = [&](int vertex) -> const Vec3d& { return input.vertices[static_cast<std::size_t>(vertex)]; };
+  for (Shell& shell : shells) {
+    const Vec3d origin = at(triangles[static_cast<std::size_t>(shell.triangles[0])].corners[0]);
+    for (int i : shell.triangles) {
+      const auto& [a, b, c] = triangles[static_cast<std::size_t>(i)].corners;
+      const Vec3d doubled = (at(b) - at(a)).cross(at(c) - at(a));
+      shell.area += 0.5 * doubled.norm();
+      shell.volume += doubled.dot(at(a) - origin) / 6.0;
+    }
+  }
+  return shells;
+}
+
+/// Solid angle of the triangle abc seen from `point`, positive from behind. Source: van Oosterom and Strackee 1983.
+inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d& from_c, const Vec3d& point) {
+  const Vec3d a = from_a - point, b = from_b - point, c = from_c - point;
+  const double la = a.norm(), lb = b.norm(), lc = c.norm();
+  return 2.0 * std::atan2(a.dot(b.cross(c)), la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+}
+
+/// How often a shell winds around a point: 1 inside, 0 outside.
+inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3d& point) {
+  double angle = 0.0;
+  for (int i : shell.triangles) {
+    const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
+    angle += solid_angle(vertices[static_cast<std::size_t>(corners[0])], vertices[static_cast<std::size_t>(corners[1])],
+                         vertices[static_cast<std::size_t>(corners[2])], point);
+  }
+  return angle / (4.0 * std::numbers::pi);
+}
+
+/// Solids lie outside each other, cavities in a solid, interior points in the material.
+/// Throws MeshError (not_manifold for shells, bad_index for points).
+inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+  const auto total = [&](const Vec3d& point, const Shell* without) {
+    double sum = 0.0;
+    for (const Shell& shell : shells)
+      if (&shell != without) sum += winding(input.vertices, triangles, shell, point);
+    return sum;
+  };
+  for (std::size_t i = 0; shells.size() > 1 && i < shells.size(); ++i) {
+    const SurfaceTriangle& first = triangles[static_cast<std::size_t>(shells[i].triangles[0])];
+    const double around = total(input.vertices[static_cast<std::size_t>(first.corners[0])], &shells[i]);
+    const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
+    if (std::abs(around - wanted) > 0.25)
+      throw MeshError(MeshError::Reason::not_manifold, message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
+                                                            around, " times, must be ", wanted));
+  }
+  std::vector<char> used(input.vertices.size(), 0);
+  for (const SurfaceTriangle& t : triangles)
+    for (int vertex : t.corners) used[static_cast<std::size_t>(vertex)] = 1;
+  for (std::size_t i = 0; i < used.size(); ++i)
+    if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
+      throw MeshError(MeshError::Reason::bad_index, message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+}
+
+/// A point inside each cavity: half way from one of its triangles to what faces it.
+inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+  std::vector<Vec3d> points;
+  const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
+  for (const Shell& shell : shells) {
+    if (shell.volume > 0.0) continue;
+    const auto& [a, b, c] = triangles[static_cast<std::size_t>(shell.triangles[0])].corners;
+    const Vec3d from = (at(a) + at(b) + at(c)) / 3.0;
+    const Vec3d ray = (at(b) - at(a)).cross(at(c) - at(a)).normalized();  // out of the material
+    double nearest = HUGE_VAL;
+    for (std::size_t i = 0; i < triangles.size(); ++i) {
+      if (static_cast<int>(i) == shell.triangles[0]) continue;
+      const auto& [p, q, r] = triangles[i].corners;
+      const Vec3d normal = (at(q) - at(p)).cross(at(r) - at(p));
+      const double distance = normal.dot(at(p) - from) / normal.dot(ray);
+      if (!(distance > 0.0 && distance < nearest)) continue;
+      const Vec3d hit = from + distance * ray;
+      const double slack = -1e-9 * normal.squaredNorm();
+      const auto left = [&](int v, int w) { return normal.dot((at(w) - at(v)).cross(hit - at(v))) >= slack; };
+      if (left(p, q) && left(q, r) && left(r, p)) nearest = distance;
+    }
+    points.push_back(from + 0.5 * nearest * ray);
+  }
+  return points;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/surface_check.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_CHECK_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_SURFACE_CHECK_HPP
+
+namespace lumo {
+
+/// What is known of a surface once it is found good.
+struct SurfaceReport {
+  Vec3d low{0.0, 0.0, 0.0};                ///< bounding box
+  Vec3d high{0.0, 0.0, 0.0};
+  double area = 0.0;
+  double volume = 0.0;                    ///< enclosed, cavities not counted
+  std::vector<Vec3d> cavities;             ///< a point inside each cavity (a closed inner shell that faces inwards)
+};
+
+/// Checks that a surface bounds a solid: numbers finite and below 1e6, indices valid, facets flat (1e-8 of their size), simple and not
+/// degenerate, no two vertices at one place (1e-8 of the body's size), every edge shared by two facets of one orientation, one fan of
+/// facets around each vertex, positive volume, and no facets that cross, touch (1e-8 of the body's size) or lie on each other.
+/// Vertices of no facet are interior points. Several separate solids and cavities are legal.
+/// Throws MeshError with the reason of the first broken rule; an inside-out surface is not_manifold, no volume is degenerate.
+/// Time about n log n for n triangles, quadratic in the corners of a facet.
+inline SurfaceReport validate_surface(const MeshInput& input);
+
+inline constexpr double largest_coordinate = 1e6;
+inline constexpr double flatness = 1e-8;
+inline constexpr double closeness = 1e-8;
+
+[[noreturn]] inline void refuse(MeshError::Reason reason, const std::string& line) { throw MeshError(reason, "surface: " + line); }
+
+inline std::string place(const Vec3d& p) { return message("(", p.x(), ", ", p.y(), ", ", p.z(), ")"); }
+
+inline void check_numbers(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  if (input.vertices.empty() || input.facets.empty())
+    refuse(Reason::degenerate, message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, must have some of both"));
+  if (input.vertices.size() > 100'000'000 || input.facets.size() > 100'000'000)
+    refuse(Reason::out_of_memory, message("has ", input.vertices.size(), " vertices and ", input.facets.size(), " facets, at most 1e8 of each"));
+  for (std::size_t i = 0; i < input.vertices.size(); ++i)
+    if (!(input.vertices[i].cwiseAbs().maxCoeff() <= largest_coordinate) || !input.vertices[i].allFinite())
+      refuse(Reason::not_finite, message("vertex ", i, " is at ", place(input.vertices[i]), ", coordinates must be finite and at most ", largest_coordinate));
+  const auto count = static_cast<int>(input.vertices.size());
+  std::vector<int> seen(input.vertices.size(), -1);
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    for (int vertex : loop)
+      if (vertex < 0 || vertex >= count) refuse(Reason::bad_index, message("facet ", f, " names vertex ", vertex, ", must lie in [0, ", count - 1, "]"));
+    if (loop.size() < 3) refuse(Reason::degenerate, message("facet ", f, " has ", loop.size(), " corners, must have at least 3"));
+    for (int vertex : loop)
+      if (std::exchange(seen[static_cast<std::size_t>(vertex)], static_cast<int>(f)) == static_cast<int>(f))
+        refuse(Reason::degenerate, message("facet ", f, " has vertex ", vertex, " more than once"));
+  }
+}
+
+/// Vertices closer than `tolerance`, found by sorting along a direction in which hardly any two agree by accident.
+inline void check_duplicates(const std::vector<Vec3d>& vertices, double tolerance) {
+  const Vec3d direction = Vec3d(0.5477, 0.6083, 0.5744).normalized();
+  struct Placed {
+    double along;
+    int vertex;
+    auto operator<=>(const Placed&) const = default;
+  };
+  std::vector<Placed> order;
+  for (std::size_t i = 0; i < vertices.size(); ++i) order.push_back({direction.dot(vertices[i]), static_cast<int>(i)});
+  std::sort(order.begin(), order.end());
+  for (std::size_t i = 0; i < order.size(); ++i)
+    for (std::size_t j = i + 1; j < order.size() && order[j].along - order[i].along <= tolerance; ++j) {
+      const Vec3d& a = vertices[static_cast<std::size_t>(order[i].vertex)];
+      const double distance = (vertices[static_cast<std::size_t>(order[j].vertex)] - a).norm();
+      if (distance <= tolerance)
+        refuse(MeshError::Reason::duplicate, message("vertices ", order[i].vertex, " and ", order[j].vertex, " at ", place(a), " are ", distance,
+                                                  " apart, must be more than ", tolerance));
+    }
+}
+
+/// Checks each facet alone and cuts it into triangles.
+inline std::vector<SurfaceTriangle> check_facets(const MeshInput& input, double gap) {
+  using Reason = MeshError::Reason;
+  std::vector<SurfaceTriangle> triangles;
+  for (std::size_t f = 0; f < input.facets.size(); ++f) {
+    const std::vector<int>& loop = input.facets[f].loop;
+    const auto corner = [&](std::size_t i) -> const Vec3d& { return input.vertices[static_cast<std::size_t>(loop[i % loop.size()])]; };
+    double size = 0.0;
+    for (std::size_t i = 0; i < loop.size(); ++i) size = std::max({size, (corner(i) - corner(0)).norm(), (corner(i + 1) - corner(i)).norm()});
+    const Vec3d doubled = polygon_normal(input.vertices, loop);
+    if (!(doubled.norm() > 2.0 * flatness * size * size))
+      refuse(Reason::degenerate, message("facet ", f, " at ", place(corner(0)), " has area ", 0.5 * doubled.norm(), ", must be more than ", flatness * size * size));
+    const Vec3d normal = doubled.normalized();
+    for (std::size_t i = 1; i < loop.size(); ++i) {
+      const double height = std::abs(normal.dot(corner(i) - corner(0)));
+      if (loop.size() > 3 && height > flatness * size)
+        refuse(Reason::degenerate, message("facet ", f, " at ", place(corner(i)), " is not flat: ", height, " off its plane, at most ", flatness * size));
+    }
+    const auto pieces = facet_triangles(input.vertices, loop, normal, static_cast<int>(f), 2.0 * gap);
+    if (!pieces) refuse(Reason::self_intersecting, message("the outline of facet ", f, " at ", place(corner(0)), " crosses or touches itself"));
+    triangles.insert(triangles.end(), pieces->begin(), pieces->end());
+  }
+  return triangles;
+}
+
+inline SurfaceReport validate_surface(const MeshInput& input) {
+  using Reason = MeshError::Reason;
+  check_numbers(input);
+  SurfaceReport report;
+  report.low = report.high = input.vertices[0];
+  for (const Vec3d& vertex : input.vertices) {
+    report.low = elementwise_min(report.low, vertex);
+    report.high = elementwise_max(report.high, vertex);
+  }
+  const double size = (report.high - report.low).norm();
+  if (!(size >= 1e-30)) refuse(Reason::degenerate, message("has a size of ", size, ", must be at least 1e-30"));
+  check_duplicates(input.vertices, closeness * size);
+  const std::vector<SurfaceTriangle> triangles = check_facets(input, closeness * size);
+  check_edges(input);
+
+  const std::vector<Shell> shells = find_shells(input, triangles);
+  for (const Shell& shell : shells) {
+    report.area += shell.area;
+    report.volume += shell.volume;
+    if (!(std::abs(shell.volume) > 1e-9 * shell.area * size))
+      refuse(Reason::degenerate, message("the shell of facet ", triangles[static_cast<std::size_t>(shell.triangles[0])].facet, " encloses a volume of ",
+                                                      shell.volume, ", must be more than ", 1e-9 * shell.area * size));
+  }
+  if (!(report.volume > 0.0)) refuse(Reason::not_manifold, message("is inside out: the enclosed volume is ", report.volume, ", must be > 0"));
+  if (const auto pair = SelfIntersection(input.vertices, triangles, closeness * size).find()) {
+    const SurfaceTriangle& a = triangles[static_cast<std::size_t>(pair->first)];
+    const SurfaceTriangle& b = triangles[static_cast<std::size_t>(pair->second)];
+    refuse(Reason::self_intersecting, message("facets ", std::min(a.facet, b.facet), " and ", std::max(a.facet, b.facet), " cross or touch near ",
+                                                           place(input.vertices[static_cast<std::size_t>(a.corners[0])]), ", must be more than ",
+                                                           closeness * size, " apart"));
+  }
+  check_inside(input, triangles, shells);
+  report.cavities = cavity_points(input.vertices, triangles, shells);
+  return report;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/geometry/triangle_surface.hpp
+#ifndef SINGLE_INCLUDE_LUMO_GEOMETRY_TRIANGLE_SURFACE_HPP
+#define SINGLE_INCLUDE_LUMO_GEOMETRY_TRIANGLE_SURFACE_HPP
+
+namespace lumo {
+
+/// A surface of triangles, counter-clockwise seen from outside.
+struct TriangleSurface {
+  std::vector<Vec3d> vertices;                  ///< [m]
+  std::vector<std::array<int, 3>> triangles;
+};
+
+/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+inline SurfaceReport validate_surface(const TriangleSurface& surface) {
+  MeshInput input;
+  input.vertices = surface.vertices;
+  for (const auto& t : surface.triangles) input.facets.push_back({{t[0], t[1], t[2]}, 0});
+  return validate_surface(input);
+}
+
+/// How often the surface winds around a point: 1 inside, 0 outside.
+inline double winding_number(const TriangleSurface& surface, const Vec3d& point) {
+  double angle = 0.0;
+  const auto at = [&](int vertex) -> const Vec3d& { return surface.vertices[std::size_t(vertex)]; };
+  for (const auto& t : surface.triangles) angle += solid_angle(at(t[0]), at(t[1]), at(t[2]), point);
+  return angle / (4.0 * std::numbers::pi);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/faceted_solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_FACETED_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_FACETED_SOLID_HPP
+
+namespace lumo {
+
+/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
+/// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
+/// told is what is made, and surface() checks that it bounds a solid.
+class FacetedSolid {
+ public:
+  using Loop = std::vector<Vec3d>;
+
+  /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
+  void face(const Loop& outline, const std::vector<Loop>& holes = {});
+  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
+  /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  void band(const Loop& from, const Loop& to, bool closed = true);
+
+  /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
+  TriangleSurface surface() const;
+
+ private:
+  struct Face {
+    std::vector<int> outline;
+    std::vector<std::vector<int>> holes;
+  };
+
+  int vertex(const Vec3d& p);
+  std::vector<int> numbers(const Loop& loop);
+  std::vector<int> with_corners_between(const std::vector<int>& loop) const;
+
+  std::vector<Vec3d> vertices_;
+  std::map<std::array<double, 3>, int> known_;
+  std::vector<Face> faces_;
+};
+
+/// The loop the other way round.
+inline std::vector<Vec3d> reversed(std::type_identity_t<std::vector<Vec3d>> loop) {
+  std::reverse(loop.begin(), loop.end());
+  return loop;
+}
+
+inline int FacetedSolid::vertex(const Vec3d& p) {
+  const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
+  if (fresh) vertices_.push_back(p);
+  return place->second;
+}
+
+inline std::vector<int> FacetedSolid::numbers(const Loop& loop) {
+  std::vector<int> n;
+  for (const Vec3d& p : loop) n.push_back(vertex(p));
+  return n;
+}
+
+inline void FacetedSolid::face(const Loop& outline, const std::vector<Loop>& holes) {
+  Face f{numbers(outline), {}};
+  for (const Loop& hole : holes) f.holes.push_back(numbers(hole));
+  faces_.push_back(std::move(f));
+}
+
+inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
+  const std::size_t n = from.size();
+  for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
+}
+
+/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
+inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
+  std::vector<int> full;
+  for (std::size_t i = 0; i < loop.size(); ++i) {
+    const int from = loop[i], to = loop[(i + 1) % loop.size()];
+    const Vec3d &a = vertices_[std::size_t(from)], &b = vertices_[std::size_t(to)];
+    full.push_back(from);
+    for (int axis = 0; axis < 3; ++axis) {
+      const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+      if (a[u] != b[u] || a[v] != b[v]) continue;
+      struct Corner {
+        double way;
+        int vertex;
+        auto operator<=>(const Corner&) const = default;
+      };
+      std::vector<Corner> between;
+      for (std::size_t k = 0; k < vertices_.size(); ++k) {
+        const Vec3d& p = vertices_[k];
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
+      }
+      std::sort(between.begin(), between.end());
+      for (const auto& corner : between) full.push_back(corner.vertex);
+    }
+  }
+  return full;
+}
+
+inline auto FacetedSolid::surface() const -> TriangleSurface {
+  TriangleSurface s{vertices_, {}};
+  for (const Face& f : faces_) {
+    const std::vector<int> outline = with_corners_between(f.outline);
+    std::vector<std::vector<int>> holes;
+    for (const auto& hole : f.holes) holes.push_back(with_corners_between(hole));
+    const Vec3d normal = polygon_normal(vertices_, f.outline);
+    // Numbers of the corners alone: the projection of thousands of others would cost more than the cut.
+    std::vector<int> of = outline;
+    for (const auto& hole : holes) of.insert(of.end(), hole.begin(), hole.end());
+    std::sort(of.begin(), of.end());
+    of.erase(std::unique(of.begin(), of.end()), of.end());
+    std::vector<Vec3d> corners;
+    for (const int vertex : of) corners.push_back(vertices_[std::size_t(vertex)]);
+    const auto local = [&](std::vector<int> loop) {
+      for (int& vertex : loop) vertex = int(std::lower_bound(of.begin(), of.end(), vertex) - of.begin());
+      return loop;
+    };
+    std::vector<std::vector<int>> local_holes;
+    for (const auto& hole : holes) local_holes.push_back(local(hole));
+    const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
+    if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
+    for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
+  }
+  validate_surface(s);
+  return s;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/carrier_solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CARRIER_SOLID_HPP
+
+namespace lumo {
+
+/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for its wires through the plate.
+/// The ridge is a clearance shorter than the pad, so that it goes between the mould's ends. Stands on z = −plate.
+/// Throws InvalidArgument, MeshError.
+inline TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
+inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
+  std::vector<Vec3d> loop;
+  for (int k = 0; k < corners; ++k) loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
+  return loop;
+}
+
+/// A rectangle in a plane of constant z, counter-clockwise seen from above.
+inline std::vector<Vec3d> rectangle(double x0, double x1, double y0, double y1, double z) {
+  return {{x0, y0, z}, {x1, y0, z}, {x1, y1, z}, {x0, y1, z}};
+}
+
+}  // namespace detail
+
+inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double bottom = -o.plate, ridge_x = 0.5 * s.ridge_width, ridge_y = at.half_length - 0.5 * o.clearance;
+  FacetedSolid solid;
+  const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
+  const auto ridge = [&](double z) { return detail::rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
+  const auto pocket = [&](double z) { return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
+  const auto duct = [&](double z) { return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
+  const auto holes = [&](double z) {
+    std::vector<std::vector<Vec3d>> loops;
+    for (const double x : {-1.0, 1.0})
+      for (const double y : {-1.0, 1.0})
+        loops.push_back(reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3d::UnitX(), Vec3d::UnitY(),
+                                              0.5 * o.hole_diameter)));
+    return loops;
+  };
+  auto below = holes(bottom), above = holes(0.0);
+  for (std::size_t k = 0; k < below.size(); ++k) solid.band(below[k], above[k]);
+  solid.band(plate(bottom), plate(0.0));
+  solid.band(ridge(0.0), ridge(s.ridge_height));
+  solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
+  solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
+
+  std::vector<std::vector<Vec3d>> openings;   // seen from below
+  for (const auto& loop : below) openings.push_back(reversed(loop));
+  openings.push_back(duct(bottom));
+  solid.face(reversed(plate(bottom)), openings);
+  above.push_back(reversed(ridge(0.0)));
+  solid.face(plate(0.0), above);
+  solid.face(pocket(at.pocket_floor), {reversed(duct(at.pocket_floor))});
+  solid.face(ridge(s.ridge_height), {reversed(pocket(s.ridge_height))});
+  return solid.surface();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/core_solid.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CORE_SOLID_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CORE_SOLID_HPP
+
+namespace lumo {
+
+/// Outline (y, z) of the core that keeps a gap free, counter-clockwise seen along −x [m]: a bar of the gap's height from one end of the cavity out through the
+/// other, a handle behind it, and a step that stops at the mould.
+inline std::vector<std::array<double, 2>> core_outline(const CastSection& s, const CastingOptions& o = {}) {
+  const CastingLayout at(s, o);
+  constexpr double handle = 10.0e-3;
+  return {{-at.half_length, 0.0}, {at.mould_y, 0.0}, {at.mould_y, -o.rim}, {at.mould_y + handle, -o.rim}, {at.mould_y + handle, s.ridge_height},
+          {-at.half_length, s.ridge_height}};
+}
+
+/// The core of the gap at x > 0, as thick as the gap is wide; the other one is the same, shifted. It comes out along +y.
+/// Throws InvalidArgument where there is no gap, MeshError.
+inline TriangleSurface core_solid(const CastSection& s, const CastingOptions& o = {}) {
+  validate(o, s);
+  require_positive("gap width", s.gap_width * 1e3, "mm");
+  const auto side = [&](double x) {
+    std::vector<Vec3d> loop;
+    for (const auto& p : core_outline(s, o)) loop.emplace_back(x, p[0], p[1]);
+    return loop;
+  };
+  const auto inner = side(0.5 * s.ridge_width), outer = side(0.5 * s.ridge_width + s.gap_width);
+  FacetedSolid solid;
+  solid.band(inner, outer);
+  solid.face(reversed(inner));
+  solid.face(outer);
+  return solid.surface();
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/mould_half.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_MOULD_HALF_HPP
+
+namespace lumo {
+
+/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y; lengths in m, places in (x, z).
+struct Opening {
+  std::array<double, 2> at_pad, outside;   ///< centres at the pad's end and at the mould's outer face
+  double radius, outer_radius;
+
+  /// Volume of the opening, which is cut as a frustum over a regular polygon [m³].
+  double volume_m3(double length, int corners = 32) const {
+    const double unit = 0.5 * corners * std::sin(2.0 * pi / corners);
+    return unit * length / 3.0 * (radius * radius + radius * outer_radius + outer_radius * outer_radius);
+  }
+};
+
+/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
+
+/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
+/// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
+/// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
+/// Throws InvalidArgument, MeshError.
+inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
+
+inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
+  const CastingLayout at(s, o);
+  const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
+  // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
+  const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
+  const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
+  const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
+  std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
+  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+  return list;
+}
+
+namespace detail {
+
+/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
+class MouldHalf {
+ public:
+
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+    if (!poured) return;
+    openings_ = pour_openings(s, o);
+    if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+  }
+
+  TriangleSurface surface() {
+    cavity();
+    parting();
+    underside();
+    outside();
+    notches();
+    openings();
+    return solid_.surface();
+  }
+
+ private:
+  using Loop = typename FacetedSolid::Loop;
+  using Corners = decltype(CastSection::outline);
+
+  struct Notch {
+    double from, to;   ///< along x
+  };
+
+  /// Of corners (x, z), in a plane of constant y.
+  static Loop upright(const Corners& corners, double y) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(c[0], y, c[1]);
+    return loop;
+  }
+  /// Of corners (y, z), in a plane of constant x.
+  static Loop lengthwise(const Corners& corners, double x) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(x, c[0], c[1]);
+    return loop;
+  }
+  /// Of corners (x, y), in a plane of constant z.
+  static Loop level(const Corners& corners, double z) {
+    Loop loop;
+    for (const auto& c : corners) loop.emplace_back(c[0], c[1], z);
+    return loop;
+  }
+
+  /// A line at height z from the mould's left side, with a step up to `up` over each core.
+  Corners stepped(double z, double up) const {
+    Corners line{{-at_.mould_x, z}};
+    for (const auto& [a, b] : notches_) line.insert(line.end(), {{a, z}, {a, up}, {b, up}, {b, z}});
+    return line;
+  }
+
+  void cavity();
+  void parting();
+  void underside();
+  void outside();
+  void notches();
+  void openings();
+
+  const CastSection& s_;
+  const CastingOptions& o_;
+  CastingLayout at_;
+  std::vector<Opening> openings_;
+  std::vector<Notch> notches_;
+  double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
+  FacetedSolid solid_;
+};
+
+/// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
+inline void MouldHalf::cavity() {
+  solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
+  const Corners crown(s_.outline.rbegin(), s_.outline.rend());
+  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  face.insert(face.end(), crown.begin(), crown.end() - 1);
+  solid_.face(upright(face, near_));
+
+  Corners wall = stepped(0.0, at_.notch_roof);
+  wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
+  wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
+  std::vector<Loop> holes;
+  for (const Opening& opening : openings_)
+    holes.push_back(reversed(ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
+  solid_.face(upright(wall, end_), holes);
+}
+
+/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
+inline void MouldHalf::parting() {
+  constexpr double radius = 2.5e-3, height = 3.0e-3;
+  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
+  const auto around = [&](double x, double place, double r) { return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r); };   // seen from −x
+  solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
+              {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
+  solid_.band(around(0.0, y, radius), around(-height, y, tip));
+  solid_.face(around(-height, y, tip));
+  solid_.band(reversed(around(height + c, -y, tip + c)), reversed(around(0.0, -y, radius + c)));
+  solid_.face(around(height + c, -y, tip + c));
+}
+
+/// The ledge that lies on the carrier's plate, and the rim round it.
+inline void MouldHalf::underside() {
+  const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
+  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
+  if (!notches_.empty())
+    for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
+      solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
+  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
+                               {at_.rim_x, at_.rim_y}}, rim_)));
+  solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
+  Corners inner = stepped(0.0, -o_.clearance);   // along its top
+  std::reverse(inner.begin(), inner.end());
+  inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, 0.0}});
+  solid_.face(upright(inner, at_.rim_y));
+}
+
+inline void MouldHalf::outside() {
+  const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
+  solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
+  solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
+  solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
+  std::vector<Loop> holes;
+  for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  for (const Opening& opening : openings_)
+    holes.push_back(ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
+  solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
+}
+
+/// Through the end wall, open to the plate; the rim below it is a clearance lower, so that the core lies on the plate.
+inline void MouldHalf::notches() {
+  const double low = -o_.clearance, roof = at_.notch_roof, far = at_.mould_y;
+  const Corners cheek{{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, low}, {far, low}, {far, roof}, {end_, roof}};
+  for (const auto& [a, b] : notches_) {
+    solid_.face(lengthwise(cheek, a));
+    solid_.face(reversed(lengthwise(cheek, b)));
+    solid_.face(reversed(rectangle(a, b, end_, far, roof)));
+    solid_.face(rectangle(a, b, at_.rim_y, far, low));
+  }
+}
+
+inline void MouldHalf::openings() {
+  for (const Opening& o : openings_) {
+    const Loop inner = ring(Vec3d(o.at_pad[0], end_, o.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.radius);
+    const Loop outer = ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
+    solid_.band(reversed(outer), reversed(inner));
+  }
+}
+
+}  // namespace detail
+
+inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  return detail::MouldHalf(s, o, true).surface();
+}
+
+inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  TriangleSurface half = detail::MouldHalf(s, o, false).surface();
+  for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), -v.y(), v.z());
+  return half;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/drawing/short_number.hpp
+#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
+#define SINGLE_INCLUDE_LUMO_DRAWING_SHORT_NUMBER_HPP
+
+namespace lumo {
+
+/// A number with at most `digits` decimals and no trailing zeros; the same in every locale. "?" where that takes more
+/// than 400 characters.
+inline std::string short_number(double v, int digits = 2) {
+  std::array<char, 400> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), v, std::chars_format::fixed, digits);
+  if (end.ec != std::errc{}) return "?";
+  std::string s(buffer.data(), end.ptr);
+  if (s.find('.') != std::string::npos) {
+    while (s.back() == '0') s.pop_back();
+    if (s.back() == '.') s.pop_back();
+  }
+  return s == "-0" ? "0" : s;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/millimetres.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_MILLIMETRES_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_MILLIMETRES_HPP
+
+namespace lumo {
+
+/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/three_mf.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_THREE_MF_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_THREE_MF_HPP
+
+namespace lumo {
+
+/// A file within an archive.
+struct ArchivedFile {
+  std::string name;   ///< with its folders, as in "3D/3dmodel.model"
+  std::string contents;
+};
+
+/// Packs files into the bytes of one .zip file. Laws: same files, same bits; unpacked, the files are the same. Throws InputError.
+template <class A>
+concept Archiver = requires(const A& archiver, std::span<const ArchivedFile> files) {
+  { archiver.pack(files) } -> std::same_as<std::string>;
+};
+
+/// A thing to be printed, `copies` times, standing on z = 0 with its corner at the origin.
+struct PrintItem {
+  std::string name;   ///< letters, digits, blanks and _ only
+  TriangleSurface surface;
+  int copies = 1;
+};
+
+/// The files of a 3MF package in mm: one object each, the copies beside each other, `spacing` [m] apart. Throws InvalidArgument for a name with other characters.
+/// Source: 3MF Consortium, 3D Manufacturing Format Core Specification 1.3; ECMA-376 part 2 (open packaging).
+inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing = 5.0e-3);
+
+/// The package in one. Throws InputError when the stream fails.
+template <Archiver A>
+void write_3mf(std::ostream& out, std::span<const PrintItem> items, const A& archiver) {
+  const std::string bytes = archiver.pack(three_mf_files(items));
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  if (!out) throw InputError("writing a .3mf file failed");
+}
+
+inline std::vector<ArchivedFile> three_mf_files(std::span<const PrintItem> items, double spacing) {
+  std::string objects, build;
+  double x = 0.0;
+  for (std::size_t k = 0; k < items.size(); ++k) {
+    const PrintItem& item = items[k];
+    for (const char c : item.name)
+      if (!((c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == ' ' || c == '_'))
+        throw InvalidArgument(message("name of a printed part is '", item.name, "', must be of letters, digits, blanks and _"));
+    const std::string id = std::to_string(k + 1);
+    objects += "<object id=\"" + id + "\" type=\"model\" name=\"" + item.name + "\"><mesh><vertices>\n";
+    double width = 0.0;
+    for (const Vec3d& v : item.surface.vertices) {
+      objects += "<vertex x=\"" + in_mm(v.x()) + "\" y=\"" + in_mm(v.y()) + "\" z=\"" + in_mm(v.z()) + "\"/>\n";
+      width = std::max(width, v.x());
+    }
+    objects += "</vertices><triangles>\n";
+    for (const auto& t : item.surface.triangles)
+      objects += "<triangle v1=\"" + std::to_string(t[0]) + "\" v2=\"" + std::to_string(t[1]) + "\" v3=\"" + std::to_string(t[2]) + "\"/>\n";
+    objects += "</triangles></mesh></object>\n";
+    for (int copy = 0; copy < item.copies; ++copy, x += width + spacing)
+      build += "<item objectid=\"" + id + "\" transform=\"1 0 0 0 1 0 0 0 1 " + in_mm(x) + " 0 0\"/>\n";
+  }
+  const std::string xml = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
+  return {{"[Content_Types].xml", xml + "<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">"
+                                        "<Default Extension=\"rels\" ContentType=\"application/vnd.openxmlformats-package.relationships+xml\"/>"
+                                        "<Default Extension=\"model\" ContentType=\"application/vnd.ms-package.3dmanufacturing-3dmodel+xml\"/></Types>\n"},
+          {"_rels/.rels", xml + "<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">"
+                                "<Relationship Target=\"/3D/3dmodel.model\" Id=\"rel0\" Type=\"http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel\"/></Relationships>\n"},
+          {"3D/3dmodel.model", xml + "<model unit=\"millimeter\" xml:lang=\"en\" xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n<resources>\n" + objects +
+                                   "</resources>\n<build>\n" + build + "</build>\n</model>\n"}};
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/casting_kit.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_KIT_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_KIT_HPP
+
+namespace lumo {
+
+/// A part to be printed.
+struct CastingPart {
+  std::string name;
+  TriangleSurface assembled;      ///< where it is in the closed mould, the pad's frame [m]
+  TriangleSurface printed;        ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  int copies = 1;
+  double volume_m3 = 0.0;         ///< of one
+  Vec3d box{0.0, 0.0, 0.0};        ///< edges of the printed one's bounding box [m]
+};
+
+/// Silicone that a cast takes [m³].
+struct CastVolume {
+  double pad = 0.0;               ///< the design's, exact
+  double fits = 0.0;              ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double openings = 0.0;          ///< gate and vents up to the mould's outer face: cut off
+  double total() const { return pad + fits + openings; }
+};
+
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws InvalidArgument, MeshError.
+inline std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+
+inline CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+
+/// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an undercut.
+/// Faces of the half that lie within the pad's box are such.
+inline double least_draft(const TriangleSurface& half, const CastSection& section, const Vec3d& direction);
+
+/// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft of the pad's ends.
+inline Vec3d opening_direction(double angle = 10.0_deg) { return {std::cos(angle), std::sin(angle), 0.0}; }
+
+namespace detail {
+
+/// Turned by a rotation and moved to the corner of the printer's bed.
+inline CastingPart print_part(std::string name, TriangleSurface surface, const Mat3d& turn, int copies = 1) {
+  CastingPart part{std::move(name), surface, std::move(surface), copies};
+  for (Vec3d& v : part.printed.vertices) v = turn * v;
+  const SurfaceReport report = validate_surface(part.printed);
+  for (Vec3d& v : part.printed.vertices) v -= report.low;
+  part.volume_m3 = report.volume, part.box = report.high - report.low;
+  return part;
+}
+
+}  // namespace detail
+
+inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
+  // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its layers.
+  const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(), on_near_end = (Mat3d() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished(),
+             on_side = (Mat3d() << 0, 1, 0, 0, 0, 1, 1, 0, 0).finished();
+  std::vector<CastingPart> kit;
+  kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
+  kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
+  kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
+  if (s.gap_width > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  return kit;
+}
+
+inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  CastVolume v{s.exact_volume_m3, 4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height + s.ridge_width * s.ridge_height * o.clearance, 0.0};
+  for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
+  return v;
+}
+
+inline double least_draft(const TriangleSurface& half, const CastSection& s, const Vec3d& direction) {
+  const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
+  double least = 0.5 * pi;
+  for (const auto& t : half.triangles) {
+    const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])], &c = half.vertices[std::size_t(t[2])];
+    const Vec3d middle = (a + b + c) / 3.0;
+    if (std::abs(middle.x()) > width || std::abs(middle.y()) > length || middle.z() < 0.0 || middle.z() > top) continue;
+    const Vec3d normal = (b - a).cross(c - a).normalized();
+    least = std::min(least, std::asin(std::clamp(-normal.dot(direction.normalized()), -1.0, 1.0)));
+  }
+  return least;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/drawing.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_DRAWING_HPP
+
+namespace lumo {
+
+/// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
+struct Drawing {
+  using Point = std::array<double, 2>;
+  struct Layer {
+    std::string name;    ///< capitals and _ only
+    int dxf_color;       ///< AutoCAD's colour index, 1 to 255
+    std::string stroke;  ///< the same, as CSS writes it
+  };
+  struct Line {
+    int layer;
+    std::vector<Point> points;
+    bool closed = true;
+  };
+  struct Label {
+    int layer;
+    Point at;            ///< left end of its baseline
+    double height;       ///< of capitals
+    std::string words;   ///< ASCII
+  };
+
+  std::string title;
+  std::vector<Layer> layers;
+  std::vector<Line> lines;
+  std::vector<Label> labels;
+
+  /// Lower left and upper right corner of all lines.
+  std::array<Point, 2> box() const {
+    constexpr double far = std::numeric_limits<double>::infinity();
+    Point low{far, far}, high{-far, -far};
+    for (const Line& line : lines)
+      for (const Point& p : line.points) low = {std::min(low[0], p[0]), std::min(low[1], p[1])}, high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+    return {low, high};
+  }
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/casting_drawings.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_CASTING_DRAWINGS_HPP
+
+namespace lumo {
+
+/// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
+inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
+inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
+/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
+inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+
+namespace detail {
+
+/// Words under a drawing, and a line of 10 mm by which a print can be measured.
+inline void add_caption(Drawing& d, const std::string& words) {
+  const int layer = int(d.layers.size());
+  d.layers.push_back({"NOTES", 8, "#666666"});
+  const auto box = d.box();
+  const double x = box[0][0], y = box[0][1] - 5.0e-3;
+  d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
+  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
+  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
+  d.title = words;
+}
+
+inline Drawing::Line box_line(int layer, double x0, double x1, double y0, double y1) { return {layer, {{x0, y0}, {x1, y0}, {x1, y1}, {x0, y1}}}; }
+
+/// A half outline at x > 0 and its mirror image in one loop.
+inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
+  for (std::size_t i = half.size(); i-- > 0;)
+    if (half[i][0] != 0.0) half.push_back({-half[i][0], half[i][1]});
+  return half;
+}
+
+}  // namespace detail
+
+inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
+  Drawing d;
+  d.layers = {{"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
+  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
+  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
+  if (s.gap_width > 0.0) pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
+  else pad.push_back({ridge, 0.0});
+  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
+  d.lines.push_back({0, detail::mirrored(std::move(pad))});
+  d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor}, {at.pocket_x, s.ridge_height}, {ridge, s.ridge_height}, {ridge, 0.0},
+                                          {at.plate_x, 0.0}, {at.plate_x, -o.plate}})});
+  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
+  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
+  for (const double side : {1.0, -1.0}) {
+    std::vector<Drawing::Point> half{{at.half_width, 0.0}, {at.rim_x, 0.0}, {at.rim_x, -o.rim}, {at.mould_x, -o.rim}, {at.mould_x, at.mould_top},
+                                     {0.0, at.mould_top}};
+    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
+    for (auto& p : half) p[0] *= side;
+    d.lines.push_back({3, std::move(half)});
+    if (s.gap_width > 0.0) d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
+  }
+  std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
+  if (s.gap_width > 0.0) legend.push_back("cores");
+  for (int layer = 0; layer < int(legend.size()); ++layer)
+    d.labels.push_back({layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+  detail::add_caption(d, "Section at scale 1:1");
+  return d;
+}
+
+inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  const CastingLayout at(s, o);
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
+  d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
+  for (int k = 0; k < s.leds.count; ++k) {
+    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
+    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x, 0.5 * s.leds.width_x));
+  }
+  detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width, " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+  return d;
+}
+
+inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+  validate(o, s);
+  require_positive("gap width", s.gap_width * 1e3, "mm");
+  Drawing d;
+  d.layers = {{"OUTLINE", 7, "#222222"}};
+  d.lines.push_back({0, core_outline(s, o)});
+  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  return d;
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/stl.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_STL_HPP
+
+namespace lumo {
+
+/// The surface as a binary .stl file in mm, the format's unit by habit. Throws InputError when the stream fails.
+/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50 bytes each, little-endian.
+inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
+  std::string bytes = "binary STL, mm, by lumo";   // not "solid", by which texts are told
+  bytes.resize(80, ' ');
+  const auto word = [&bytes](std::uint32_t value) {
+    for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);
+  };
+  const auto point = [&word](const Vec3d& p) {
+    for (int i = 0; i < 3; ++i) word(std::bit_cast<std::uint32_t>(float(p[i])));
+  };
+  word(std::uint32_t(surface.triangles.size()));
+  for (const auto& t : surface.triangles) {
+    const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])], 1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
+    point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
+    for (const Vec3d& p : corner) point(p);
+    bytes.append(2, '\0');
+  }
+  out.write(bytes.data(), std::streamsize(bytes.size()));
+  if (!out) throw InputError("writing an .stl file failed");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/dxf.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_DXF_HPP
+
+namespace lumo {
+
+/// The drawing as a DXF file, one drawing unit a mm: AutoCAD R12 in ASCII, which every laser cutter's program reads. The format has no place for a unit, so
+/// that the drawings say it in words. Throws InputError when the stream fails. Source: Autodesk, DXF Reference, release 12.
+inline void write_dxf(std::ostream& out, const Drawing& drawing) {
+  const auto pair = [&out](int code, const std::string& value) { out << code << "\n" << value << "\n"; };
+  const auto point = [&pair](int code, const Drawing::Point& p) { pair(code, in_mm(p[0])), pair(code + 10, in_mm(p[1])), pair(code + 20, "0"); };
+  const auto begin = [&pair](const char* section) { pair(0, "SECTION"), pair(2, section); };
+  const auto name = [&drawing](int layer) { return drawing.layers[std::size_t(layer)].name; };
+  const auto box = drawing.box();
+
+  pair(999, drawing.title + ", mm, 1:1, by lumo");
+  begin("HEADER");
+  pair(9, "$ACADVER"), pair(1, "AC1009");
+  pair(9, "$EXTMIN"), point(10, box[0]);
+  pair(9, "$EXTMAX"), point(10, box[1]);
+  pair(0, "ENDSEC");
+  begin("TABLES");
+  pair(0, "TABLE"), pair(2, "LTYPE"), pair(70, "1");
+  pair(0, "LTYPE"), pair(2, "CONTINUOUS"), pair(70, "0"), pair(3, "Solid line"), pair(72, "65"), pair(73, "0"), pair(40, "0");
+  pair(0, "ENDTAB");
+  pair(0, "TABLE"), pair(2, "LAYER"), pair(70, std::to_string(drawing.layers.size()));
+  for (const Drawing::Layer& l : drawing.layers) pair(0, "LAYER"), pair(2, l.name), pair(70, "0"), pair(62, std::to_string(l.dxf_color)), pair(6, "CONTINUOUS");
+  pair(0, "ENDTAB");
+  pair(0, "ENDSEC");
+  begin("ENTITIES");
+  for (const Drawing::Line& line : drawing.lines) {
+    pair(0, "POLYLINE"), pair(8, name(line.layer)), pair(66, "1"), point(10, {0.0, 0.0}), pair(70, line.closed ? "1" : "0");
+    for (const Drawing::Point& p : line.points) pair(0, "VERTEX"), pair(8, name(line.layer)), point(10, p);
+    pair(0, "SEQEND"), pair(8, name(line.layer));
+  }
+  for (const Drawing::Label& label : drawing.labels)
+    pair(0, "TEXT"), pair(8, name(label.layer)), point(10, label.at), pair(40, in_mm(label.height)), pair(1, label.words);
+  pair(0, "ENDSEC"), pair(0, "EOF");
+  if (!out) throw InputError("writing a .dxf file failed");
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/drawing/svg.hpp
+#ifndef SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
+#define SINGLE_INCLUDE_LUMO_DRAWING_SVG_HPP
+
+namespace lumo {
+
+/// Writes an SVG picture, element by element; coordinates in px or in the page's unit, x to the right, y downwards.
+class Svg {
+ public:
+  using Point = std::array<double, 2>;
+  using Points = std::vector<Point>;
+
+  struct Page {
+    double width, height;
+    std::string unit = {};  ///< of width and height on paper; empty: px
+    std::string title = {};
+    int digits = 2;  ///< decimals of all numbers
+  };
+  /// How a shape is painted; an empty colour means none.
+  struct Paint {
+    std::string fill = {};
+    std::string stroke = {};
+    double width = 1.0;
+    double opacity = 1.0;
+    std::string dash = {};
+    bool round_ends = false;
+  };
+  /// Which end of a text stands at its place; `left_out` is `start`, too, but not written.
+  enum Anchor { start, middle, end, left_out };
+  struct TextStyle {
+    double size = 12.0;
+    Anchor anchor = start;
+    std::string fill = "#222222";
+    double rotate_deg = 0.0;  ///< about the anchor point
+    bool bold = false;
+    std::string stroke = {};  ///< empty: that of the group
+  };
+
+  explicit Svg(Page page) : page_(std::move(page)) {}
+  Svg(double width, double height) : Svg(Page{width, height}) {}
+
+  double width() const { return page_.width; }
+  double height() const { return page_.height; }
+
+  void line(Point a, Point b, const Paint& p) {
+    body_ += "<line" + place("x1", "y1", a) + place("x2", "y2", b) + style(p) + "/>\n";
+  }
+  void rect(Point corner, double w, double h, const Paint& p) { body_ += box(corner, w, h) + style(p) + "/>\n"; }
+  void circle(Point c, double r, const Paint& p) {
+    body_ += "<circle" + place("cx", "cy", c) + quoted("r", n(r)) + style(p) + "/>\n";
+  }
+  void polyline(const Points& points, const Paint& p) { path(trace(points), p); }
+  /// Several lines as one element.
+  void polylines(const std::vector<Points>& lines, const Paint& p) {
+    std::string d;
+    for (const Points& line : lines) d += trace(line);
+    path(d, p);
+  }
+  /// One filled shape of several closed loops; holes by the even–odd rule.
+  void polygon(const std::vector<Points>& loops, const Paint& p) {
+    std::string d;
+    for (const Points& loop : loops) d += trace(loop) + "Z";
+    path(d, p);
+  }
+  /// A line that is painted as its group says.
+  void outline(const Points& points, bool closed) {
+    body_ += "<path d=\"" + trace(points) + (closed ? "Z\"/>\n" : "\"/>\n");
+  }
+  void text(Point at, std::string_view words) { text(at, words, TextStyle{}); }
+  void text(Point at, std::string_view words, const TextStyle& t) {
+    body_ += "<text" + place("x", "y", at) + quoted("font-size", n(t.size)) + given("text-anchor", words_of(t.anchor)) +
+             quoted("fill", t.fill) + given("stroke", t.stroke);
+    if (t.bold) body_ += " font-weight=\"bold\"";
+    if (t.rotate_deg != 0.0)
+      body_ += quoted("transform", "rotate(" + n(t.rotate_deg) + " " + n(at[0]) + " " + n(at[1]) + ")");
+    body_ += ">" + escaped(words) + "</text>\n";
+  }
+  /// All elements up to end_group(), under a name that other programs show as a layer.
+  void begin_group(const std::string& name, const Paint& p) { body_ += "<g" + quoted("id", name) + style(p) + ">\n"; }
+  /// Only what lies in a box is shown of the elements up to end_group(). Once in a picture.
+  void begin_clip(Point corner, double w, double h) {
+    body_ += "<clipPath id=\"plot\">" + box(corner, w, h) + "/></clipPath>\n<g clip-path=\"url(#plot)\">\n";
+  }
+  void end_group() { body_ += "</g>\n"; }
+
+  std::string str() const {
+    const std::string w = n(page_.width), h = n(page_.height);
+    return "<svg xmlns=\"http://www.w3.org/2000/svg\"" + quoted("width", w + page_.unit) +
+           quoted("height", h + page_.unit) + quoted("viewBox", "0 0 " + w + " " + h) +
+           " font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\">\n" +
+           (page_.title.empty() ? "" : "<title>" + escaped(page_.title) + "</title>\n") +
+           "<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n" + body_ + "</svg>\n";
+  }
+  /// Throws InputError when the stream fails.
+  void write(std::ostream& out) const {
+    if (!(out << str())) throw InputError("writing an .svg file failed");
+  }
+
+ private:
+  std::string n(double v) const { return short_number(v, page_.digits); }
+  static std::string quoted(const char* key, const std::string& value) {
+    return std::string(" ") + key + "=\"" + value + "\"";
+  }
+  static std::string given(const char* key, const std::string& value) {
+    return value.empty() ? "" : quoted(key, value);
+  }
+  static std::string words_of(Anchor a) {
+    return a == left_out ? "" : a == end ? "end" : a == middle ? "middle" : "start";
+  }
+  std::string place(const char* x, const char* y, Point p) const { return quoted(x, n(p[0])) + quoted(y, n(p[1])); }
+  std::string box(Point corner, double w, double h) const {
+    return "<rect" + place("x", "y", corner) + quoted("width", n(w)) + quoted("height", n(h));
+  }
+  static std::string escaped(std::string_view s) {
+    std::string out;
+    for (const char c : s) {
+      if (c == '&')
+        out += "&amp;";
+      else if (c == '<')
+        out += "&lt;";
+      else if (c == '>')
+        out += "&gt;";
+      else
+        out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;  // XML has no control characters
+    }
+    return out;
+  }
+  std::string trace(const Points& points) const {
+    std::string d;
+    for (const Point& p : points) d += (d.empty() ? "M" : "L") + n(p[0]) + " " + n(p[1]);
+    return d;
+  }
+  std::string style(const Paint& p) const {
+    std::string s = quoted("fill", p.fill.empty() ? "none" : p.fill);
+    if (!p.stroke.empty())
+      s += quoted("stroke", p.stroke) + quoted("stroke-width", n(p.width)) + " stroke-linejoin=\"round\"";
+    if (p.opacity < 1.0) s += quoted("opacity", n(p.opacity));
+    if (p.round_ends) s += " stroke-linecap=\"round\"";
+    return s + given("stroke-dasharray", p.dash);
+  }
+  void path(const std::string& d, const Paint& p) {
+    body_ += "<path fill-rule=\"evenodd\"" + quoted("d", d) + style(p) + "/>\n";
+  }
+
+  Page page_;
+  std::string body_;
+};
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication/scaled_svg.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_SCALED_SVG_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_SCALED_SVG_HPP
+
+namespace lumo {
+
+/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group.
+/// Throws InputError when the stream fails.
+inline void write_svg(std::ostream& out, const Drawing& drawing) {
+  constexpr double margin = 5.0e-3, line_mm = 0.15;
+  constexpr int nanometres = 6;          // decimals of a mm
+  constexpr double capitals = 0.73;      // height of DejaVu's capitals over its size
+  constexpr double letter_width = 0.85;  // over their height: most letters are narrower
+  auto [low, high] = drawing.box();
+  for (const Drawing::Label& label : drawing.labels) {
+    const double right = label.at[0] + letter_width * label.height * double(label.words.size());
+    low = {std::min(low[0], label.at[0]), std::min(low[1], label.at[1])};
+    high = {std::max(high[0], right), std::max(high[1], label.at[1] + label.height)};
+  }
+  const double left = low[0] - margin, top = high[1] + margin;
+  Svg svg({1e3 * (high[0] + margin - left), 1e3 * (top - low[1] + margin), "mm", drawing.title, nanometres});
+  const auto at = [&](const Drawing::Point& p) { return Svg::Point{1e3 * (p[0] - left), 1e3 * (top - p[1])}; };
+  for (std::size_t k = 0; k < drawing.layers.size(); ++k) {
+    const Drawing::Layer& layer = drawing.layers[k];
+    svg.begin_group(layer.name, {.stroke = layer.stroke, .width = line_mm});
+    for (const Drawing::Line& line : drawing.lines) {
+      if (std::size_t(line.layer) != k) continue;
+      Svg::Points points;
+      for (const Drawing::Point& p : line.points) points.push_back(at(p));
+      svg.outline(points, line.closed);
+    }
+    for (const Drawing::Label& label : drawing.labels)
+      if (std::size_t(label.layer) == k)
+        svg.text(
+            at(label.at), label.words,
+            {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
+    svg.end_group();
+  }
+  svg.write(out);
+}
+
+}  // namespace lumo
+
+#endif
+
+// ---- lumo/fabrication.hpp
+#ifndef SINGLE_INCLUDE_LUMO_FABRICATION_HPP
+#define SINGLE_INCLUDE_LUMO_FABRICATION_HPP
+
+// What casts a finger: kit, drawings, files for printers. Needs Eigen only.
+
+#endif
