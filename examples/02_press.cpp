@@ -19,12 +19,15 @@ int main() {
   const TetMesh mesh = mesh_for_contact(body, coarse, std::vector{scenario}, mesher);
 
   // `Simulator<NeoHookean, SDFContact>` alone needs nothing but Eigen; CHOLMOD makes it fast.
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+      NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
 
-  std::printf("%zu nodes, %zu elements\n load [N]  depth [mm]  contact [mm2]  residual [N]  status\n", mesh.nodes.size(), mesh.tets.size());
+  std::printf("%zu nodes, %zu elements\n load [N]  depth [mm]  contact [mm2]  residual [N]  status\n",
+              mesh.nodes.size(), mesh.tets.size());
   bool good = true;
   for (const MechanicalState& s : simulator.press(body, mesh, scenario)) {
-    std::printf("%9.1f %11.4f %14.2f %13.1e  %s\n", s.load_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, s.residual_N, to_string(s.status).data());
+    std::printf("%9.1f %11.4f %14.2f %13.1e  %s\n", s.load_N, 1e3 * s.depth_m, 1e6 * s.contact_area_m2, s.residual_N,
+                to_string(s.status).data());
     good = good && s.status == Status::converged;
   }
   return good ? 0 : 1;

@@ -1,7 +1,7 @@
 // 04 Objectives: θ → mesh → equilibria → responses → J_contact and J_obs, here for two places under two spheres.
-#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
@@ -18,14 +18,17 @@ int main() {
 
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
-  const Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};
+  const Pipeline<TetgenMesher, Simulation, Light> pipeline{
+      {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};
 
   const Evaluation e = evaluate({5.0, 10.0, 10.0, 6.0, 3.0}, card, ensemble, pipeline, {}, TbbExecutor{2});
 
   std::printf(" d [mm]  y [mm]  q_form  q_stable  q_stiff\n");
   for (const ScenarioRecord& s : e.observations.scenarios)
-    std::printf("%7.0f %7.1f %7.3f %9.3f %8.3f\n", 1e3 * s.diameter_m, 1e3 * s.y_m, s.terms.form->value, s.terms.stable->value, s.terms.stiff->value);
+    std::printf("%7.0f %7.1f %7.3f %9.3f %8.3f\n", 1e3 * s.diameter_m, 1e3 * s.y_m, s.terms.form->value,
+                s.terms.stable->value, s.terms.stiff->value);
   if (!e.J_contact || !e.J_obs) return 1;
-  std::printf("J_contact = %.4f ± %.4f\nJ_obs = %.2e ± %.1e of the emitted power\n", e.J_contact->value, e.J_contact->error, e.J_obs->value, e.J_obs->error);
+  std::printf("J_contact = %.4f ± %.4f\nJ_obs = %.2e ± %.1e of the emitted power\n", e.J_contact->value,
+              e.J_contact->error, e.J_obs->value, e.J_obs->error);
   return 0;
 }

@@ -1,4 +1,5 @@
-// 05 Campaign: a search over designs that an interruption cannot harm. Run it again and it goes on; here on a coarse mesh with two contacts.
+// 05 Campaign: a search over designs that an interruption cannot harm. Run it again and it goes on; here on a coarse
+// mesh with two contacts.
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
@@ -22,17 +23,24 @@ int main(int argc, char** argv) {
 
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
-  Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};  // before the store: the mesher forks
+  Pipeline<TetgenMesher, Simulation, Light> pipeline{
+      {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};  // before the store: the mesher forks
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
 
-  SqliteLog log(file, "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
-  const auto evaluate_design = [&](const Design& x) { return verdict_of(evaluate(FingerDesign::from(x), card, contacts, pipeline, coarse, TbbExecutor{2})); };
+  SqliteLog log(file,
+                "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
+  const auto evaluate_design = [&](const Design& x) {
+    return verdict_of(evaluate(FingerDesign::from(x), card, contacts, pipeline, coarse, TbbExecutor{2}));
+  };
   const auto show = [](const auto& state, int id, const Verdict& v) {
     const Design& x = state.optimizer().trials()[std::size_t(id)].x;
     std::printf("%2d  %4.1f %4.1f %4.1f %4.1f %4.1f", id, x[0], x[1], x[2], x[3], x[4]);
-    if (v.outputs.empty()) std::printf("  %s\n", v.why.c_str());
-    else std::printf("  J_contact %.4f  J_obs %.2e  hypervolume %.2e\n", v.outputs[0], v.outputs[1], state.optimizer().hypervolume());
+    if (v.outputs.empty())
+      std::printf("  %s\n", v.why.c_str());
+    else
+      std::printf("  J_contact %.4f  J_obs %.2e  hypervolume %.2e\n", v.outputs[0], v.outputs[1],
+                  state.optimizer().hypervolume());
     std::fflush(stdout);
   };
   run_campaign(log, Optimizer<>(finger_problem(6)), evaluate_design, show);

@@ -1,6 +1,7 @@
-// 06 Lab: logs of a virtual rig and of a virtual hand in two folders; their light comes from pressed and traced states, here five places on a coarse mesh.
-#include "lumo/lab/observe_pad.hpp"
+// 06 Lab: logs of a virtual rig and of a virtual hand in two folders; their light comes from pressed and traced states,
+// here five places on a coarse mesh.
 #include "lumo/lab/hand_lab.hpp"
+#include "lumo/lab/observe_pad.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/morphology/finger.hpp"
@@ -24,12 +25,15 @@ int main(int argc, char** argv) {
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Body pad = finger(baseline_design(), card, coarse);
 
-  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at 0, 13 and 26 mm; the places at y < 0 are mirror images.
+  // What a camera beside the pad sees of it, in bins of 1 mm, under a sphere of 10 mm at 0, 13 and 26 mm; the places at
+  // y < 0 are mirror images.
   const SideSight sight;
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
   using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
-  Pipeline<TetgenMesher, Simulation, Light> pipeline{{}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
+  Pipeline<TetgenMesher, Simulation, Light> pipeline{{},
+                                                     {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
+                                                     Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
   const PadLight light(observe_pad(pad, sight, grid, pipeline, TbbExecutor{2}));
@@ -38,19 +42,22 @@ int main(int argc, char** argv) {
   LabPlan plan{"example 06", 4.5, {}};
   for (int repetition = 0; repetition < 3; ++repetition)
     for (int place = 0; place < 5; ++place)
-      plan.contacts.push_back({place, 13.0_mm * (place - 2), repetition, {{2.0, 0.2, 0.5}, {5.0, 0.2, 0.5}, {15.0, 0.3, 0.5}}});
+      plan.contacts.push_back(
+          {place, 13.0_mm * (place - 2), repetition, {{2.0, 0.2, 0.5}, {5.0, 0.2, 0.5}, {15.0, 0.3, 0.5}}});
   Rig rig;
   rig.camera.frames_per_s = 10.0;
   const VirtualRig lab(light, plan, 1, 1.0, rig, side_geometry(pad));
 
-  // And a hand of two fingers that carries the same pad on each of its four links, fifteen pictures a second; touched where light was computed, 13 mm apart.
+  // And a hand of two fingers that carries the same pad on each of its four links, fifteen pictures a second; touched
+  // where light was computed, 13 mm apart.
   rig.camera.frames_per_s = 15.0;
   const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, rig, {}, side_geometry(pad));
 
   const auto leave = [](const auto& recorded, RecordedLog log) {
     std::filesystem::create_directories(log.path + "/frames");
     log.session = recorded.session(), log.frames = recorded.frames(), log.joints = recorded.joints();
-    for (std::size_t k = 0; k < log.frames.size(); ++k) write_image(log.path + "/frames/" + log.frames[k].file, recorded.image(k).view());
+    for (std::size_t k = 0; k < log.frames.size(); ++k)
+      write_image(log.path + "/frames/" + log.frames[k].file, recorded.image(k).view());
     write_log_folder(log);
     std::ofstream(log.path + "/truth.csv") << truth_text(recorded.truth());  // no estimator opens it
     std::printf("%s: %zu pictures, %zu joint samples\n", log.path.c_str(), log.frames.size(), log.joints.size());

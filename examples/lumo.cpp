@@ -1,4 +1,5 @@
-// The command-line program: reads the options, runs one command, writes its result, and turns errors into one line and an exit code.
+// The command-line program: reads the options, runs one command, writes its result, and turns errors into one line and
+// an exit code.
 #include "program/campaign.hpp"
 #include "program/commands.hpp"
 #include "program/doctor.hpp"
@@ -34,24 +35,31 @@ int complain(const std::string& text, ExitCode code) {
 
 std::string_view meaning(Status status) {
   switch (status) {
-    case Status::not_positive_definite: return "the pad gives way, or buckles";
-    case Status::inverted: return "an element is crushed";
-    case Status::max_iterations: return "the residual stays too large";
-    case Status::time_limit: return "out of time";
-    default: return "the solver found no way on";
+    case Status::not_positive_definite:
+      return "the pad gives way, or buckles";
+    case Status::inverted:
+      return "an element is crushed";
+    case Status::max_iterations:
+      return "the residual stays too large";
+    case Status::time_limit:
+      return "out of time";
+    default:
+      return "the solver found no way on";
   }
 }
 
 /// Shows the result even where a solve went wrong, for the states before it are sound; files are for good results only.
 template <class Result>
-int deliver(const Options& options, const Result& result, const std::vector<ScenarioRecord>& scenarios, Output& files, Progress& progress) {
+int deliver(const Options& options, const Result& result, const std::vector<ScenarioRecord>& scenarios, Output& files,
+            Progress& progress) {
   const std::string text = present(options, result, files);
   progress.finish();
   for (const auto& s : scenarios)
-    if (!is_scored(s.status, true)) {   // who asked for a solver that holds gets what it holds
+    if (!is_scored(s.status, true)) {  // who asked for a solver that holds gets what it holds
       print(text);
-      return complain(lumo::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (", to_string(s.status), ": ", meaning(s.status), "), sphere of ",
-                                         mm(s.diameter_m), " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm"),
+      return complain(lumo::text("no equilibrium at ", s.states.empty() ? 0.0 : s.states.back().load_N, " N (",
+                                 to_string(s.status), ": ", meaning(s.status), "), sphere of ", mm(s.diameter_m),
+                                 " mm at ", degrees(s.angle_rad), " deg, y = ", mm(s.y_m), " mm"),
                       numerical);
     }
   hand_out(text, files, progress);
@@ -61,29 +69,44 @@ int deliver(const Options& options, const Result& result, const std::vector<Scen
 /// Commands that are not about one design: what is to be printed.
 std::string general(const Options& options, Output& files, Progress& progress, char** arguments) {
   switch (options.command) {
-    case Command::doctor: return options.camera ? sense(options, files, progress, arguments) : doctor(options.json);
-    case Command::fabricate: return fabricate(options, files);
-    case Command::optimize: optimize(options.space, options.transcript); return "";
-    case Command::campaign_run: return campaign_run(options, progress);
-    case Command::campaign_status: return campaign_status(options);
-    case Command::campaign_verify: return campaign_verify(options);
-    case Command::campaign_export: return campaign_export(options);
-    case Command::campaign_select: return campaign_select(options, progress);
-    case Command::campaign_report: return campaign_report(options, progress);
+    case Command::doctor:
+      return options.camera ? sense(options, files, progress, arguments) : doctor(options.json);
+    case Command::fabricate:
+      return fabricate(options, files);
+    case Command::optimize:
+      optimize(options.space, options.transcript);
+      return "";
+    case Command::campaign_run:
+      return campaign_run(options, progress);
+    case Command::campaign_status:
+      return campaign_status(options);
+    case Command::campaign_verify:
+      return campaign_verify(options);
+    case Command::campaign_export:
+      return campaign_export(options);
+    case Command::campaign_select:
+      return campaign_select(options, progress);
+    case Command::campaign_report:
+      return campaign_report(options, progress);
     case Command::study_carrier:
-    case Command::study_void: return study(options, files, progress);
-    case Command::study_readings: return study_readings(options, files, progress);
-    default: return sense(options, files, progress, arguments);
+    case Command::study_void:
+      return study(options, files, progress);
+    case Command::study_readings:
+      return study_readings(options, files, progress);
+    default:
+      return sense(options, files, progress, arguments);
   }
 }
 
 int run(const Options& options, char** arguments) {
-  check_design(options);   // the default one, where none was asked for
+  check_design(options);  // the default one, where none was asked for
   Output files(options.out);
   Progress progress(options.quiet);
   switch (options.command) {
-    case Command::section: return deliver(options, make_section(options), {}, files, progress);
-    case Command::mesh: return deliver(options, make_mesh(options, progress), {}, files, progress);
+    case Command::section:
+      return deliver(options, make_section(options), {}, files, progress);
+    case Command::mesh:
+      return deliver(options, make_mesh(options, progress), {}, files, progress);
     case Command::press: {
       const auto result = make_press(options, progress);
       return deliver(options, result, result.seen.scenarios, files, progress);
@@ -102,7 +125,9 @@ int run(const Options& options, char** arguments) {
       for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
       return deliver(options, result, presses, files, progress);
     }
-    default: hand_out(general(options, files, progress, arguments), files, progress); return ok;
+    default:
+      hand_out(general(options, files, progress, arguments), files, progress);
+      return ok;
   }
 }
 

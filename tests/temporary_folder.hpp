@@ -38,6 +38,7 @@ struct TemporaryFolder {
   }
   /// How many files and folders lie directly in it, or in a folder below.
   std::size_t entries(const std::string& below = "") const {
-    return std::size_t(std::distance(std::filesystem::directory_iterator(path / below), std::filesystem::directory_iterator()));
+    return std::size_t(
+        std::distance(std::filesystem::directory_iterator(path / below), std::filesystem::directory_iterator()));
   }
 };

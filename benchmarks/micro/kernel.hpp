@@ -16,15 +16,19 @@
 
 namespace lumo::micro {
 
-/// A benchmark's name as table.py takes it apart: what is done, on how much, and by which of several ways. The input's first number is what the time is also
-/// told for one of; of benchmarks with the same kernel and input, the first is what the others are compared with.
-inline std::string named(const std::string& kernel, const std::string& input, const std::string& way = "") { return kernel + " | " + input + " | " + way; }
+/// A benchmark's name as table.py takes it apart: what is done, on how much, and by which of several ways. The input's
+/// first number is what the time is also told for one of; of benchmarks with the same kernel and input, the first is
+/// what the others are compared with.
+inline std::string named(const std::string& kernel, const std::string& input, const std::string& way = "") {
+  return kernel + " | " + input + " | " + way;
+}
 
 /// Points of a scrambled Sobol sequence in [low, high]³, the same in every run.
 inline std::vector<Vec3d> points_in(const Vec3d& low, const Vec3d& high, std::uint32_t count, std::uint64_t seed) {
   const OwenSobol u{seed};
   std::vector<Vec3d> points;
-  for (std::uint32_t i = 0; i < count; ++i) points.push_back(low + (high - low).cwiseProduct(Vec3d(u(i, 0), u(i, 1), u(i, 2))));
+  for (std::uint32_t i = 0; i < count; ++i)
+    points.push_back(low + (high - low).cwiseProduct(Vec3d(u(i, 0), u(i, 1), u(i, 2))));
   return points;
 }
 

@@ -22,12 +22,12 @@ constexpr std::size_t messages = 64, size = 64 * 1024;
 /// Bytes as a picture has them: a smooth course with noise in the two lowest bits.
 std::vector<std::uint8_t> payload(std::size_t number) {
   std::vector<std::uint8_t> bytes(size);
-  for (std::size_t i = 0; i < size; ++i) bytes[i] = std::uint8_t(((i / 16 + number) & 0xfcu) | (mix64(size * number + i) & 3u));
+  for (std::size_t i = 0; i < size; ++i)
+    bytes[i] = std::uint8_t(((i / 16 + number) & 0xfcu) | (mix64(size * number + i) & 3u));
   return bytes;
 }
 
-template <class Codec>
-std::string file_of(const std::vector<std::vector<std::uint8_t>>& payloads) {
+template <class Codec> std::string file_of(const std::vector<std::vector<std::uint8_t>>& payloads) {
   std::ostringstream out;
   McapWriter<Codec> writer(out);
   const auto channel = writer.add_channel(writer.add_schema("A", "ros2msg", "uint8[] a\n"), "/a", "cdr");
@@ -36,10 +36,9 @@ std::string file_of(const std::vector<std::vector<std::uint8_t>>& payloads) {
   return out.str();
 }
 
-template <class Codec>
-void time_log(const std::string& name, const std::vector<std::vector<std::uint8_t>>& payloads) {
+template <class Codec> void time_log(const std::string& name, const std::vector<std::vector<std::uint8_t>>& payloads) {
   const std::string bytes = file_of<Codec>(payloads);
-  const auto read = [&] {   // a reader checks every record and checksum before it gives the first message
+  const auto read = [&] {  // a reader checks every record and checksum before it gives the first message
     McapReader<Lz4, Zstd> reader(std::make_unique<std::istringstream>(bytes), "a.mcap");
     std::size_t sum = 0;
     for (const McapEntry& e : reader.messages()) sum += reader.read(e).data[7];

@@ -3,21 +3,21 @@
 
 #include "mesh/surfaces.hpp"
 
-#include "lumo/mechanics/indenters/box.hpp"
-#include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/certify.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
+#include "lumo/mechanics/indenters/box.hpp"
+#include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/indenters/distance_grid.hpp"
 #include "lumo/mechanics/materials/mooney_rivlin.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/ogden.hpp"
+#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
+#include "lumo/mechanics/materials/yeoh.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "lumo/mechanics/solvers/secant_pairs.hpp"
-#include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
-#include "lumo/mechanics/materials/yeoh.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/support/cholmod.hpp"
@@ -39,9 +39,12 @@ struct Quarter {
   double advance = pad.state.depth_m;
 
   Quarter() {
-    for (std::size_t k = 0; k < model.sector.to_whole.size(); ++k) x.col(Eigen::Index(k)) += pad.state.displacement[std::size_t(model.sector.to_whole[k])];
+    for (std::size_t k = 0; k < model.sector.to_whole.size(); ++k)
+      x.col(Eigen::Index(k)) += pad.state.displacement[std::size_t(model.sector.to_whole[k])];
   }
-  std::string size() const { return message(model.sector.mesh.tets.size(), " tetrahedra, ", model.sector.mesh.nodes.size(), " nodes"); }
+  std::string size() const {
+    return message(model.sector.mesh.tets.size(), " tetrahedra, ", model.sector.mesh.nodes.size(), " nodes");
+  }
 };
 
 const Quarter& quarter() {
@@ -49,8 +52,7 @@ const Quarter& quarter() {
   return q;
 }
 
-template <class Material>
-void time_material(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
+template <class Material> void time_material(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
   std::vector<Mat3d> stress(F.size());
   REQUIRE(first_piola(m, F[1]).norm() > 0.0);
   BENCHMARK(named("first Piola stress", message(F.size(), " gradients"), name)) {
@@ -59,8 +61,7 @@ void time_material(const std::string& name, const Material& m, const std::vector
   };
 }
 
-template <class Material>
-void time_tangent(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
+template <class Material> void time_tangent(const std::string& name, const Material& m, const std::vector<Mat3d>& F) {
   std::vector<Mat9d> tangent(F.size());
   BENCHMARK(named("material tangent", message(F.size(), " gradients"), name)) {
     for (std::size_t i = 0; i < F.size(); ++i) tangent[i] = elasticity_tangent(m, F[i]);
@@ -118,7 +119,9 @@ TEST_CASE("mechanics: elements", "[mechanics]") {
   x.row(0) *= 1.02;
   time_solid<LinearTet>("LinearTet", linear, q.pad.body, x);
   const Positions dx = 1e-3 * q.x;
-  BENCHMARK(named("QuadraticTet: volume ratios carried on", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return q.model.solid.predicted_ratios(q.x, q.x, dx); };
+  BENCHMARK(named("QuadraticTet: volume ratios carried on", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) {
+    return q.model.solid.predicted_ratios(q.x, q.x, dx);
+  };
 }
 
 TEST_CASE("mechanics: contact", "[mechanics]") {
@@ -130,13 +133,19 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
   Eigen::VectorXd coupling = Eigen::VectorXd::Zero(q.equations.count);
   std::vector<double> values(std::size_t(q.equations.pattern.nonZeros()));
   REQUIRE(4.0 * add_contact_forces(surface, SDFContact{}, sphere, q.x, nullptr).push_N > 4.9);
-  BENCHMARK(named("contact forces", input)) { return add_contact_forces(surface, SDFContact{}, sphere, q.x, &force).push_N; };
+  BENCHMARK(named("contact forces", input)) {
+    return add_contact_forces(surface, SDFContact{}, sphere, q.x, &force).push_N;
+  };
   BENCHMARK(named("contact tangent into the sparse matrix", input)) {
-    return add_contact_tangent(surface, SDFContact{}, sphere, q.x, q.equations, values.data(), &coupling).push_stiffness + values.front();
+    return add_contact_tangent(surface, SDFContact{}, sphere, q.x, q.equations, values.data(), &coupling)
+               .push_stiffness +
+           values.front();
   };
   const Positions dx = 1e-3 * q.x;
   BENCHMARK(named("gaps carried on", input)) { return predicted_gaps(surface, sphere, q.x, sphere, q.x, dx, 1e-6); };
-  BENCHMARK(named("first touch", message("1 line on ", q.pad.mesh.faces.size(), " faces"))) { return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point; };
+  BENCHMARK(named("first touch", message("1 line on ", q.pad.mesh.faces.size(), " faces"))) {
+    return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point;
+  };
 
   // On the whole mesh, as results are told.
   const PressedPad& pad = q.pad;
@@ -149,9 +158,12 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
   std::vector<double> smaller = field;
   for (double& f : smaller) f -= 0.2e-3;
   REQUIRE(contact_overlap(whole, field, smaller, x).ratio() < 0.95);
-  BENCHMARK(named("contact sets clipped and overlaid", faces)) { return contact_overlap(whole, field, smaller, x).ratio(); };
+  BENCHMARK(named("contact sets clipped and overlaid", faces)) {
+    return contact_overlap(whole, field, smaller, x).ratio();
+  };
   BENCHMARK(named("certificate of equilibrium", message(pad.mesh.tets.size(), " tetrahedra"))) {
-    return out_of_balance(pad.body, pad.mesh, NeoHookean{}, SDFContact{}, QuadraticTet{}, pad.ball.indenter, sphere.origin, sphere.direction, 5.0, pad.state.displacement);
+    return out_of_balance(pad.body, pad.mesh, NeoHookean{}, SDFContact{}, QuadraticTet{}, pad.ball.indenter,
+                          sphere.origin, sphere.direction, 5.0, pad.state.displacement);
   };
 }
 
@@ -161,7 +173,9 @@ TEST_CASE("mechanics: linear systems", "[mechanics]") {
   q.system.tangent(q.x, q.advance, 0, 1, tangent);
   const SparseLower& K = tangent.matrix.front();
   const std::string input = message("1 tangent of ", K.cols(), " equations, ", K.nonZeros(), " non-zeros");
-  BENCHMARK(named("equations and pattern", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) { return Equations(q.model.sector, q.pad.body, {}).count; };
+  BENCHMARK(named("equations and pattern", message(q.model.sector.mesh.tets.size(), " tetrahedra"))) {
+    return Equations(q.model.sector, q.pad.body, {}).count;
+  };
 
   EigenCholesky eigen;
   Cholmod cholmod;
@@ -213,7 +227,9 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
     for (int k = 0; k < 30; ++k) finite = descent.step(50e-6) && finite;
     REQUIRE(finite);
     const double push = descent.push();
-    BENCHMARK(named("time step of 10 sweeps", message("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"), name)) {
+    BENCHMARK(named("time step of 10 sweeps",
+                    message("10 sweeps over ", mesh.nodes.size(), " nodes, ", mesh.tets.size(), " linear tetrahedra"),
+                    name)) {
       return descent.step(0.0);
     };
     REQUIRE(descent.step(0.0));
@@ -231,7 +247,8 @@ TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
   for (const Facet& f : sphere.facets) surface.triangles.push_back({f.loop[0], f.loop[1], f.loop[2]});
   const DistanceGrid grid(surface, 16);
   const SignedDistance exact(surface);
-  std::vector<Vec3d> near = points_in(Vec3d::Constant(-1.0), Vec3d::Constant(1.0), 1024, 5);   // a shell about the surface, where contact asks
+  std::vector<Vec3d> near =
+      points_in(Vec3d::Constant(-1.0), Vec3d::Constant(1.0), 1024, 5);  // a shell about the surface, where contact asks
   for (std::size_t i = 0; i < near.size(); ++i) near[i] *= (5e-3 + 0.5e-3 * near[i].x()) / near[i].norm();
   REQUIRE(std::abs(grid.distance(near[5]) - exact.distance(near[5])) < 50e-6);
   const auto samples = [&](const auto& tool) {
@@ -245,11 +262,19 @@ TEST_CASE("mechanics: distance to a tool", "[mechanics]") {
     return sum + bend.sum();
   };
   const std::string input = "1024 points near a tool";
-  BENCHMARK(named("distance with two derivatives", input, message("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) { return samples(grid); };
-  BENCHMARK(named("distance with two derivatives", input, message("SignedDistance, ", surface.triangles.size(), " triangles"))) { return samples(exact); };
+  BENCHMARK(named("distance with two derivatives", input,
+                  message("DistanceGrid of 16 cells, ", surface.triangles.size(), " triangles"))) {
+    return samples(grid);
+  };
+  BENCHMARK(named("distance with two derivatives", input,
+                  message("SignedDistance, ", surface.triangles.size(), " triangles"))) {
+    return samples(exact);
+  };
   BENCHMARK(named("distance with two derivatives", input, "Sphere")) { return samples(Sphere{10e-3}); };
   BENCHMARK(named("distance with two derivatives", input, "Capsule")) { return samples(Capsule{10e-3, 2e-3}); };
   BENCHMARK(named("distance with two derivatives", input, "Cylinder")) { return samples(Cylinder{9e-3, 9e-3}); };
   BENCHMARK(named("distance with two derivatives", input, "Box")) { return samples(Box{Vec3d::Constant(8e-3)}); };
-  BENCHMARK(named("grid of distances made", message("1 grid of 16 cells, ", surface.triangles.size(), " triangles"))) { return DistanceGrid(surface, 16).error_m(); };
+  BENCHMARK(named("grid of distances made", message("1 grid of 16 cells, ", surface.triangles.size(), " triangles"))) {
+    return DistanceGrid(surface, 16).error_m();
+  };
 }

@@ -2,9 +2,9 @@
 
 #include "mesh/surfaces.hpp"
 
-#include "lumo/mesh/body_mesh.hpp"
 #include "lumo/geometry/predicates.hpp"
 #include "lumo/geometry/signed_distance.hpp"
+#include "lumo/mesh/body_mesh.hpp"
 #include "lumo/mesh/swept_mesher.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tetgen.hpp"
@@ -39,19 +39,28 @@ TriangleSurface ball(int level, double radius) {
 }  // namespace
 
 TEST_CASE("mesh: filling a quarter of the pad", "[mesh]") {
-  const TetgenMesher tetgen;   // first of all: it forks a helper
-  const Body body = finger({.h_fp = 5.0, .h_ep = 10.0, .w_s = 10.0, .h_s = 6.0, .w_v = 3.0}, dragon_skin(), {.mesh = {.contact_edge = 3.0_mm, .growth = 0.5}});
+  const TetgenMesher tetgen;  // first of all: it forks a helper
+  const Body body = finger({.h_fp = 5.0, .h_ep = 10.0, .w_s = 10.0, .h_s = 6.0, .w_v = 3.0}, dragon_skin(),
+                           {.mesh = {.contact_edge = 3.0_mm, .growth = 0.5}});
   const MeshInput quarter = quarter_of(body);
   const LinearTets swept = SweptMesher{}.fill(quarter), free = tetgen.fill(quarter);
   REQUIRE(swept.tets.size() > 500);
   REQUIRE(free.tets.size() > 500);
   const std::string input = message("1 quarter of the pad, ", body.facets.size(), " facets");
-  BENCHMARK(named("fill with tetrahedra", input, message("SweptMesher, ", swept.tets.size(), " tetrahedra"))) { return SweptMesher{}.fill(quarter); };
-  BENCHMARK(named("fill with tetrahedra", input, message("TetGen in its process, ", free.tets.size(), " tetrahedra"))) { return tetgen.fill(quarter); };
+  BENCHMARK(named("fill with tetrahedra", input, message("SweptMesher, ", swept.tets.size(), " tetrahedra"))) {
+    return SweptMesher{}.fill(quarter);
+  };
+  BENCHMARK(named("fill with tetrahedra", input, message("TetGen in its process, ", free.tets.size(), " tetrahedra"))) {
+    return tetgen.fill(quarter);
+  };
   const FilledBefore filled{&swept};
   const TetMesh whole = mesh_body(body, filled);
-  BENCHMARK(named("middle nodes, mirror images, validity", message(whole.tets.size(), " quadratic tetrahedra"))) { return mesh_body(body, filled); };
-  BENCHMARK(named("quality of a mesh", message(whole.tets.size(), " quadratic tetrahedra"))) { return measure(whole).min_jacobian_ratio; };
+  BENCHMARK(named("middle nodes, mirror images, validity", message(whole.tets.size(), " quadratic tetrahedra"))) {
+    return mesh_body(body, filled);
+  };
+  BENCHMARK(named("quality of a mesh", message(whole.tets.size(), " quadratic tetrahedra"))) {
+    return measure(whole).min_jacobian_ratio;
+  };
 }
 
 TEST_CASE("mesh: checks of a surface", "[mesh]") {
@@ -65,7 +74,7 @@ TEST_CASE("mesh: checks of a surface", "[mesh]") {
   BENCHMARK(named("self-intersection", input)) { return SelfIntersection(sphere.vertices, triangles, gap).find(); };
 
   const std::vector<Vec3d> p = points_in(Vec3d::Constant(-1.0), Vec3d::Constant(1.0), 1024, 3);
-  std::vector<Vec3d> flat = p;   // all in one plane, where rounded numbers decide nothing
+  std::vector<Vec3d> flat = p;  // all in one plane, where rounded numbers decide nothing
   for (Vec3d& v : flat) v.z() = v.x() + v.y();
   const auto signs = [](const std::vector<Vec3d>& at) {
     int sum = 0;
@@ -81,7 +90,9 @@ TEST_CASE("mesh: signed distance", "[mesh]") {
   const SignedDistance exact(sphere);
   const std::vector<Vec3d> p = points_in(Vec3d::Constant(-6e-3), Vec3d::Constant(6e-3), 1024, 5);
   REQUIRE(std::abs(exact.distance(Vec3d(0, 0, 7e-3)) - 2e-3) < 0.1e-3);
-  BENCHMARK(named("tree of a surface", message(sphere.triangles.size(), " triangles"))) { return SignedDistance(sphere).distance(p.front()); };
+  BENCHMARK(named("tree of a surface", message(sphere.triangles.size(), " triangles"))) {
+    return SignedDistance(sphere).distance(p.front());
+  };
   BENCHMARK(named("signed distance", message("1024 points to ", sphere.triangles.size(), " triangles"))) {
     double sum = 0.0;
     for (const Vec3d& at : p) sum += exact.distance(at);

@@ -14,7 +14,9 @@ using namespace lumo::micro;
 
 namespace {
 
-OpticalScene pressed_scene(const PressedPad& pad) { return {pad.body, pad.mesh, pad.state.displacement, pad.state.contact_field, {true, true}, {}}; }
+OpticalScene pressed_scene(const PressedPad& pad) {
+  return {pad.body, pad.mesh, pad.state.displacement, pad.state.contact_field, {true, true}, {}};
+}
 
 struct Ray {
   Vec3d origin, direction;
@@ -36,8 +38,7 @@ std::vector<Ray> inner_rays(const OpticalScene& scene, std::uint32_t count) {
   return rays;
 }
 
-template <class Scene>
-double total_length(const Scene& scene, const std::vector<Ray>& rays) {
+template <class Scene> double total_length(const Scene& scene, const std::vector<Ray>& rays) {
   double sum = 0.0;
   for (const Ray& r : rays)
     if (const RayHit hit = scene.first_hit(r.origin, r.direction, true)) sum += hit.t;
@@ -45,8 +46,7 @@ double total_length(const Scene& scene, const std::vector<Ray>& rays) {
 }
 
 /// What Tracer::trace sets up, and each of its steps alone, on a quarter of the pressed pad.
-template <TransparentMedium Medium, Intersector Backend>
-struct Steps {
+template <TransparentMedium Medium, Intersector Backend> struct Steps {
   using Scene = decltype(Backend{}.build({}));
   using Path = PathTracer<Scene, Medium, ExitPower>;
   using Gather = ExitGather<Scene, Medium, ExitPower>;
@@ -57,9 +57,12 @@ struct Steps {
   OpticalScene surface = pressed_scene(pad);
   Scene scene = Backend{}.build(surface.triangles());
   LightNodes nodes{surface, symmetry};
-  FaceSet exits{surface, symmetry, true, 4096.0, 2, {}, [&](int t) { return is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face()); }};
+  FaceSet exits{surface, symmetry, true, 4096.0, 2, {}, [&](int t) {
+                  return is_dielectric(surface.optics(t)) && surface.has_region(t / surface.triangles_per_face());
+                }};
   double outer_index = BeerLambert(pad.body.surroundings).refractive_index();
-  Path path{surface, scene, medium, outer_index, ExitPower{}, pad.body.regions, nodes, exits, symmetry, PathLimits{0.005, 0.25, 4096}};
+  Path path{surface,          scene, medium, outer_index, ExitPower{},
+            pad.body.regions, nodes, exits,  symmetry,    PathLimits{0.005, 0.25, 4096}};
   RayPattern pattern{pad.body.emitters, 512, symmetry};
   std::vector<double> sent = std::vector<double>(nodes.size(), 1.0 / double(nodes.size()));
 
@@ -69,7 +72,8 @@ struct Steps {
 
   Tally follow() {
     for (const RayPattern::Beam& beam : pattern.beams())
-      for (std::uint32_t i = 0; i < beam.rays; ++i) path.run(RayPattern::ray(beam, OwenSobol{5}, i), beam.mirror, beam.power_W, true);
+      for (std::uint32_t i = 0; i < beam.rays; ++i)
+        path.run(RayPattern::ray(beam, OwenSobol{5}, i), beam.mirror, beam.power_W, true);
     return path.accounts().take();
   }
   Tally spread() {
@@ -80,7 +84,9 @@ struct Steps {
   /// Light that leaves is gathered backwards from 4,096 points of the readout's faces, mirror images included.
   double gather() {
     Tally total = path.accounts().take();
-    Gather(pad.body.emitters, surface, scene, medium, outer_index, ExitPower{}, pad.body.regions, nodes, exits, symmetry, path).run(OwenSobol{7}, sent, total);
+    Gather(pad.body.emitters, surface, scene, medium, outer_index, ExitPower{}, pad.body.regions, nodes, exits,
+           symmetry, path)
+        .run(OwenSobol{7}, sent, total);
     return total.ledger.channels[5];
   }
   std::uint32_t exit_points() const {
@@ -90,10 +96,9 @@ struct Steps {
   }
 };
 
-template <class S>
-void check_power(S& steps) {
+template <class S> void check_power(S& steps) {
   const Tally once = steps.follow();
-  double fallen = 0.0;   // on Lambertian faces, from where it would go on
+  double fallen = 0.0;  // on Lambertian faces, from where it would go on
   for (const auto& [node, power] : once.arrived) fallen += power;
   REQUIRE(std::abs(once.ledger.accounted() + fallen - once.ledger.emitted) < 1e-9 * once.ledger.emitted);
 }
@@ -104,7 +109,10 @@ TEST_CASE("optics: the scene", "[optics]") {
   const PressedPad& pad = pressed_pad();
   const OpticalScene surface = pressed_scene(pad);
   const std::vector<SceneTriangle>& triangles = surface.triangles();
-  BENCHMARK(named("surface as light meets it", message(pad.mesh.faces.size(), " faces, ", triangles.size(), " triangles"))) { return pressed_scene(pad); };
+  BENCHMARK(
+      named("surface as light meets it", message(pad.mesh.faces.size(), " faces, ", triangles.size(), " triangles"))) {
+    return pressed_scene(pad);
+  };
 
   const std::string size = message(triangles.size(), " triangles");
   BENCHMARK(named("tree built", size, "Bvh")) { return Bvh{}.build(triangles); };
@@ -120,7 +128,8 @@ TEST_CASE("optics: the scene", "[optics]") {
 
   std::vector<std::pair<int, Vec3d>> hits;
   for (const Ray& r : rays)
-    if (const RayHit hit = own.first_hit(r.origin, r.direction, true); hit && surface.on_body(hit.triangle)) hits.emplace_back(hit.triangle, r.origin + hit.t * r.direction);
+    if (const RayHit hit = own.first_hit(r.origin, r.direction, true); hit && surface.on_body(hit.triangle))
+      hits.emplace_back(hit.triangle, r.origin + hit.t * r.direction);
   BENCHMARK(named("place and normal of a hit", message(hits.size(), " hits"))) {
     Vec3d sum = Vec3d::Zero();
     for (const auto& [triangle, at] : hits) sum += surface.smooth_normal(surface.locate(triangle, at));
@@ -155,7 +164,9 @@ TEST_CASE("optics: paths", "[optics]") {
   const std::string paths = message(own.path.rays, " paths of ", own.path.segments, " straight pieces");
   BENCHMARK(named("paths from the LEDs", paths, "Bvh")) { return own.follow(); };
   BENCHMARK(named("paths from the LEDs", paths, "Embree")) { return fast.follow(); };
-  BENCHMARK(named("paths from the LEDs", message(scattering.path.rays, " paths of ", scattering.path.segments, " straight pieces"), "Bvh, a medium that scatters")) {
+  BENCHMARK(named("paths from the LEDs",
+                  message(scattering.path.rays, " paths of ", scattering.path.segments, " straight pieces"),
+                  "Bvh, a medium that scatters")) {
     return scattering.follow();
   };
   BENCHMARK(named("paths, spread between neighbours", paths, "Bvh")) { return own.spread(); };
@@ -167,11 +178,13 @@ TEST_CASE("optics: paths", "[optics]") {
   const std::string triangles = message(own.surface.triangles().size(), " triangles");
   BENCHMARK(named("nodes of Lambertian faces", triangles)) { return LightNodes(own.surface, own.symmetry).size(); };
   BENCHMARK(named("samples of the carrier's faces numbered", triangles)) {
-    return FaceSet(own.surface, own.symmetry, false, 4096.0, 1, {}, [&](int t) { return own.nodes.of(t)[0] >= 0; }).size();
+    return FaceSet(own.surface, own.symmetry, false, 4096.0, 1, {}, [&](int t) { return own.nodes.of(t)[0] >= 0; })
+        .size();
   };
 }
 
-// All steps together: scene, paths, exchange between carrier faces, gathering at the exits; one ray for 32 of an evaluation.
+// All steps together: scene, paths, exchange between carrier faces, gathering at the exits; one ray for 32 of an
+// evaluation.
 TEST_CASE("optics: responses", "[optics]") {
   const PressedPad& pad = pressed_pad();
   const auto configured = [](auto config) {
@@ -186,6 +199,10 @@ TEST_CASE("optics: responses", "[optics]") {
   const Response response = own.trace(pad.body, pad.mesh, pad.state, symmetry);
   REQUIRE(response.ledger.imbalance() < 1e-9);
   const std::string input = message(response.segments, " straight pieces, ", response.rays, " rays");
-  BENCHMARK(named("exit power of a pressed pad", input, "Bvh")) { return own.trace(pad.body, pad.mesh, pad.state, symmetry).power_W; };
-  BENCHMARK(named("exit power of a pressed pad", input, "Embree")) { return fast.trace(pad.body, pad.mesh, pad.state, symmetry).power_W; };
+  BENCHMARK(named("exit power of a pressed pad", input, "Bvh")) {
+    return own.trace(pad.body, pad.mesh, pad.state, symmetry).power_W;
+  };
+  BENCHMARK(named("exit power of a pressed pad", input, "Embree")) {
+    return fast.trace(pad.body, pad.mesh, pad.state, symmetry).power_W;
+  };
 }

@@ -1,10 +1,10 @@
 #include "kernel.hpp"
 
-#include "lumo/optimize/candidate_source.hpp"
 #include "lumo/model/gaussian_process.hpp"
+#include "lumo/model/normal.hpp"
+#include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/hypervolume.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
-#include "lumo/model/normal.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
 
 #include <cmath>
@@ -14,7 +14,7 @@ using namespace lumo::micro;
 
 namespace {
 
-constexpr int dimensions = 5;   // as many as θ has
+constexpr int dimensions = 5;  // as many as θ has
 
 Eigen::MatrixXd places(Eigen::Index count, std::uint64_t seed) {
   const OwenSobol u{seed};
@@ -38,7 +38,8 @@ Eigen::MatrixXd objectives(const Eigen::MatrixXd& x) {
 
 TrainingData data(Eigen::Index count, int objective) {
   const Eigen::MatrixXd x = places(count, 17);
-  return {x, objectives(x).row(objective).transpose(), Eigen::VectorXd::Zero(dimensions), Eigen::VectorXd::Ones(dimensions)};
+  return {x, objectives(x).row(objective).transpose(), Eigen::VectorXd::Zero(dimensions),
+          Eigen::VectorXd::Ones(dimensions)};
 }
 
 /// Points of a front of `rows` objectives: on the positive part of a sphere.
@@ -58,14 +59,17 @@ TEST_CASE("optimize: Gaussian process", "[optimize]") {
   for (const Eigen::Index n : {40, 160}) {
     const TrainingData d = data(n, 0);
     const auto prior = HyperparameterPrior::for_dimension(dimensions);
-    const Eigen::VectorXd standard = (d.y.array() - d.y.mean()) / std::sqrt((d.y.array() - d.y.mean()).square().sum() / double(n - 1));
+    const Eigen::VectorXd standard =
+        (d.y.array() - d.y.mean()) / std::sqrt((d.y.array() - d.y.mean()).square().sum() / double(n - 1));
     const MarginalLikelihood<RbfKernel> rbf(d.x, standard, {}, prior);
     const MarginalLikelihood<Matern52Kernel> matern(d.x, standard, {}, prior);
     const Hyperparameters h{Eigen::VectorXd::Constant(dimensions, 0.7), 1e-3, 0.0};
     REQUIRE(std::isfinite(rbf(h).log_likelihood));
     const std::string input = message("1 process of ", n, " observations, 5 inputs");
     BENCHMARK(named("marginal likelihood and gradient", input, "RbfKernel")) { return rbf(h).posterior_gradient; };
-    BENCHMARK(named("marginal likelihood and gradient", input, "Matern52Kernel")) { return matern(h).posterior_gradient; };
+    BENCHMARK(named("marginal likelihood and gradient", input, "Matern52Kernel")) {
+      return matern(h).posterior_gradient;
+    };
     BENCHMARK(named("fit", input)) { return GaussianProcess<>::fit(d).hyperparameters().noise; };
     const auto gp = GaussianProcess<>::fit(d);
     const Eigen::MatrixXd x = places(256, 31);
@@ -92,7 +96,12 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
   std::vector<GaussianProcess<RbfKernel>> models;
   for (int k : {0, 1}) models.push_back(GaussianProcess<RbfKernel>::fit(data(n, k)));
   const Eigen::MatrixXd x = places(n, 17);
-  const Evidence evidence{x, objectives(x), Eigen::MatrixXd(dimensions, 0), Eigen::VectorXd::Zero(dimensions), Eigen::VectorXd::Ones(dimensions), Eigen::VectorXd::Constant(2, -1.0)};
+  const Evidence evidence{x,
+                          objectives(x),
+                          Eigen::MatrixXd(dimensions, 0),
+                          Eigen::VectorXd::Zero(dimensions),
+                          Eigen::VectorXd::Ones(dimensions),
+                          Eigen::VectorXd::Constant(2, -1.0)};
   const Eigen::MatrixXd candidates = places(64, 53);
   const LogNehvi closed;
   const QLogNehvi sampled;
@@ -101,16 +110,24 @@ TEST_CASE("optimize: acquisition", "[optimize]") {
   REQUIRE(a(candidates).array().isFinite().all());
   REQUIRE(b(candidates).array().isFinite().all());
   const std::string told = "1 set of 40 designs told", asked = "64 candidates, 40 designs told";
-  BENCHMARK(named("acquisition prepared", told, "LogNehvi, 16 draws")) { return closed.prepare(models, EachOutput{}, evidence, 3); };
-  BENCHMARK(named("acquisition prepared", told, "QLogNehvi, 128 draws")) { return sampled.prepare(models, EachOutput{}, evidence, 3); };
+  BENCHMARK(named("acquisition prepared", told, "LogNehvi, 16 draws")) {
+    return closed.prepare(models, EachOutput{}, evidence, 3);
+  };
+  BENCHMARK(named("acquisition prepared", told, "QLogNehvi, 128 draws")) {
+    return sampled.prepare(models, EachOutput{}, evidence, 3);
+  };
   BENCHMARK(named("acquisition value", asked, "LogNehvi, 16 draws")) { return a(candidates); };
   BENCHMARK(named("acquisition value", asked, "QLogNehvi, 128 draws")) { return b(candidates); };
 }
 
 TEST_CASE("optimize: draws", "[optimize]") {
   BENCHMARK(named("normal base samples", "5120 numbers")) { return base_normals(40, 128, 7); };
-  DesignSpace space;   // the finger's lattice, and one of its sums
-  space.variables = {{"a", 2.0, 29.0, 0.5, "mm"}, {"b", 1.0, 20.0, 0.5, "mm"}, {"c", 4.0, 15.0, 0.5, "mm"}, {"d", 2.0, 15.0, 0.5, "mm"}, {"e", 0.0, 7.5, 0.5, "mm"}};
+  DesignSpace space;  // the finger's lattice, and one of its sums
+  space.variables = {{"a", 2.0, 29.0, 0.5, "mm"},
+                     {"b", 1.0, 20.0, 0.5, "mm"},
+                     {"c", 4.0, 15.0, 0.5, "mm"},
+                     {"d", 2.0, 15.0, 0.5, "mm"},
+                     {"e", 0.0, 7.5, 0.5, "mm"}};
   space.constraints = {{"a + b", {1, 1, 0, 0, 0}, 4.0, 20.0, "mm"}, {"c + 2 e", {0, 0, 1, 0, 2}, 0.0, 19.5, "mm"}};
   const DesignSampler sampler(space);
   REQUIRE(sampler.fresh(256, 1, {}).size() == 256);

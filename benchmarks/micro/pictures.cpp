@@ -11,7 +11,8 @@ using namespace lumo::micro;
 TEST_CASE("sense: LEDs of a finger", "[sense]") {
   synthetic::View view;
   view.angle_rad = 0.2;
-  const Image image = synthetic::paint(view, [](double y, double across) { return synthetic::leds(y, across); }, 2.0, 4);
+  const Image image = synthetic::paint(
+      view, [](double y, double across) { return synthetic::leds(y, across); }, 2.0, 4);
   LedDetector detector;
   detector.distal = view.direction();
   const auto found = detector.find(image.view());
@@ -21,7 +22,7 @@ TEST_CASE("sense: LEDs of a finger", "[sense]") {
 }
 
 TEST_CASE("sense: contacts of a hand", "[sense]") {
-  HandObserver hand = synthetic::practised_hand();   // four links, 25 pictures of reference
+  HandObserver hand = synthetic::practised_hand();  // four links, 25 pictures of reference
   synthetic::HandScene scene;
   scene.seed = 900;
   const Image bare = scene.paint();
@@ -30,7 +31,9 @@ TEST_CASE("sense: contacts of a hand", "[sense]") {
   const Image touched = scene.paint();
   const JointVector joints = scene.sample();
   std::int64_t stamp = 0;
-  const auto observe = [&](const Image& picture) { return hand.observe(stamp += synthetic::ms, joints, picture.view()).contacts.size(); };
+  const auto observe = [&](const Image& picture) {
+    return hand.observe(stamp += synthetic::ms, joints, picture.view()).contacts.size();
+  };
   REQUIRE(observe(bare) == 0);
   REQUIRE(observe(touched) == 2);
   const std::string input = "4 links in a picture of 640 x 480";

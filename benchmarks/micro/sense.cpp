@@ -2,11 +2,11 @@
 
 #include "lumo/core/units.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
-#include "lumo/sense/localize/bayes_localizer.hpp"
-#include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/profile/green_profile.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -23,7 +23,8 @@ constexpr std::int64_t ms = 1'000'000;
 /// A number with mean 0 and variance 1, the same for the same key.
 double noise(std::uint64_t key) { return std::sqrt(12.0) * (double(combine(key, 1) >> 11) * 0x1p-53 - 0.5); }
 
-/// The finger in a picture of 640 × 480, four fifths of its width and a third of its height, three degrees askew; with a contact at 8 mm or without.
+/// The finger in a picture of 640 × 480, four fifths of its width and a third of its height, three degrees askew; with
+/// a contact at 8 mm or without.
 struct Finger {
   AxisMap map;
   Finger() {
@@ -41,9 +42,11 @@ struct Finger {
     for (int y = 0; y < 480; ++y)
       for (int x = 0; x < 640; ++x) {
         const double at = map.y_m(map.u_px(Eigen::Vector2d(x, y)));
-        const double light = 90.0 + 500.0 * at + (contact ? 12.0 * std::exp(-0.5 * std::pow((at - 8e-3) / 4e-3, 2)) : 0.0);
+        const double light =
+            90.0 + 500.0 * at + (contact ? 12.0 * std::exp(-0.5 * std::pow((at - 8e-3) / 4e-3, 2)) : 0.0);
         for (int c = 0; c < 3; ++c)
-          image.row(y)[3 * x + c] = std::uint8_t(std::clamp(light + 2.5 * noise(key << 40 | std::uint64_t(y) << 20 | std::uint64_t(4 * x + c)), 0.0, 255.0));
+          image.row(y)[3 * x + c] = std::uint8_t(std::clamp(
+              light + 2.5 * noise(key << 40 | std::uint64_t(y) << 20 | std::uint64_t(4 * x + c)), 0.0, 255.0));
       }
     return image;
   }
@@ -54,7 +57,7 @@ struct Recording {
   GreenProfile readout{finger.config()};
   UnloadedReference reference;
   std::vector<Image> touched;
-  std::vector<Profile> responses;   ///< of `touched`
+  std::vector<Profile> responses;  ///< of `touched`
 
   Recording() {
     Profile p;
@@ -70,7 +73,9 @@ struct Recording {
       responses.push_back(p);
     }
   }
-  PeakLocalizer peak() const { return PeakLocalizer({.position_m = readout.positions_m(), .noise = reference.noise()}); }
+  PeakLocalizer peak() const {
+    return PeakLocalizer({.position_m = readout.positions_m(), .noise = reference.noise()});
+  }
   BayesLocalizer bayes() const {
     BayesLocalizer::Config c;
     c.position_m = readout.positions_m(), c.noise = reference.noise(), c.unloaded = reference.mean();
@@ -84,8 +89,7 @@ const Recording& recording() {
 }
 
 /// Streams that give out what was put into them.
-template <class Item>
-struct Fed {
+template <class Item> struct Fed {
   std::vector<Item> items;
   std::size_t given = 0;
   std::optional<Item> next() {
@@ -97,8 +101,7 @@ struct Fed {
   StreamState state() const { return StreamState::open; }
 };
 
-template <class Localizer>
-void time_localizer(const std::string& name, Localizer localizer) {
+template <class Localizer> void time_localizer(const std::string& name, Localizer localizer) {
   const Recording& r = recording();
   std::int64_t k = 0;
   LocationEstimate last;
@@ -113,28 +116,31 @@ void time_localizer(const std::string& name, Localizer localizer) {
   BENCHMARK(named("one step of a localiser", "1 profile of 55 values", name)) { return update(); };
 }
 
-template <class Localizer>
-void time_estimator(const std::string& name, Localizer localizer) {
+template <class Localizer> void time_estimator(const std::string& name, Localizer localizer) {
   const Recording& r = recording();
   Fed<Frame> camera;
   Fed<JointSample> actuator;
   using Estimator = ForceEstimator<Fed<Frame>, Fed<JointSample>, Localizer>;
-  Estimator estimator(camera, actuator, r.readout, std::move(localizer), MomentArm{0.05}, r.reference, typename Estimator::Config{});
+  Estimator estimator(camera, actuator, r.readout, std::move(localizer), MomentArm{0.05}, r.reference,
+                      typename Estimator::Config{});
   std::int64_t k = 0;
   ForceEstimate last;
-  const auto step = [&] {   // a frame that was taken 20 ms ago and the torque samples of one frame's time
+  const auto step = [&] {  // a frame that was taken 20 ms ago and the torque samples of one frame's time
     const std::int64_t now = ++k * 33 * ms + 20 * ms;
     for (int j = 0; j < 33; ++j) {
       const std::int64_t t = now - (32 - j) * ms;
-      actuator.items.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)), JointVector::Constant(1, 0.52 + 0.01 * noise(std::uint64_t(t)))});
+      actuator.items.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)),
+                                JointVector::Constant(1, 0.52 + 0.01 * noise(std::uint64_t(t)))});
     }
     camera.items.push_back({r.touched[std::size_t(k) % r.touched.size()].view(), now - 20 * ms});
     return last = estimator.step(now);
   };
   for (int i = 0; i < 60; ++i) step();
   REQUIRE(last.contact[0].force_N);
-  REQUIRE(std::abs(*last.contact[0].force_N - 9.0) < 2.0);   // 0.52 N·m on an arm of 58 mm
-  BENCHMARK(named("one step of the force estimator", "1 frame of 640 x 480 with 33 torque samples", name)) { return step(); };
+  REQUIRE(std::abs(*last.contact[0].force_N - 9.0) < 2.0);  // 0.52 N·m on an arm of 58 mm
+  BENCHMARK(named("one step of the force estimator", "1 frame of 640 x 480 with 33 torque samples", name)) {
+    return step();
+  };
 }
 
 }  // namespace
@@ -145,7 +151,7 @@ TEST_CASE("sense: profile of a picture", "[sense]") {
   PositiveGreenProfile positive(r.finger.config(), r.finger.picture(false, 7));
   Profile p;
   std::size_t k = 0;
-  const auto read = [&](auto& readout) {   // four pictures of a megabyte in turn
+  const auto read = [&](auto& readout) {  // four pictures of a megabyte in turn
     readout.read(Frame{r.touched[++k % r.touched.size()].view()}, p);
     return p.value[30];
   };
@@ -165,10 +171,15 @@ TEST_CASE("sense: force", "[sense]") {
 }
 
 TEST_CASE("sense: decoders", "[sense]") {
-  LabelledResponses training{Eigen::MatrixXd(55, 70), {}, Eigen::VectorXd::LinSpaced(7, -24e-3, 24e-3)};   // five loads of 11 bins, ten re-contacts of seven places
+  LabelledResponses training{
+      Eigen::MatrixXd(55, 70),
+      {},
+      Eigen::VectorXd::LinSpaced(7, -24e-3, 24e-3)};  // five loads of 11 bins, ten re-contacts of seven places
   for (int i = 0; i < 70; ++i) {
     training.place.push_back(i % 7);
-    for (int f = 0; f < 55; ++f) training.response(f, i) = std::exp(-0.5 * std::pow(f % 11 - 1.5 * (i % 7), 2)) + 0.05 * noise(std::uint64_t(100 * i + f));
+    for (int f = 0; f < 55; ++f)
+      training.response(f, i) =
+          std::exp(-0.5 * std::pow(f % 11 - 1.5 * (i % 7), 2)) + 0.05 * noise(std::uint64_t(100 * i + f));
   }
   const auto linear = LinearDecoder{}.fit(training);
   const auto bayes = BayesDecoder{.steps = 5}.fit(training);
@@ -178,6 +189,10 @@ TEST_CASE("sense: decoders", "[sense]") {
   const std::string input = "1 response of 55 features, 7 places";
   BENCHMARK(named("a place decoded", input, "LinearDecoder")) { return linear.decode(response).place; };
   BENCHMARK(named("a place decoded", input, "BayesDecoder, 5 steps")) { return bayes.decode(response).place; };
-  BENCHMARK(named("a decoder fitted", "1 set of 70 responses of 55 features", "LinearDecoder")) { return LinearDecoder{}.fit(training).shrinkage(); };
-  BENCHMARK(named("a decoder fitted", "1 set of 70 responses of 55 features", "BayesDecoder, 5 steps")) { return BayesDecoder{.steps = 5}.fit(training); };
+  BENCHMARK(named("a decoder fitted", "1 set of 70 responses of 55 features", "LinearDecoder")) {
+    return LinearDecoder{}.fit(training).shrinkage();
+  };
+  BENCHMARK(named("a decoder fitted", "1 set of 70 responses of 55 features", "BayesDecoder, 5 steps")) {
+    return BayesDecoder{.steps = 5}.fit(training);
+  };
 }

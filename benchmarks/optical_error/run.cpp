@@ -1,9 +1,11 @@
-// Error of J_obs by rays: the default setting against an independent pattern that is traced on to 0.5 %, on the same equilibria. One line per reference
-// design and silicone: J, the rays' part of its printed error, J of the finer light, what J is off by, core-seconds of light.
-//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N] [--tolerance T --rounds N]
-#include "lumo/pipeline/evaluate.hpp"
+// Error of J_obs by rays: the default setting against an independent pattern that is traced on to 0.5 %, on the same
+// equilibria. One line per reference design and silicone: J, the rays' part of its printed error, J of the finer light,
+// what J is off by, core-seconds of light.
+//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N] [--tolerance T
+//   --rounds N]
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
@@ -62,7 +64,7 @@ int main(int argc, char** argv) {
   std::string only;
   Ensemble ensemble = flat_ensemble();
   int threads = 2;
-  RayRefinement rays;   // the setting that is tried
+  RayRefinement rays;  // the setting that is tried
   for (int i = 1; i + 1 < argc; i += 2) {
     if (!std::strcmp(argv[i], "--first")) first = std::size_t(std::atoi(argv[i + 1]));
     if (!std::strcmp(argv[i], "--designs")) count = std::size_t(std::atoi(argv[i + 1]));
@@ -81,7 +83,9 @@ int main(int argc, char** argv) {
     }
   }
   const TetgenMesher mesher;  // before threads start
-  std::printf("design           card  J_obs      2 s.e.   J_fine     its 2 s.e.  off by   core-s  core-s of J_fine  least pair\n");
+  std::printf(
+      "design           card  J_obs      2 s.e.   J_fine     its 2 s.e.  off by   core-s  core-s of J_fine  least "
+      "pair\n");
   for (std::size_t k = first; k < std::min(first + count, reference_designs().size()); ++k)
     for (const char* card : {"DS", "Sol"}) {
       if (!only.empty() && only != card) continue;
@@ -101,11 +105,15 @@ int main(int argc, char** argv) {
         std::printf("%4.1f %4.1f %4.1f no score\n", d.h_fp, d.h_ep, d.w_s);
         continue;
       }
-      const ObservedState &a = once.observed[once.worst_observation->first], &b = once.observed[once.worst_observation->second];
-      std::printf("%g,%g,%g,%g,%g  %-4s  %.3e  %5.2f %%  %.3e  %5.2f %%  %+6.2f %%  %5.0f  %5.0f  d %g mm, %g N, y %g and %g mm\n", d.h_fp, d.h_ep, d.w_s, d.h_s, d.w_v, card,
-                  once.J_obs->value, 100.0 * once.J_obs->error / once.J_obs->value, fine.J_obs->value, 100.0 * fine.J_obs->error / fine.J_obs->value,
-                  100.0 * (once.J_obs->value / fine.J_obs->value - 1.0), once.observations.seconds.optics, fine.observations.seconds.optics, 1e3 * a.diameter_m, a.load_N,
-                  1e3 * a.y_m, 1e3 * b.y_m);
+      const ObservedState &a = once.observed[once.worst_observation->first],
+                          &b = once.observed[once.worst_observation->second];
+      std::printf(
+          "%g,%g,%g,%g,%g  %-4s  %.3e  %5.2f %%  %.3e  %5.2f %%  %+6.2f %%  %5.0f  %5.0f  d %g mm, %g N, y %g and %g "
+          "mm\n",
+          d.h_fp, d.h_ep, d.w_s, d.h_s, d.w_v, card, once.J_obs->value, 100.0 * once.J_obs->error / once.J_obs->value,
+          fine.J_obs->value, 100.0 * fine.J_obs->error / fine.J_obs->value,
+          100.0 * (once.J_obs->value / fine.J_obs->value - 1.0), once.observations.seconds.optics,
+          fine.observations.seconds.optics, 1e3 * a.diameter_m, a.load_N, 1e3 * a.y_m, 1e3 * b.y_m);
       std::fflush(stdout);
     }
   return 0;

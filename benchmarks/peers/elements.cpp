@@ -1,15 +1,17 @@
-// lumo's half of scikit_fem.py: the finger in quadratic tetrahedra in a bent state, its forces and its tangent, and one linear step with
-// it. Files hold raw little-endian numbers: *.f64 and *.i32. Seconds are of the processor, of one thread.
+// lumo's half of scikit_fem.py: the finger in quadratic tetrahedra in a bent state, its forces and its tangent, and one
+// linear step with it. Files hold raw little-endian numbers: *.f64 and *.i32. Seconds are of the processor, of one
+// thread.
 //   lumo_peer_elements DIR EDGE_MM
-//       writes nodes.f64, tets.i32 (10 nodes each), displacement.f64, forces.f64, equations.i32 (per component, −1: held), and the lower
-//       triangle of the tangent of the free components by columns (starts.i32, rows.i32, values.f64); then answers lines with lines:
+//       writes nodes.f64, tets.i32 (10 nodes each), displacement.f64, forces.f64, equations.i32 (per component, −1:
+//       held), and the lower triangle of the tangent of the free components by columns (starts.i32, rows.i32,
+//       values.f64); then answers lines with lines:
 //   assemble plain|cured N     seconds of the forces and of the tangent, each the mean of N
 //   solve eigen|cholmod        seconds of analysis, factor and solution; writes step.f64
 
 #include "half.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
-#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
@@ -27,8 +29,8 @@ namespace {
 using namespace lumo;
 namespace fs = std::filesystem;
 
-// Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the tangent stays positive
-// definite.
+// Sheared along x and y without change of volume, and a little compressed: every term of the law counts, and the
+// tangent stays positive definite.
 Vec3d bent(const Vec3d& X) { return Vec3d(6.0, 3.0, -0.1) * (X.z() * X.z()); }
 
 struct State {

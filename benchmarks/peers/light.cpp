@@ -1,10 +1,11 @@
 // lumo's half of mitsuba_response.py: the unloaded finger as light meets it, and its response.
 // Files hold raw little-endian numbers: *.f64 and *.i32. Seconds are of the processor, of one thread.
 //   lumo_peer_light DIR MATERIAL
-//       writes corners.f64 and normals.f64 (triangles × 3 corners × 3; the normals that lumo refracts with), diffuse.i32 (1: carrier, 0:
-//       silicone to air) and scene.json (lengths in m); then answers lines "gathered|forward FACTOR SEED FOLD" with a line of JSON: the
-//       response [W] by FACTOR times the default rays (a power of two, below 1 too), with what is gathered backwards or by paths from the
-//       LEDs only; FOLD 1 traces a quarter of the symmetric whole.
+//       writes corners.f64 and normals.f64 (triangles × 3 corners × 3; the normals that lumo refracts with),
+//       diffuse.i32 (1: carrier, 0: silicone to air) and scene.json (lengths in m); then answers lines
+//       "gathered|forward FACTOR SEED FOLD" with a line of JSON: the response [W] by FACTOR times the default rays (a
+//       power of two, below 1 too), with what is gathered backwards or by paths from the LEDs only; FOLD 1 traces a
+//       quarter of the symmetric whole.
 
 #include "half.hpp"
 #include "lumo/mesh/body_mesh.hpp"
@@ -50,11 +51,13 @@ void write_scene(const fs::path& dir, const Body& body, const TetMesh& mesh) {
   const FingerDesign d = baseline_design();
   std::ofstream out(dir / "scene.json");
   out.precision(17);
-  out << "{\"refractive_index\": " << body.medium.refractive_index << ", \"extinction_per_m\": " << body.medium.extinction_per_m
-      << ", \"albedo\": " << albedo << ", \"half_width_m\": " << 0.5e-3 * o.pad.width << ", \"flank_m\": " << 1e-3 * d.h_fp
-      << ", \"dome_m\": " << 1e-3 * d.h_ep << ", \"half_length_m\": " << 0.5e-3 * o.pad.length << ", \"led_z_m\": " << 1e-3 * d.h_s
-      << ", \"led_x_m\": " << o.leds.width_x << ", \"led_y_m\": " << o.leds.length_y << ", \"led_pitch_m\": " << o.leds.pitch
-      << ", \"leds\": " << o.leds.count << ", \"bins\": " << o.readout.bins << ", \"half_range_m\": " << o.readout.half_range
+  out << "{\"refractive_index\": " << body.medium.refractive_index
+      << ", \"extinction_per_m\": " << body.medium.extinction_per_m << ", \"albedo\": " << albedo
+      << ", \"half_width_m\": " << 0.5e-3 * o.pad.width << ", \"flank_m\": " << 1e-3 * d.h_fp
+      << ", \"dome_m\": " << 1e-3 * d.h_ep << ", \"half_length_m\": " << 0.5e-3 * o.pad.length
+      << ", \"led_z_m\": " << 1e-3 * d.h_s << ", \"led_x_m\": " << o.leds.width_x
+      << ", \"led_y_m\": " << o.leds.length_y << ", \"led_pitch_m\": " << o.leds.pitch << ", \"leds\": " << o.leds.count
+      << ", \"bins\": " << o.readout.bins << ", \"half_range_m\": " << o.readout.half_range
       << ", \"min_abs_nx\": " << o.readout.min_abs_nx << ", \"triangles\": " << diffuse.size() << "}\n";
 }
 

@@ -1,14 +1,14 @@
-// lumo's half of newton_vbd.py: the finger as a mesh of linear tetrahedra, and vertex block descent on it along a given schedule with given
-// colors. Files hold raw little-endian numbers: *.f64 and *.i32.
+// lumo's half of newton_vbd.py: the finger as a mesh of linear tetrahedra, and vertex block descent on it along a given
+// schedule with given colors. Files hold raw little-endian numbers: *.f64 and *.i32.
 //   lumo_newton_vbd mesh DIR EDGE_MM                  writes nodes.f64, tets.i32, bonded.i32, touch.f64
 //   lumo_newton_vbd run DIR EDGE_MM SWEEPS KE ETA FRICTION THREADS REPEAT
 //       reads colors.txt (one group a line) and schedule.txt (advance in m and 0 or 1: keep this state);
 //       writes forces.f64 and states.f64, prints CPU seconds of all steps
 
 #include "lumo/mechanics/contact/first_touch.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/tbb.hpp"
@@ -26,8 +26,7 @@ namespace {
 using namespace lumo;
 namespace fs = std::filesystem;
 
-template <class T>
-void write(const fs::path& path, const std::vector<T>& values) {
+template <class T> void write(const fs::path& path, const std::vector<T>& values) {
   std::ofstream out(path, std::ios::binary);
   out.write(reinterpret_cast<const char*>(values.data()), std::streamsize(values.size() * sizeof(T)));
   if (!out) throw InputError(message("cannot write ", path.string()));
@@ -63,10 +62,12 @@ void write_mesh(const fs::path& dir, const Scene& s) {
 }
 
 template <Executor E>
-void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const VertexContact& contact, const E& executor, int repeat) {
+void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const VertexContact& contact,
+         const E& executor, int repeat) {
   const Silicone card = dragon_skin();
   const StableNeoHookean material{card.mu_Pa, card.lambda_Pa};
-  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(s.body, s.mesh, {}, material, contact, {}, config);
+  const DescentModel<StableNeoHookean, VertexContact, LinearTet> model(s.body, s.mesh, {}, material, contact, {},
+                                                                       config);
   std::vector<std::pair<double, bool>> schedule;
   std::ifstream in(dir / "schedule.txt");
   for (double by; in >> by;) {
@@ -77,7 +78,8 @@ void run(const fs::path& dir, const Scene& s, const DescentConfig& config, const
   if (schedule.empty()) throw InputError("schedule.txt has no steps");
   double least = 0.0;
   for (int round = 0; round < repeat; ++round) {
-    Descent<std::decay_t<decltype(model)>, Sphere, E> descent(model, s.scenario.indenter, s.touch, s.scenario.direction(), config, executor);
+    Descent<std::decay_t<decltype(model)>, Sphere, E> descent(model, s.scenario.indenter, s.touch,
+                                                              s.scenario.direction(), config, executor);
     std::vector<double> forces, states;
     double seconds = 0.0;
     for (const auto& [by, keep] : schedule) {
@@ -120,11 +122,14 @@ int main(int argc, char** argv) {
       config.colors.emplace_back();
       for (int v; words >> v;) config.colors.back().push_back(v);
     }
-    constexpr double area = 1e-6;   // Newton's stiffness belongs to the vertex
-    const VertexContact contact{.stiffness_N_per_m3 = std::stod(args[4]) / area, .friction = std::stod(args[6]), .area_per_vertex_m2 = area};
+    constexpr double area = 1e-6;  // Newton's stiffness belongs to the vertex
+    const VertexContact contact{
+        .stiffness_N_per_m3 = std::stod(args[4]) / area, .friction = std::stod(args[6]), .area_per_vertex_m2 = area};
     const int threads = std::stoi(args[7]), repeat = std::stoi(args[8]);
-    if (threads == 1) run(args[1], scene, config, contact, Serial{}, repeat);
-    else run(args[1], scene, config, contact, TbbExecutor{threads}, repeat);
+    if (threads == 1)
+      run(args[1], scene, config, contact, Serial{}, repeat);
+    else
+      run(args[1], scene, config, contact, TbbExecutor{threads}, repeat);
   } catch (const std::exception& e) {
     std::cerr << "lumo_newton_vbd: " << e.what() << '\n';
     return 1;

@@ -3,18 +3,19 @@
 #include "lumo/core/error.hpp"
 #include "lumo/mechanics/elements/linear_solver.hpp"
 
+#include <suitesparse/cholmod.h>
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <memory>
-#include <suitesparse/cholmod.h>
 #include <vector>
 
 namespace lumo::reference {
 
-/// L D Lᵀ of a symmetric quasi-definite matrix without pivoting, multifrontal on the supernodes that CHOLMOD's analysis finds.
-/// Such a matrix has that factorisation in every order (Vanderbei 1995), and the signs of D are its inertia (Sylvester).
+/// L D Lᵀ of a symmetric quasi-definite matrix without pivoting, multifrontal on the supernodes that CHOLMOD's analysis
+/// finds. Such a matrix has that factorisation in every order (Vanderbei 1995), and the signs of D are its inertia
+/// (Sylvester).
 class QuasiDefinite {
  public:
   void analyze(const SparseLower& lower);
@@ -37,7 +38,7 @@ class QuasiDefinite {
   bool eliminate(std::size_t s, Dense& update, int& negative);
 
   std::vector<int> order_, first_, row_start_, rows_;  // permutation; supernodes' first columns and row lists
-  std::vector<std::int64_t> value_start_, slot_;       // supernode → panel, entry of the matrix → place in the panels
+  std::vector<std::int64_t> value_start_, slot_;  // supernode → panel, entry of the matrix → place in the panels
   std::vector<std::vector<int>> children_;
   std::vector<double> values_, pivots_;
 };
@@ -63,7 +64,9 @@ inline void QuasiDefinite::analyze(const SparseLower& lower) {
     cholmod_finish(&common);
     throw Error("symbolic factorisation failed");
   }
-  const auto copy = [](const void* from, std::size_t n) { return std::vector<int>(static_cast<const int*>(from), static_cast<const int*>(from) + n); };
+  const auto copy = [](const void* from, std::size_t n) {
+    return std::vector<int>(static_cast<const int*>(from), static_cast<const int*>(from) + n);
+  };
   const std::size_t n = f->n, supers = f->nsuper;
   order_ = copy(f->Perm, n);
   first_ = copy(f->super, supers + 1);
@@ -137,7 +140,8 @@ inline bool QuasiDefinite::eliminate(std::size_t s, Dense& update, int& negative
       const Eigen::Index tail = k + b - j - 1;
       const Eigen::VectorXd unscaled = panel.col(j).segment(j + 1, tail);
       panel.col(j).segment(j + 1, tail) /= pivot;
-      for (Eigen::Index i = 0; i < tail; ++i) panel.col(j + 1 + i).segment(j + 1 + i, tail - i) -= unscaled[i] * panel.col(j).segment(j + 1 + i, tail - i);
+      for (Eigen::Index i = 0; i < tail; ++i)
+        panel.col(j + 1 + i).segment(j + 1 + i, tail - i) -= unscaled[i] * panel.col(j).segment(j + 1 + i, tail - i);
     }
     if (below == 0) continue;
     auto under = panel.block(k + b, k, below, b);
@@ -146,7 +150,8 @@ inline bool QuasiDefinite::eliminate(std::size_t s, Dense& update, int& negative
     under = scaled * Eigen::Map<const Eigen::VectorXd>(d + k, b).cwiseInverse().asDiagonal();
     for (Eigen::Index j = k + b; j < nc; j += stripe) {
       const Eigen::Index w = std::min(stripe, nc - j);
-      panel.block(j, j, nr - j, w).noalias() -= panel.block(j, k, nr - j, b) * scaled.middleRows(j - k - b, w).transpose();
+      panel.block(j, j, nr - j, w).noalias() -=
+          panel.block(j, k, nr - j, b) * scaled.middleRows(j - k - b, w).transpose();
     }
   }
   if (rest == 0) return true;

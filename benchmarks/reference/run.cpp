@@ -1,5 +1,6 @@
-// Reference solutions of presses against lumo's default: `lumo_reference run …` fills a table of results, `lumo_reference table` compares.
-// Rows that the file already holds are skipped, so a run can be stopped and taken up again.
+// Reference solutions of presses against lumo's default: `lumo_reference run …` fills a table of results,
+// `lumo_reference table` compares. Rows that the file already holds are skipped, so a run can be stopped and taken up
+// again.
 
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
@@ -29,7 +30,7 @@ constexpr std::size_t loads_n = 5;
 
 std::vector<FingerDesign> designs() {
   std::vector<FingerDesign> all = reference_designs();
-  all.push_back({10.0, 8.0, 4.5, 4.0, 7.5});   // a wall of 5 mm beside wide voids
+  all.push_back({10.0, 8.0, 4.5, 4.0, 7.5});  // a wall of 5 mm beside wide voids
   return all;
 }
 
@@ -41,7 +42,8 @@ struct Case {
   Symmetry planes() const { return {alpha_deg == 0.0, y_mm == 0.0}; }
   std::string key() const {
     std::ostringstream s;
-    s << design.h_fp << ',' << design.h_ep << ',' << design.w_s << ',' << design.h_s << ',' << design.w_v << ',' << d_mm << ',' << alpha_deg << ',' << y_mm;
+    s << design.h_fp << ',' << design.h_ep << ',' << design.w_s << ',' << design.h_s << ',' << design.w_v << ',' << d_mm
+      << ',' << alpha_deg << ',' << y_mm;
     return s.str();
   }
 };
@@ -50,7 +52,7 @@ using PerLoad = std::array<double, loads_n>;
 
 /// One solution of one case; lengths in mm, areas in mm².
 struct Row {
-  std::string level;   ///< "lumo", or the reference's mesh size
+  std::string level;  ///< "lumo", or the reference's mesh size
   std::string status;
   double nodes = 0, factors = 0, seconds = 0;
   PerLoad depth{}, area{}, area0{}, area_fit{};
@@ -66,17 +68,21 @@ struct Row {
 constexpr const char* header =
     "h_fp_mm,h_ep_mm,w_s_mm,h_s_mm,w_v_mm,d_mm,alpha_deg,y_mm,level,status,nodes,factors,seconds,"
     "depth1_mm,depth2_mm,depth5_mm,depth10_mm,depth15_mm,area1_mm2,area2_mm2,area5_mm2,area10_mm2,area15_mm2,"
-    "area0_1_mm2,area0_2_mm2,area0_5_mm2,area0_10_mm2,area0_15_mm2,areafit1_mm2,areafit2_mm2,areafit5_mm2,areafit10_mm2,areafit15_mm2,"
+    "area0_1_mm2,area0_2_mm2,area0_5_mm2,area0_10_mm2,area0_15_mm2,areafit1_mm2,areafit2_mm2,areafit5_mm2,areafit10_"
+    "mm2,areafit15_mm2,"
     "iou,iou_fit,kappa_early_N_per_mm,kappa_late_N_per_mm,q_form,q_stiff,J";
 
 void write(std::ostream& out, const Case& c, const Row& r) {
   out << c.key() << ',' << r.level << ',' << r.status << ',' << r.nodes << ',' << r.factors;
   char text[32];
-  const auto put = [&](double v, const char* format = ",%.6g") { out << (std::snprintf(text, sizeof text, format, v), text); };
+  const auto put = [&](double v, const char* format = ",%.6g") {
+    out << (std::snprintf(text, sizeof text, format, v), text);
+  };
   put(r.seconds, ",%.1f");
   for (const PerLoad* list : {&r.depth, &r.area, &r.area0, &r.area_fit})
     for (double v : *list) put(v);
-  for (double v : {r.iou, r.iou_fit, r.kappa_early(), r.kappa_late(), r.form(c.d_mm), r.stiff(), r.score(c.d_mm)}) put(v);
+  for (double v : {r.iou, r.iou_fit, r.kappa_early(), r.kappa_late(), r.form(c.d_mm), r.stiff(), r.score(c.d_mm)})
+    put(v);
   out << '\n';
 }
 
@@ -106,16 +112,21 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
   return all;
 }
 
-/// Mesh sizes of lumo's own solution, from a level's name: `lumo` is the default, `lumo:finest:growth:depth_growth:contact_edge:coarsest:base_growth`
-/// (edges in mm) anything else; what is left out keeps its default.
+/// Mesh sizes of lumo's own solution, from a level's name: `lumo` is the default,
+/// `lumo:finest:growth:depth_growth:contact_edge:coarsest:base_growth` (edges in mm) anything else; what is left out
+/// keeps its default.
 std::pair<FingerOptions, Focus> sizes_of(const std::string& level) {
   FingerOptions o;
   Focus f;
   std::istringstream in(level);
   std::string part;
   std::getline(in, part, ':');
-  const std::array<std::pair<double*, double>, 6> fields = {{{&f.finest, 1e-3}, {&f.growth, 1.0}, {&f.depth_growth, 1.0}, {&o.mesh.contact_edge, 1e-3},
-                                                             {&o.mesh.coarsest_edge, 1e-3}, {&o.mesh.growth, 1.0}}};
+  const std::array<std::pair<double*, double>, 6> fields = {{{&f.finest, 1e-3},
+                                                             {&f.growth, 1.0},
+                                                             {&f.depth_growth, 1.0},
+                                                             {&o.mesh.contact_edge, 1e-3},
+                                                             {&o.mesh.coarsest_edge, 1e-3},
+                                                             {&o.mesh.growth, 1.0}}};
   for (const auto& [field, unit] : fields)
     if (std::getline(in, part, ':')) *field = unit * std::stod(part);
   return {o, f};
@@ -126,8 +137,9 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
   row.level = level;
   const auto [options, focus] = sizes_of(level);
   const Body body = finger(c.design, dragon_skin(), options);
-  std::vector<Scenario<Sphere>> place;   // what shares a mesh in a campaign
-  for (double d : {10e-3, 15e-3, 20e-3, 30e-3}) place.push_back({Sphere{d}, c.scenario().angle_rad, c.scenario().y_m, loads});
+  std::vector<Scenario<Sphere>> place;  // what shares a mesh in a campaign
+  for (double d : {10e-3, 15e-3, 20e-3, 30e-3})
+    place.push_back({Sphere{d}, c.scenario().angle_rad, c.scenario().y_m, loads});
   const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), place, mesher, focus);
   const Stopwatch clock;
   const Silicone card = dragon_skin();
@@ -143,12 +155,15 @@ Row own_solution(const Case& c, const std::string& level, const TetgenMesher& me
     row.factors += states[k].iterations;
   }
   const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-  if (states.size() == loads_n) row.iou = contact_overlap(surface, states[1].contact_field, states[3].contact_field, positions_of(mesh)).ratio();
+  if (states.size() == loads_n)
+    row.iou = contact_overlap(surface, states[1].contact_field, states[3].contact_field, positions_of(mesh)).ratio();
   return row;
 }
 
-/// Contact area without an edge fit: the area where the gap is below ε, for some ε, continued to ε = 0 in powers of ε^(2/3).
-std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere, const Vec3d& origin) {
+/// Contact area without an edge fit: the area where the gap is below ε, for some ε, continued to ε = 0 in powers of
+/// ε^(2/3).
+std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const Positions& x, const Sphere& sphere,
+                                   const Vec3d& origin) {
   constexpr int n = 16, levels = 6;
   const std::array<double, levels> level = {8e-6, 12e-6, 18e-6, 26e-6, 36e-6, 48e-6};
   std::array<std::array<double, levels>, 2> sum{};
@@ -166,11 +181,14 @@ std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const 
         for (std::size_t a = 0; a < 6; ++a) {
           at += shape[a] * x.col(f.nodes[a]);
           by_u += slope[a][0] * x.col(f.nodes[a]), by_v += slope[a][1] * x.col(f.nodes[a]);
-          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])], by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
+          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])],
+              by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
         }
         const double gap = sphere.distance(at - origin);
         for (std::size_t k = 0; k < levels; ++k)
-          if (gap < level[k]) sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm(), sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
+          if (gap < level[k])
+            sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm(),
+                sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
       }
   }
   Eigen::Matrix<double, levels, 3> A;
@@ -193,10 +211,14 @@ Body spelled_out(Body b, int axis) {
   const std::size_t patches = b.patches.size(), vertices = b.vertices.size();
   for (std::size_t k = 0; k < patches; ++k) {
     Patch p = b.patches[k];
-    std::visit([&](auto& shape) {
-      if constexpr (requires { shape.direction; }) shape.point = reflect(shape.point), shape.direction = reflect(shape.direction);
-      else shape.center = reflect(shape.center);
-    }, p.shape);
+    std::visit(
+        [&](auto& shape) {
+          if constexpr (requires { shape.direction; })
+            shape.point = reflect(shape.point), shape.direction = reflect(shape.direction);
+          else
+            shape.center = reflect(shape.center);
+        },
+        p.shape);
     b.patches.push_back(p);
   }
   std::vector<int> image;
@@ -207,7 +229,8 @@ Body spelled_out(Body b, int axis) {
   }
   std::vector<Facet> facets;
   for (const Facet& f : b.facets) {
-    if (std::all_of(f.loop.begin(), f.loop.end(), [&](int v) { return b.vertices[std::size_t(v)][axis] == 0.0; })) continue;
+    if (std::all_of(f.loop.begin(), f.loop.end(), [&](int v) { return b.vertices[std::size_t(v)][axis] == 0.0; }))
+      continue;
     facets.push_back(f);
     Facet other{{}, f.patch == Body::mirror_patch ? f.patch : f.patch + int(patches)};
     for (auto v = f.loop.rbegin(); v != f.loop.rend(); ++v) other.loop.push_back(image[std::size_t(*v)]);
@@ -219,7 +242,12 @@ Body spelled_out(Body b, int axis) {
 }
 
 /// The reference's mesh of size 1; other sizes multiply every length and growth of it.
-const FingerOptions::Mesh base_mesh = {.contact_edge = 3e-3, .coarsest_edge = 8e-3, .growth = 0.9, .stretch_y = 1.0, .max_turn_rad = 0.6, .shortest_chord = 0.0};
+const FingerOptions::Mesh base_mesh = {.contact_edge = 3e-3,
+                                       .coarsest_edge = 8e-3,
+                                       .growth = 0.9,
+                                       .stretch_y = 1.0,
+                                       .max_turn_rad = 0.6,
+                                       .shortest_chord = 0.0};
 const Focus base_focus = {.finest = 0.3e-3, .growth = 0.12, .depth_growth = 1.0};
 
 /// The reference on a mesh of the given size.
@@ -228,7 +256,8 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   row.level = level;
   FingerOptions options;
   options.mesh = base_mesh;
-  options.mesh.contact_edge *= size, options.mesh.coarsest_edge *= size, options.mesh.growth *= size, options.mesh.max_turn_rad *= size;
+  options.mesh.contact_edge *= size, options.mesh.coarsest_edge *= size, options.mesh.growth *= size,
+      options.mesh.max_turn_rad *= size;
   Focus focus = base_focus;
   focus.finest *= size, focus.growth *= size, focus.depth_growth *= size;
   const Body coarse = finger(c.design, dragon_skin());
@@ -253,13 +282,16 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   for (std::size_t k = 0; k < states.size(); ++k) {
     const auto& s = states[k];
     row.factors += s.factors;
-    if (!s.converged) row.status = "failed";
-    else if (!s.stable && row.status == "converged") row.status = "unstable";
+    if (!s.converged)
+      row.status = "failed";
+    else if (!s.stable && row.status == "converged")
+      row.status = "unstable";
     const std::vector<Vec3d> u = unfold(mesh, sector, s.displacement);
     Positions x = positions_of(mesh);
     for (std::size_t n = 0; n < u.size(); ++n) x.col(Eigen::Index(n)) += u[n];
     const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
-    fields.push_back(contact_field(mesh, surface, SDFContact{}, Moving<Sphere>{&scenario.indenter, origin, scenario.direction()}, x));
+    fields.push_back(contact_field(mesh, surface, SDFContact{},
+                                   Moving<Sphere>{&scenario.indenter, origin, scenario.direction()}, x));
     row.depth[k] = 1e3 * s.depth_m;
     row.area[k] = 1e6 * contact_area(surface, fields[k].field, x);
     row.area0[k] = 1e6 * contact_area(surface, fields[k].field, positions_of(mesh));
@@ -269,7 +301,7 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   }
   if (states.size() == loads_n) {
     row.iou = contact_overlap(surface, fields[1].field, fields[3].field, positions_of(mesh)).ratio();
-    row.iou_fit = reference_fit[1] / reference_fit[3];   // sets are nested
+    row.iou_fit = reference_fit[1] / reference_fit[3];  // sets are nested
   }
   return row;
 }
@@ -279,8 +311,9 @@ struct Extrapolated {
   double value = 0, error = 0;
 };
 
-/// Richardson's extrapolation with the order that three sizes show, 1.5 … 3, and Roache's safety factor 1.25; the finest value and the spread
-/// where they show none, or where the quantity scatters from mesh to mesh (areas) more than it converges.
+/// Richardson's extrapolation with the order that three sizes show, 1.5 … 3, and Roache's safety factor 1.25; the
+/// finest value and the spread where they show none, or where the quantity scatters from mesh to mesh (areas) more than
+/// it converges.
 Extrapolated extrapolate(const std::vector<std::pair<double, double>>& by_size, bool smooth) {
   if (by_size.empty()) return {};
   const auto& fine = by_size.back();
@@ -291,9 +324,11 @@ Extrapolated extrapolate(const std::vector<std::pair<double, double>>& by_size, 
   const auto& coarse = by_size[by_size.size() - 3];
   const double before = middle.second - coarse.second;
   if (!smooth) return {fine.second, std::max(std::abs(last), 0.25 * std::abs(before))};
-  if (last * before <= 0.0 || std::abs(last) >= std::abs(before)) return {fine.second, std::max(std::abs(last), 0.5 * std::abs(before))};
+  if (last * before <= 0.0 || std::abs(last) >= std::abs(before))
+    return {fine.second, std::max(std::abs(last), 0.5 * std::abs(before))};
   const auto ratio = [&](double p) {
-    return (std::pow(coarse.first, p) - std::pow(middle.first, p)) / (std::pow(middle.first, p) - std::pow(fine.first, p));
+    return (std::pow(coarse.first, p) - std::pow(middle.first, p)) /
+           (std::pow(middle.first, p) - std::pow(fine.first, p));
   };
   double low = 1.5, high = 3.0;
   for (int k = 0; k < 60; ++k) (ratio(0.5 * (low + high)) < before / last ? low : high) = 0.5 * (low + high);
@@ -311,11 +346,17 @@ struct Quantity {
 std::vector<Quantity> quantities() {
   std::vector<Quantity> q;
   const std::array<const char*, loads_n> name = {"1", "2", "5", "10", "15"};
-  for (std::size_t k = 0; k < loads_n; ++k) q.push_back({std::string("depth ") + name[k] + " N [mm]", true, true, 0.01, [k](const Row& r, double) { return r.depth[k]; }});
+  for (std::size_t k = 0; k < loads_n; ++k)
+    q.push_back({std::string("depth ") + name[k] + " N [mm]", true, true, 0.01,
+                 [k](const Row& r, double) { return r.depth[k]; }});
   q.push_back({"kappa early [N/mm]", true, true, 0.02, [](const Row& r, double) { return r.kappa_early(); }});
   q.push_back({"kappa late [N/mm]", true, true, 0.02, [](const Row& r, double) { return r.kappa_late(); }});
-  for (std::size_t k = 1; k < loads_n; ++k) q.push_back({std::string("A ") + name[k] + " N [mm2]", true, false, 0.03, [k](const Row& r, double) { return r.area[k]; }});
-  for (std::size_t k = 1; k < loads_n; ++k) q.push_back({std::string("A0 ") + name[k] + " N [mm2]", true, false, 0.03, [k](const Row& r, double) { return r.area0[k]; }});
+  for (std::size_t k = 1; k < loads_n; ++k)
+    q.push_back(
+        {std::string("A ") + name[k] + " N [mm2]", true, false, 0.03, [k](const Row& r, double) { return r.area[k]; }});
+  for (std::size_t k = 1; k < loads_n; ++k)
+    q.push_back({std::string("A0 ") + name[k] + " N [mm2]", true, false, 0.03,
+                 [k](const Row& r, double) { return r.area0[k]; }});
   q.push_back({"q_stable (IoU)", false, false, 0.02, [](const Row& r, double) { return r.iou; }});
   q.push_back({"q_form", false, false, 0.01, [](const Row& r, double d) { return r.form(d); }});
   q.push_back({"q_stiff", false, true, 0.01, [](const Row& r, double) { return r.stiff(); }});
@@ -342,10 +383,12 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
     std::vector<double> number;
     for (std::string cell; std::getline(cells, cell, ',');) number.push_back(std::stod(cell));
     const double d = number[5];
-    body << "\n### [" << number[0] << ", " << number[1] << ", " << number[2] << ", " << number[3] << ", " << number[4] << "], d = " << d
-         << " mm, alpha = " << number[6] << " deg, y = " << number[7] << " mm\n\n| quantity |";
-    for (const auto& l : levels) body << " size " << l.first << " (" << l.second.nodes << " nodes, " << l.second.seconds << " s) |";
-    body << " extrapolated | ± | lumo (" << own->second.nodes << " nodes, " << own->second.seconds << " s) | difference |\n|---|";
+    body << "\n### [" << number[0] << ", " << number[1] << ", " << number[2] << ", " << number[3] << ", " << number[4]
+         << "], d = " << d << " mm, alpha = " << number[6] << " deg, y = " << number[7] << " mm\n\n| quantity |";
+    for (const auto& l : levels)
+      body << " size " << l.first << " (" << l.second.nodes << " nodes, " << l.second.seconds << " s) |";
+    body << " extrapolated | ± | lumo (" << own->second.nodes << " nodes, " << own->second.seconds
+         << " s) | difference |\n|---|";
     for (std::size_t k = 0; k < levels.size() + 4; ++k) body << "---|";
     body << '\n';
     char text[64];
@@ -353,28 +396,41 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
     for (std::size_t q = 0; q < list.size(); ++q) {
       std::vector<std::pair<double, double>> by_size;
       body << "| " << list[q].name << " |";
-      for (const auto& l : levels) by_size.emplace_back(l.first, list[q].of(l.second, d)), put(by_size.back().second, " %.4f |");
+      for (const auto& l : levels)
+        by_size.emplace_back(l.first, list[q].of(l.second, d)), put(by_size.back().second, " %.4f |");
       const Extrapolated e = extrapolate(by_size, list[q].smooth);
       const double mine = list[q].of(own->second, d), scale = list[q].relative ? e.value : 1.0;
       const double off = (mine - e.value) / scale;
       put(e.value, " %.4f |"), put(e.error, " %.4f |"), put(mine, " %.4f |");
-      if (list[q].relative) put(100.0 * off, " %+.2f %% |\n");
-      else put(off, " %+.4f |\n");
-      if (deviation[q].empty() || std::abs(off) > *std::max_element(deviation[q].begin(), deviation[q].end())) worst[q] = key;
+      if (list[q].relative)
+        put(100.0 * off, " %+.2f %% |\n");
+      else
+        put(off, " %+.4f |\n");
+      if (deviation[q].empty() || std::abs(off) > *std::max_element(deviation[q].begin(), deviation[q].end()))
+        worst[q] = key;
       deviation[q].push_back(std::abs(off));
       noise[q].push_back(std::abs(e.error / scale));
     }
-    for (std::size_t k = 1; k < loads_n; ++k) fit_area = std::max(fit_area, std::abs(levels.back().second.area_fit[k] / levels.back().second.area[k] - 1.0));
+    for (std::size_t k = 1; k < loads_n; ++k)
+      fit_area = std::max(fit_area, std::abs(levels.back().second.area_fit[k] / levels.back().second.area[k] - 1.0));
     fit_iou = std::max(fit_iou, std::abs(levels.back().second.iou_fit - levels.back().second.iou));
   }
-  out << "# `" << compared << "` against the extrapolated Taylor–Hood reference\n\n"
-         "Presses at the default setting beside equilibria of another formulation: quadratic displacement and continuous linear pressure (Taylor–Hood, inf-sup stable),\n"
-         "with an element, contact assembly, factorisation and Newton loop of its own (`taylor_hood.hpp`), on three or four meshes of its own: `size` multiplies every\n"
-         "length and growth. What it shares with lumo is the finger's shape, the mesher and the evaluation of areas. Smooth quantities are extrapolated (Richardson, with\n"
-         "the order that three sizes show); areas scatter from mesh to mesh, so that their reference is the finest mesh and ± the last change. *Beyond limit* counts\n"
-         "cases in which the difference alone exceeds the limit; where it is less than the reference's own ± it says nothing of lumo. Silicone: Dragon Skin.\n\n"
+  out << "# `" << compared
+      << "` against the extrapolated Taylor–Hood reference\n\n"
+         "Presses at the default setting beside equilibria of another formulation: quadratic displacement and "
+         "continuous linear pressure (Taylor–Hood, inf-sup stable),\n"
+         "with an element, contact assembly, factorisation and Newton loop of its own (`taylor_hood.hpp`), on three or "
+         "four meshes of its own: `size` multiplies every\n"
+         "length and growth. What it shares with lumo is the finger's shape, the mesher and the evaluation of areas. "
+         "Smooth quantities are extrapolated (Richardson, with\n"
+         "the order that three sizes show); areas scatter from mesh to mesh, so that their reference is the finest "
+         "mesh and ± the last change. *Beyond limit* counts\n"
+         "cases in which the difference alone exceeds the limit; where it is less than the reference's own ± it says "
+         "nothing of lumo. Silicone: Dragon Skin.\n\n"
          "```\nlumo_reference run --csv benchmarks/reference/results.csv      # goes on where it was stopped; hours\n"
-         "lumo_reference table --csv benchmarks/reference/results.csv --markdown benchmarks/reference/results.md\n```\n\n| quantity | cases | largest | median | root mean square | limit | beyond limit | reference ± (median) | worst case |\n"
+         "lumo_reference table --csv benchmarks/reference/results.csv --markdown "
+         "benchmarks/reference/results.md\n```\n\n| quantity | cases | largest | median | root mean square | limit | "
+         "beyond limit | reference ± (median) | worst case |\n"
          "|---|---|---|---|---|---|---|---|---|\n";
   for (std::size_t q = 0; q < list.size(); ++q) {
     if (deviation[q].empty()) continue;
@@ -394,7 +450,8 @@ void table(const std::string& file, const std::string& compared, std::ostream& o
     put(n[n.size() / 2]);
     out << worst[q] << " |\n";
   }
-  out << "\nAreas measured from gap levels instead of the edge fit, finest reference: at most " << 100 * fit_area << " % from them; IoU " << fit_iou << ".\n";
+  out << "\nAreas measured from gap levels instead of the edge fit, finest reference: at most " << 100 * fit_area
+      << " % from them; IoU " << fit_iou << ".\n";
   out << body.str();
 }
 
@@ -408,8 +465,9 @@ std::vector<std::string> split(const std::string& text) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::map<std::string, std::string> option = {{"--csv", "results.csv"}, {"--designs", "0,1,2,3,4,5"}, {"--d", "10,30"}, {"--alpha", "0,30"},
-                                               {"--y", "0,22"},          {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"}};
+  std::map<std::string, std::string> option = {
+      {"--csv", "results.csv"}, {"--designs", "0,1,2,3,4,5"},   {"--d", "10,30"},   {"--alpha", "0,30"},
+      {"--y", "0,22"},          {"--levels", "lumo,1,0.7,0.5"}, {"--markdown", ""}, {"--compared", "lumo"}};
   const std::string command = argc > 1 ? argv[1] : "";
   for (int k = 2; k + 1 < argc; k += 2) {
     if (!option.contains(argv[k])) {
@@ -419,7 +477,8 @@ int main(int argc, char** argv) {
     option[argv[k]] = argv[k + 1];
   }
   if (command == "table") {
-    if (option["--markdown"].empty()) table(option["--csv"], option["--compared"], std::cout);
+    if (option["--markdown"].empty())
+      table(option["--csv"], option["--compared"], std::cout);
     else {
       std::ofstream out(option["--markdown"]);
       table(option["--csv"], option["--compared"], out);
@@ -427,7 +486,8 @@ int main(int argc, char** argv) {
     return 0;
   }
   if (command != "run") {
-    std::cerr << "usage: lumo_reference run|table [--csv FILE] [--designs 0,1,…] [--d 10,30] [--alpha 0,30] [--y 0,22] [--levels lumo,1,0.7,0.5] [--markdown FILE] [--compared lumo]\n";
+    std::cerr << "usage: lumo_reference run|table [--csv FILE] [--designs 0,1,…] [--d 10,30] [--alpha 0,30] [--y 0,22] "
+                 "[--levels lumo,1,0.7,0.5] [--markdown FILE] [--compared lumo]\n";
     return 2;
   }
   TetgenMesher mesher;
@@ -443,7 +503,8 @@ int main(int argc, char** argv) {
             if (const auto found = known.find(c.key()); found != known.end() && found->second.contains(level)) continue;
             Row row;
             try {
-              row = level.starts_with("lumo") ? own_solution(c, level, mesher) : reference_solution(c, std::stod(level), level, mesher);
+              row = level.starts_with("lumo") ? own_solution(c, level, mesher)
+                                              : reference_solution(c, std::stod(level), level, mesher);
             } catch (const Error& e) {
               std::cerr << c.key() << ' ' << level << ": " << e.what() << '\n';
               continue;

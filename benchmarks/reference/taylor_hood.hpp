@@ -2,8 +2,8 @@
 
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
-#include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/mechanics/contact/scenario.hpp"
+#include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/mesh/sector.hpp"
 #include "quasi_definite.hpp"
 
@@ -15,24 +15,25 @@
 
 namespace lumo::reference {
 
-/// Quadratic displacement and continuous linear pressure (Taylor, Hood 1973; inf-sup stable) on lumo's meshes, with an element, contact
-/// assembly and Newton loop of its own. Stationary point of
+/// Quadratic displacement and continuous linear pressure (Taylor, Hood 1973; inf-sup stable) on lumo's meshes, with an
+/// element, contact assembly and Newton loop of its own. Stationary point of
 ///   ∫ μ/2 (I_C − 3) − μ ln J + p ln J − p²/(2λ) dV + ∫ k/2 ⟨−g⟩² dA − F s,
 /// which for λ/2 (ln J)² is the law's perturbed Lagrangian.
 struct Constants {
   double mu = 106.0e3;
   double lambda = 10.494e6;
-  double penalty = 1e11;   ///< per reference area [N/m³]
+  double penalty = 1e11;  ///< per reference area [N/m³]
 };
 
 /// Equilibrium at one load, on the sector's nodes.
 struct Equilibrium {
   bool converged = false;
-  bool stable = false;               ///< as many negative pivots as pressures: the stiffness with the pressures eliminated is positive definite
+  bool stable = false;  ///< as many negative pivots as pressures: the stiffness with the pressures eliminated is
+                        ///< positive definite
   double load_N = 0.0, depth_m = 0.0, residual_N = 0.0, overlap_m = 0.0;
   int factors = 0;
   std::vector<Vec3d> displacement;
-  std::vector<double> pressure_Pa;   ///< p per node, NaN at middle nodes
+  std::vector<double> pressure_Pa;  ///< p per node, NaN at middle nodes
 };
 
 /// Point and weight (of volume 1) of a degree-5 rule with fourteen points. Source: Walkington 2000.
@@ -61,18 +62,22 @@ class TaylorHood {
     Eigen::VectorXd p;
     double advance = 0.0;
   };
-  /// What the contact law is linearised about at a point: pressure carried on linearly by the steps, and whether the point takes part.
+  /// What the contact law is linearised about at a point: pressure carried on linearly by the steps, and whether the
+  /// point takes part.
   struct Touching {
     double pressure = 0.0;
     bool active = false;
   };
   using Contacts = std::array<std::vector<Touching>, 2>;  // with the indenter, with the carrier
 
-  /// `planes`: symmetry planes that bound `mesh`. Faces of contactable patches meet the indenter, those that meet the carrier its boxes.
+  /// `planes`: symmetry planes that bound `mesh`. Faces of contactable patches meet the indenter, those that meet the
+  /// carrier its boxes.
   TaylorHood(const Body& body, const TetMesh& mesh, Symmetry planes, const Constants& constants);
 
-  /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does not converge.
-  std::vector<Equilibrium> press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction, const std::vector<double>& loads, double share);
+  /// States at increasing loads (the sector's share of each is `share`), from first touch; ends at the first that does
+  /// not converge.
+  std::vector<Equilibrium> press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction,
+                                 const std::vector<double>& loads, double share);
 
   // Parts, open to verification.
   void start(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction);
@@ -84,7 +89,7 @@ class TaylorHood {
   double overlap() const { return overlap_; }
   Place rest() const;
   void fix(int node, int axis) { fixed_.push_back(3 * node + axis); }
-  void number();                     ///< after the last fix()
+  void number();  ///< after the last fix()
   int equation(int node, int axis) const { return equation_[std::size_t(3 * node + axis)]; }
   int count() const { return count_; }
   /// Newton's method at a load (the sector's share) from `at`.
@@ -93,7 +98,7 @@ class TaylorHood {
  private:
   struct Surface {
     std::vector<BoundaryFace> faces;
-    std::vector<double> area;        ///< per face and point [m²]
+    std::vector<double> area;  ///< per face and point [m²]
   };
   using Gradients = Eigen::Matrix<double, 3, 10>;
 
@@ -109,8 +114,7 @@ class TaylorHood {
   void add_elements(const Place& at, Eigen::VectorXd& r, bool with_matrix);
   void add_contact(std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r, bool with_matrix);
   /// Calls visit(face, point, position) where the gap may be small; the others get `far`.
-  template <class Visit>
-  void near(std::size_t side, const Place& at, Visit&& visit) const;
+  template <class Visit> void near(std::size_t side, const Place& at, Visit&& visit) const;
   DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
     return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x);
   }
@@ -136,7 +140,7 @@ class TaylorHood {
   std::array<Surface, 2> surfaces_;
   std::vector<Gradients, Eigen::aligned_allocator<Gradients>> gradient_;
   std::vector<double> weight_;
-  std::vector<int> fixed_, equation_, pressure_equation_;   // −1: fixed or a middle node
+  std::vector<int> fixed_, equation_, pressure_equation_;  // −1: fixed or a middle node
   int count_ = 0, pressures_ = 0;
   std::vector<int> slot_;
   SparseLower matrix_;
@@ -161,14 +165,17 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
   for (std::size_t q = 0; q < std::size_t(points); ++q) {
     std::tie(linear_[q], point_weight_[q]) = tet_point(int(q));
     const auto& l = linear_[q];
-    for (std::size_t k = 0; k < 4; ++k) by_xi[q].col(Eigen::Index(k)) = (4.0 * l[k] - 1.0) * corner.col(Eigen::Index(k));
+    for (std::size_t k = 0; k < 4; ++k)
+      by_xi[q].col(Eigen::Index(k)) = (4.0 * l[k] - 1.0) * corner.col(Eigen::Index(k));
     for (std::size_t k = 0; k < 6; ++k)
-      by_xi[q].col(Eigen::Index(4 + k)) = 4.0 * (l[ends[k][1]] * corner.col(Eigen::Index(ends[k][0])) + l[ends[k][0]] * corner.col(Eigen::Index(ends[k][1])));
+      by_xi[q].col(Eigen::Index(4 + k)) = 4.0 * (l[ends[k][1]] * corner.col(Eigen::Index(ends[k][0])) +
+                                                 l[ends[k][0]] * corner.col(Eigen::Index(ends[k][1])));
   }
   for (const auto& t : mesh_.tets)
     for (std::size_t q = 0; q < std::size_t(points); ++q) {
       Mat3d jacobian = Mat3d::Zero();
-      for (int a = 0; a < 10; ++a) jacobian += mesh_.nodes[std::size_t(t[std::size_t(a)])] * by_xi[q].col(a).transpose();
+      for (int a = 0; a < 10; ++a)
+        jacobian += mesh_.nodes[std::size_t(t[std::size_t(a)])] * by_xi[q].col(a).transpose();
       gradient_.push_back(jacobian.inverse().transpose() * by_xi[q]);
       weight_.push_back(point_weight_[q] / 6.0 * jacobian.determinant());
     }
@@ -177,13 +184,24 @@ inline TaylorHood::TaylorHood(const Body& body, const TetMesh& mesh, Symmetry pl
   for (int i = 0; i < splits; ++i)
     for (int j = 0; j < splits; ++j)
       for (int q = 0; q < 3; ++q, ++at) {
-        // Cells of the (u, v) square beyond the diagonal are turned by half about its middle: they are the downward triangles.
+        // Cells of the (u, v) square beyond the diagonal are turned by half about its middle: they are the downward
+        // triangles.
         const bool folded = i + j >= splits;
         double u = (i + (q == 1 ? 2.0 / 3.0 : 1.0 / 6.0)) / splits, v = (j + (q == 2 ? 2.0 / 3.0 : 1.0 / 6.0)) / splits;
         if (folded) u = 1.0 - u, v = 1.0 - v;
-        shape_[at] = {(1 - u - v) * (1 - 2 * u - 2 * v), u * (2 * u - 1), v * (2 * v - 1), 4 * u * (1 - u - v), 4 * u * v, 4 * v * (1 - u - v)};
+        shape_[at] = {(1 - u - v) * (1 - 2 * u - 2 * v),
+                      u * (2 * u - 1),
+                      v * (2 * v - 1),
+                      4 * u * (1 - u - v),
+                      4 * u * v,
+                      4 * v * (1 - u - v)};
         const double w = 1 - u - v;
-        slope_[at] = {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u}, {-4 * v, 4 * (w - v)}}};
+        slope_[at] = {{{1 - 4 * w, 1 - 4 * w},
+                       {4 * u - 1, 0},
+                       {0, 4 * v - 1},
+                       {4 * (w - u), -4 * u},
+                       {4 * v, 4 * u},
+                       {-4 * v, 4 * (w - v)}}};
       }
   std::vector<BoundaryFace> outer, inner;
   for (const BoundaryFace& f : mesh_.faces) {
@@ -238,7 +256,8 @@ inline void TaylorHood::number() {
   for (std::size_t e = 0; e < mesh_.tets.size(); ++e)
     for (int j = 0; j < unknowns; ++j)
       for (int i = j; i < unknowns; ++i)
-        if (const int a = of(e, i), b = of(e, j); a >= 0 && b >= 0) pattern[std::size_t(std::min(a, b))].push_back(std::max(a, b));
+        if (const int a = of(e, i), b = of(e, j); a >= 0 && b >= 0)
+          pattern[std::size_t(std::min(a, b))].push_back(std::max(a, b));
   matrix_.resize(count_, count_);
   Eigen::VectorXi filled(count_);
   for (int c = 0; c < count_; ++c) {
@@ -259,7 +278,8 @@ inline void TaylorHood::number() {
         int slot = -1;
         if (c >= 0) {
           const int* list = matrix_.innerIndexPtr();
-          slot = int(std::lower_bound(list + matrix_.outerIndexPtr()[c], list + matrix_.outerIndexPtr()[c + 1], r) - list);
+          slot =
+              int(std::lower_bound(list + matrix_.outerIndexPtr()[c], list + matrix_.outerIndexPtr()[c + 1], r) - list);
         }
         slot_.push_back(slot);
       }
@@ -333,7 +353,8 @@ inline void TaylorHood::add_elements(const Place& at, Eigen::VectorXd& r, bool w
       for (int i = j; i < unknowns; ++i, ++slot) {
         if (*slot < 0) continue;
         if (i >= displacements) {
-          values[*slot] += j >= displacements ? -mass(i - displacements, j - displacements) : divergence(i - displacements, j);
+          values[*slot] +=
+              j >= displacements ? -mass(i - displacements, j - displacements) : divergence(i - displacements, j);
         } else {
           // ∂P/∂F : (e_j ⊗ g_b) · (e_i ⊗ g_a) = μ g_a·g_b δ_ij + (μ − p) h_b,i h_a,j
           const int a = i / 3, m = i % 3, b = j / 3, n = j % 3;
@@ -343,20 +364,21 @@ inline void TaylorHood::add_elements(const Place& at, Eigen::VectorXd& r, bool w
   }
 }
 
-template <class Visit>
-void TaylorHood::near(std::size_t side, const Place& at, Visit&& visit) const {
+template <class Visit> void TaylorHood::near(std::size_t side, const Place& at, Visit&& visit) const {
   for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f) {
     const auto& n = surfaces_[side].faces[f].nodes;
     const Vec3d a = at.x.col(n[0]), b = at.x.col(n[1]), c = at.x.col(n[2]), middle = (a + b + c) / 3.0;
     double reach = std::max({(a - middle).norm(), (b - middle).norm(), (c - middle).norm()});
     for (std::size_t k = 0; k < 3; ++k)
-      reach = std::max(reach, (2.0 * at.x.col(n[3 + k]) - 0.5 * at.x.col(n[k]) - 0.5 * at.x.col(n[(k + 1) % 3]) - middle).norm());
+      reach = std::max(
+          reach, (2.0 * at.x.col(n[3 + k]) - 0.5 * at.x.col(n[k]) - 0.5 * at.x.col(n[(k + 1) % 3]) - middle).norm());
     if (distance(side, middle, at.advance) > reach) continue;
     for (std::size_t k = 0; k < std::size_t(face_points); ++k) visit(f, k, position(surfaces_[side].faces[f], k, at.x));
   }
 }
 
-inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r, bool with_matrix) {
+inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Contacts* seen, Eigen::VectorXd& r,
+                                    bool with_matrix) {
   const double stiffness = constants_.penalty;
   const Surface& s = surfaces_[side];
   Eigen::Matrix<double, 18, 18> K;
@@ -372,7 +394,8 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
       if (!with_matrix) continue;
       if (side == 0) coupling_[row] += toward[i];
       for (int j = 0; j < 18; ++j)
-        if (const int column = equation_[std::size_t(3 * n[std::size_t(j / 3)] + j % 3)]; column >= 0 && column <= row) add(row, column, K(i, j));
+        if (const int column = equation_[std::size_t(3 * n[std::size_t(j / 3)] + j % 3)]; column >= 0 && column <= row)
+          add(row, column, K(i, j));
     }
   };
   const auto visit = [&](std::size_t f, std::size_t k, const Vec3d& x) {
@@ -387,7 +410,7 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
     }
     const DistanceSample d = sample(side, x, at.advance);
     const double area = s.area[id];
-    const Vec3d pull = area * stiffness * gap * d.gradient;   // ∂energy/∂x
+    const Vec3d pull = area * stiffness * gap * d.gradient;  // ∂energy/∂x
     if (side == 0) push_ -= pull.dot(direction_);
     for (int a = 0; a < 6; ++a) force.segment<3>(3 * a) += shape_[k][std::size_t(a)] * pull;
     if (!with_matrix) return;
@@ -397,7 +420,8 @@ inline void TaylorHood::add_contact(std::size_t side, const Place& at, const Con
     const Vec3d along = block * direction_;
     for (int a = 0; a < 6; ++a) {
       toward.segment<3>(3 * a) -= shape_[k][std::size_t(a)] * along;
-      for (int b = 0; b < 6; ++b) K.block<3, 3>(3 * a, 3 * b) += shape_[k][std::size_t(a)] * shape_[k][std::size_t(b)] * block;
+      for (int b = 0; b < 6; ++b)
+        K.block<3, 3>(3 * a, 3 * b) += shape_[k][std::size_t(a)] * shape_[k][std::size_t(b)] * block;
     }
   };
   if (seen) {  // points that take part may have moved far off
@@ -472,7 +496,8 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
     const double now = smallest_J(at.x);
     double t = std::min(1.0, 0.2 * sphere_.radius_m() / std::max(std::abs(ds), 1e-300));
     for (int k = 0; k < 20 && !(smallest_J(at.x + t * dx) > 0.2 * now); ++k) t *= 0.5;
-    // Contact pressures follow the step as it was linearised; a point leaves where that predicts a pull, and joins where it overlaps.
+    // Contact pressures follow the step as it was linearised; a point leaves where that predicts a pull, and joins
+    // where it overlaps.
     for (std::size_t side = 0; side < 2; ++side)
       for (std::size_t f = 0; f < surfaces_[side].faces.size(); ++f)
         for (std::size_t k = 0; k < std::size_t(face_points); ++k) {
@@ -493,8 +518,8 @@ inline Equilibrium TaylorHood::solve(Place& at, double load, double tolerance) {
   return out;
 }
 
-inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction, const std::vector<double>& loads,
-                                                  double share) {
+inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Vec3d& origin, const Vec3d& direction,
+                                                  const std::vector<double>& loads, double share) {
   start(sphere, origin, direction);
   Place at = rest();
   std::vector<Equilibrium> states;
@@ -518,7 +543,8 @@ inline std::vector<Equilibrium> TaylorHood::press(const Sphere& sphere, const Ve
     e.depth_m = at.advance;
     for (std::size_t k = 0; k < mesh_.nodes.size(); ++k) {
       e.displacement.push_back(at.x.col(Eigen::Index(k)) - mesh_.nodes[k]);
-      e.pressure_Pa.push_back(pressure_equation_[k] >= 0 ? at.p[Eigen::Index(k)] : std::numeric_limits<double>::quiet_NaN());
+      e.pressure_Pa.push_back(pressure_equation_[k] >= 0 ? at.p[Eigen::Index(k)]
+                                                         : std::numeric_limits<double>::quiet_NaN());
     }
     states.push_back(std::move(e));
     if (!states.back().converged) break;

@@ -1,9 +1,9 @@
 // Checks of the reference solver itself: exits with 1 when one fails.
 
-#include "mechanics/bodies.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/support/cholmod.hpp"
+#include "mechanics/bodies.hpp"
 #include "taylor_hood.hpp"
 
 #include <cstdio>
@@ -23,7 +23,8 @@ void check(const char* what, double value, double limit) {
 
 std::vector<double> graded(int n, double power, bool from_end) {
   std::vector<double> x;
-  for (int i = 0; i <= n; ++i) x.push_back(from_end ? 1.0 - std::pow(1.0 - double(i) / n, power) : std::pow(double(i) / n, power));
+  for (int i = 0; i <= n; ++i)
+    x.push_back(from_end ? 1.0 - std::pow(1.0 - double(i) / n, power) : std::pow(double(i) / n, power));
   return x;
 }
 
@@ -61,7 +62,8 @@ void derivatives() {
   const Vec3d size(1e-2, 1e-2, 1e-2);
   Body body = test::block_body(size);
   body.patches[2].contactable = body.patches[2].meets_carrier = false;
-  TaylorHood solver(body, test::block_mesh(size, test::even(2), test::even(2), test::even(2), 2, false), {}, {106e3, 10.494e6, 1e9});
+  TaylorHood solver(body, test::block_mesh(size, test::even(2), test::even(2), test::even(2), 2, false), {},
+                    {106e3, 10.494e6, 1e9});
   const Vec3d origin(5e-3, 4e-3, 1.48e-2);
   solver.start(Sphere{10e-3}, origin, Vec3d(-0.5, 0, -std::sqrt(0.75)));
   auto at = solver.rest();
@@ -82,7 +84,8 @@ void derivatives() {
     if (j < 0) continue;
     auto up = at, down = at;
     up.x(2, node) += stretch, down.x(2, node) -= stretch;
-    const Eigen::VectorXd by = (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
+    const Eigen::VectorXd by =
+        (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
     for (int i = 0; i < solver.count(); ++i) {
       const double entry = i >= j ? K.coeff(i, j) : K.coeff(j, i);
       worst = std::max(worst, std::abs(entry - by[i])), largest = std::max(largest, std::abs(by[i]));
@@ -91,7 +94,8 @@ void derivatives() {
   check("tangent against finite differences, relative", worst / largest, 1e-5);
   auto up = at, down = at;
   up.advance += stretch, down.advance -= stretch;
-  const Eigen::VectorXd by = (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
+  const Eigen::VectorXd by =
+      (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
   check("coupling to the advance, relative", (by - coupling).norm() / by.norm(), 1e-3);
 }
 
@@ -101,11 +105,13 @@ struct Block {
 };
 
 Block fine_block(double half, int n) {
-  auto [body, mesh] = test::symmetric_block(Vec3d(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false), graded(n, 2.0, true));
+  auto [body, mesh] = test::symmetric_block(Vec3d(half, half, half), graded(n, 2.0, false), graded(n, 2.0, false),
+                                            graded(n, 2.0, true));
   return {body, mesh};
 }
 
-std::vector<double> depths(const Block& b, double radius, const std::vector<double>& loads, const reference::Constants& constants, bool& stable) {
+std::vector<double> depths(const Block& b, double radius, const std::vector<double>& loads,
+                           const reference::Constants& constants, bool& stable) {
   const Sector sector = sector_of(b.mesh, {true, true});
   TaylorHood solver(b.body, sector.mesh, {true, true}, constants);
   const Scenario<Sphere> s{Sphere{2 * radius}, 0.0, 0.0, loads};
@@ -119,14 +125,18 @@ std::vector<double> depths(const Block& b, double radius, const std::vector<doub
 }
 
 void hertz() {
-  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), R = 20e-3;
-  auto [body, mesh] = test::symmetric_block(Vec3d(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false), graded(13, 2.4, true));
+  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu),
+               R = 20e-3;
+  auto [body, mesh] = test::symmetric_block(Vec3d(12e-3, 12e-3, 12e-3), graded(15, 2.4, false), graded(15, 2.4, false),
+                                            graded(13, 2.4, true));
   bool stable = true;
   const std::vector<double> loads = {0.002, 0.004};
   const auto d = depths({body, mesh}, R, loads, {mu, lambda, 3e11}, stable);
   for (std::size_t k = 0; k < d.size(); ++k) {
-    // Stiffer than a half-space by what a bonded layer of depth h adds (Dimitriadis and others 2002): 1 + a χ + a² χ², χ = √(R d)/h.
-    const double a = 2.0 / pi * (1.2876 - 1.4678 * nu + 1.3442 * nu * nu) / (1.0 - nu), chi = std::sqrt(R * d[k]) / 12e-3;
+    // Stiffer than a half-space by what a bonded layer of depth h adds (Dimitriadis and others 2002): 1 + a χ + a² χ²,
+    // χ = √(R d)/h.
+    const double a = 2.0 / pi * (1.2876 - 1.4678 * nu + 1.3442 * nu * nu) / (1.0 - nu),
+                 chi = std::sqrt(R * d[k]) / 12e-3;
     const double layer = 4.0 / 3.0 * E_star * std::sqrt(R) * std::pow(d[k], 1.5) * (1.0 + a * chi + a * a * chi * chi);
     check("Hertz on a bonded layer: force ratio - 1", loads[k] / layer - 1.0, 0.015);
   }
@@ -153,7 +163,8 @@ void against_lumo() {
   const auto d = depths(b, 5e-3, loads, {1e5, 1e7, 1e11}, stable);
   const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{1e5, 1e7}};
   const auto states = simulator.press(b.body, b.mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads});
-  for (std::size_t k = 0; k < std::min(d.size(), states.size()); ++k) check("lumo on the same mesh: depth ratio - 1", states[k].depth_m / d[k] - 1.0, 0.01);
+  for (std::size_t k = 0; k < std::min(d.size(), states.size()); ++k)
+    check("lumo on the same mesh: depth ratio - 1", states[k].depth_m / d[k] - 1.0, 0.01);
   check("block: not converged or not stable", stable && d.size() == 3 ? 0 : 1, 0);
 }
 

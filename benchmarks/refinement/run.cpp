@@ -1,10 +1,11 @@
 // Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
-// Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file; lines that are
-// there are not computed again.
-//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters 10,30] [--places -22,0,22]
-#include "lumo/pipeline/evaluate.hpp"
+// Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file;
+// lines that are there are not computed again.
+//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters
+//   10,30] [--places -22,0,22]
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
@@ -26,12 +27,13 @@ using Light = Tracer<BeerLambert, ExitPower, Embree>;
 using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
 
 struct Setting {
-  double mesh = 1.0;   // factor on all wanted edge lengths
-  int rays = 1;        // factor on all ray counts
+  double mesh = 1.0;  // factor on all wanted edge lengths
+  int rays = 1;       // factor on all ray counts
 };
 
-const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}}, {"mesh0.5", {0.5, 1}},
-                                                  {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}}, {"fine", {0.63, 4}},    {"finest", {0.5, 16}}};
+const std::map<std::string, Setting> kSettings = {{"default", {1.0, 1}}, {"mesh1.4", {1.4, 1}}, {"mesh0.7", {0.7, 1}},
+                                                  {"mesh0.5", {0.5, 1}}, {"rays4", {1.0, 4}},   {"rays64", {1.0, 64}},
+                                                  {"fine", {0.63, 4}},   {"finest", {0.5, 16}}};
 
 /// The references first, then seeded feasible lattice designs.
 std::vector<FingerDesign> designs(std::size_t count) {
@@ -65,17 +67,21 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
   out.precision(10);
   const auto number = [&](const char* name, const std::optional<Estimate>& v) {
     out << ",\"" << name << "\":";
-    if (v) out << "[" << v->value << "," << v->error << "]";
-    else out << "null";
+    if (v)
+      out << "[" << v->value << "," << v->error << "]";
+    else
+      out << "null";
   };
   out << "{\"key\":\"" << key << "\"";
   number("J_contact", e.J_contact);
   number("J_obs", e.J_obs);
-  out << ",\"worst_contact\":" << (e.worst_contact ? int(*e.worst_contact) : -1) << ",\"nodes\":" << o.nodes << ",\"seconds\":[" << o.seconds.mesh << ","
-      << o.seconds.mechanics << "," << o.seconds.optics << "," << o.seconds.total << "],\"scenarios\":[";
+  out << ",\"worst_contact\":" << (e.worst_contact ? int(*e.worst_contact) : -1) << ",\"nodes\":" << o.nodes
+      << ",\"seconds\":[" << o.seconds.mesh << "," << o.seconds.mechanics << "," << o.seconds.optics << ","
+      << o.seconds.total << "],\"scenarios\":[";
   for (std::size_t k = 0; k < o.scenarios.size(); ++k) {
     const ScenarioRecord& s = o.scenarios[k];
-    out << (k ? "," : "") << "{\"d\":" << 1e3 * s.diameter_m << ",\"y\":" << 1e3 * s.y_m << ",\"status\":\"" << to_string(s.status) << "\"";
+    out << (k ? "," : "") << "{\"d\":" << 1e3 * s.diameter_m << ",\"y\":" << 1e3 * s.y_m << ",\"status\":\""
+        << to_string(s.status) << "\"";
     number("q_form", s.terms.form);
     number("q_stable", s.terms.stable);
     number("q_stiff", s.terms.stiff);
@@ -94,7 +100,9 @@ void append(std::ofstream& out, const std::string& key, const Evaluation& e) {
 
 int main(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
-    std::fprintf(stderr, "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters mm,mm,...] [--places mm,mm,...] [--threads N]\n");
+    std::fprintf(stderr,
+                 "usage: lumo_refinement FILE [--designs N] [--material DS|Sol] [--settings a,b,...] [--diameters "
+                 "mm,mm,...] [--places mm,mm,...] [--threads N]\n");
     return 2;
   }
   std::size_t count = 5;
@@ -122,7 +130,8 @@ int main(int argc, char** argv) {
   {
     std::ifstream in(argv[1]);
     for (std::string line; std::getline(in, line);)
-      if (const auto a = line.find(":\""); a != std::string::npos) done.insert(line.substr(a + 2, line.find('"', a + 2) - a - 2));
+      if (const auto a = line.find(":\""); a != std::string::npos)
+        done.insert(line.substr(a + 2, line.find('"', a + 2) - a - 2));
   }
   std::ofstream out(argv[1], std::ios::app);
   const std::vector<FingerDesign> list = designs(count);
@@ -136,11 +145,13 @@ int main(int argc, char** argv) {
     }
     const Setting s = kSettings.at(name);
     for (const FingerDesign& d : list) {
-      const std::string key = message(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
+      const std::string key =
+          message(name, " ", material, " ", contacts, " ", d.h_fp, ",", d.h_ep, ",", d.w_s, ",", d.h_s, ",", d.w_v);
       if (done.count(key)) continue;
       FingerOptions options;
       options.mesh = options.mesh.scaled(s.mesh);
-      const Pipeline<TetgenMesher, Simulation, Light> pipeline{mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
+      const Pipeline<TetgenMesher, Simulation, Light> pipeline{
+          mesher, {NeoHookean{card.mu_Pa, card.lambda_Pa}}, Light{}.refined(s.rays), Focus{}.scaled(s.mesh)};
       const Evaluation e = evaluate(d, card, ensemble, pipeline, options, TbbExecutor{threads});
       append(out, key, e);
       std::fprintf(stderr, "%s: %.1f s\n", key.c_str(), e.observations.seconds.total);

@@ -1,17 +1,19 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
-// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their
+// own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache
+// DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
-#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
+#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 #include "program/chart.hpp"
 
 #include <cstdio>
@@ -45,7 +47,8 @@ struct PaintedCamera {
 
 struct Painted {
   explicit Painted(const VirtualRig& r) : rig(&r) {
-    for (std::size_t k = 0; k < r.frames().size(); ++k) images.push_back(r.image(k)), stamps.push_back(r.frames()[k].stamp_ns);
+    for (std::size_t k = 0; k < r.frames().size(); ++k)
+      images.push_back(r.image(k)), stamps.push_back(r.frames()[k].stamp_ns);
   }
   PaintedCamera camera() const { return {rig, &images}; }
 
@@ -59,7 +62,9 @@ LogTruth truth_of(const VirtualRig& rig) {
   return LogTruth::from_table(table, "truth");
 }
 
-std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
+std::optional<ContactLocation> seen(const LogEstimate& e) {
+  return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt;
+}
 
 /// Sums over the frames of one sequence.
 struct Sequence {
@@ -70,21 +75,23 @@ struct Sequence {
 struct Totals {
   int samples = 0, located = 0, force_samples = 0;
   double location = 0.0, location_held = 0.0, force_held = 0.0;
-  std::map<int, double> at_place;            ///< location error [m]
+  std::map<int, double> at_place;  ///< location error [m]
   std::map<int, double> held_at_place;
   std::map<int, int> at_place_count;
   std::vector<Sequence> sequences;
 
   double mae(ForceErrors::Error ForceErrors::*way) const {
     double sum = 0.0, count = 0.0;
-    for (const Sequence& s : sequences) sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
+    for (const Sequence& s : sequences)
+      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
     return count > 0.0 ? sum / count : 0.0;
   }
   static double recovery(const std::vector<Sequence>& list, const std::vector<std::size_t>& chosen) {
     double gap = 0.0, won = 0.0;
     for (const std::size_t i : chosen) {
       const ForceErrors& e = list[i].score.errors;
-      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples, won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
+      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples,
+          won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
     }
     return won / gap;
   }
@@ -104,8 +111,7 @@ struct Totals {
   }
 };
 
-template <class Make>
-void run_force(const Painted& log, Totals& totals, Make make) {
+template <class Make> void run_force(const Painted& log, Totals& totals, Make make) {
   const VirtualRig& rig = *log.rig;
   const UnloadedStretch rest = UnloadedStretch::of(rig.session(), log.stamps.front());
   PaintedCamera first = log.camera(), all = log.camera();
@@ -115,11 +121,13 @@ void run_force(const Painted& log, Totals& totals, Make make) {
   reference.unloaded = unloaded_reference(read_profiles(all, readout), rest, "lab");
   reference.joints = identify_joints(rig.joints(), rig.session(), rest.to_ns);
   const MomentArm arm{rig.session().joint_to_origin_m};
-  const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins, make(readout, reference.unloaded), arm, rig.session(),
+  const auto estimates = estimate_forces([&] { return log.camera(); }, rig.joints(), log.stamps, reference, bins,
+                                         make(readout, reference.unloaded), arm, rig.session(),
                                          std::sqrt(reference.view.leds.map.variance_m2(0.0)));
   const LogTruth truth = truth_of(rig);
   const LocationScore where = location_score(estimates, truth, 5.0, seen);
-  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located, totals.location_held += where.coverage_90 * where.located;
+  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located,
+      totals.location_held += where.coverage_90 * where.located;
   for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
     std::vector<LogEstimate> part;
     for (std::size_t k = 0; k < estimates.size(); ++k)
@@ -128,7 +136,8 @@ void run_force(const Painted& log, Totals& totals, Make make) {
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
     totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
-    totals.sequences.push_back({force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
+    totals.sequences.push_back(
+        {force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
     totals.force_held += totals.sequences.back().score.coverage_90 * totals.sequences.back().score.samples;
   }
@@ -136,39 +145,53 @@ void run_force(const Painted& log, Totals& totals, Make make) {
 
 void print(const char* name, double noise, const Totals& t) {
   const Interval r = t.recovery();
-  std::printf("| %s | %g | %d | %.1f | %.2f | %.1f | %d | %.2f | %.2f | %.2f | %.2f | %.1f | %.1f (%.1f … %.1f) |\n", name, noise, t.samples, 100.0 * t.located / std::max(1, t.samples),
-              1e3 * t.location / std::max(1, t.located), 100.0 * t.location_held / std::max(1, t.located), t.force_samples, t.mae(&ForceErrors::known_location), t.mae(&ForceErrors::optical),
-              t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused), 100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
+  std::printf("| %s | %g | %d | %.1f | %.2f | %.1f | %d | %.2f | %.2f | %.2f | %.2f | %.1f | %.1f (%.1f … %.1f) |\n",
+              name, noise, t.samples, 100.0 * t.located / std::max(1, t.samples),
+              1e3 * t.location / std::max(1, t.located), 100.0 * t.location_held / std::max(1, t.located),
+              t.force_samples, t.mae(&ForceErrors::known_location), t.mae(&ForceErrors::optical),
+              t.mae(&ForceErrors::fixed_arm), t.mae(&ForceErrors::fused),
+              100.0 * t.force_held / std::max(1, t.force_samples), 100.0 * r.value, 100.0 * r.low, 100.0 * r.high);
   std::printf("    mean location error by place [mm]:");
   for (const auto& [place, sum] : t.at_place) std::printf(" %.2f", 1e3 * sum / std::max(1, t.at_place_count.at(place)));
   std::printf("; 90 %% holds [%%]:");
-  for (const auto& [place, sum] : t.held_at_place) std::printf(" %.0f", 100.0 * sum / std::max(1, t.at_place_count.at(place)));
+  for (const auto& [place, sum] : t.held_at_place)
+    std::printf(" %.0f", 100.0 * sum / std::max(1, t.at_place_count.at(place)));
   std::printf("\n");
   std::fflush(stdout);
 }
 
 double bias_m = 0.75_mm, end_bias_m = 1.25_mm;
 
-BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m)); }
-PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
+BayesLocalizer bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  return BayesLocalizer(finger_localizer(readout, unloaded, bias_m, end_bias_m));
+}
+PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  return PeakLocalizer({readout.positions_m(), unloaded.noise()});
+}
 
 /// What decoders say of the same folds.
 struct Tally {
   int right = 0, all = 0;
-  void add(const DecodingReport& r) { right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size()); }
+  void add(const DecodingReport& r) {
+    right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+  }
   double percent() const { return 100.0 * right / std::max(1, all); }
 };
 
-void draw_curves(const std::string& file, const char* title, const char* of, const char* quantity, std::vector<program::Curve> curves) {
+void draw_curves(const std::string& file, const char* title, const char* of, const char* quantity,
+                 std::vector<program::Curve> curves) {
   program::LineChart chart{title, of, "noise of the virtual rig, times the assumed one", quantity, {}};
   chart.curves = std::move(curves);
-  if (!(std::ofstream(file) << program::draw(chart)).flush()) std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
+  if (!(std::ofstream(file) << program::draw(chart)).flush())
+    std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 3) return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"), 2;
+  if (argc < 3)
+    return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"),
+           2;
   const std::string folder = argv[2];
   if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
   const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
@@ -178,8 +201,12 @@ int main(int argc, char** argv) {
   if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
   const PadLight light(*kept);
 
-  std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true}, {"peak", std::string(program::palette[1]), {}, 2.0, true}}, gaps = errors;
-  std::printf("| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
+  std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
+                                     {"peak", std::string(program::palette[1]), {}, 2.0, true}},
+      gaps = errors;
+  std::printf(
+      "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
+      "fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
   for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
     Totals a, b;
     for (int s = first; s < first + seeds; ++s) {
@@ -196,10 +223,14 @@ int main(int argc, char** argv) {
       gaps[k].points.push_back({noise, 100.0 * t.recovery().value});
     }
   }
-  draw_curves(folder + "/location_against_noise.svg", "Error of location", "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
-  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen", "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
+  draw_curves(folder + "/location_against_noise.svg", "Error of location",
+              "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
+  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
+              "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
 
-  std::printf("\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | D_neighbor DN/N | W_recontact DN/N | Q |\n");
+  std::printf(
+      "\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | "
+      "D_neighbor DN/N | W_recontact DN/N | Q |\n");
   for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
     Tally nearest, linear, process, filter;
     std::vector<double> D, W, Q;
@@ -212,7 +243,9 @@ int main(int argc, char** argv) {
       const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
       D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
       std::vector<Profile> regions;  // five bins each
-      for (const Profile& p : profiles) regions.push_back({p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
+      for (const Profile& p : profiles)
+        regions.push_back(
+            {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
       const auto holds = hold_responses(regions, rig.session().segments);
       const DecodingTask task = decoding_task(holds, {2.0, 5.0});
       const std::vector<double> loads = common_loads(holds, 2.0);
@@ -223,8 +256,9 @@ int main(int argc, char** argv) {
       filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
     }
     const Interval w = wilson_interval(nearest.right, nearest.all);
-    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all, 100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(),
-                filter.percent(), median(D), median(W), median(Q));
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all,
+                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(), filter.percent(),
+                median(D), median(W), median(Q));
     std::fflush(stdout);
   }
 }

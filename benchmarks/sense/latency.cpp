@@ -1,15 +1,16 @@
 // Time from a decoded image to place and force, one thread: median, 95 % and 99 %.
 //   lumo_sense_latency [frames]
-// The finger fills the picture as it would in use: its band is four fifths of the width and a third of the height. Frames reach the estimator
-// 20 ms after they were taken, so that 20 torque samples are filtered again for each. "whole step" takes a frame and the 33 torque samples that came
-// with it; "readout" is the picture's part of it. Pictures rotate through more memory than the caches hold.
+// The finger fills the picture as it would in use: its band is four fifths of the width and a third of the height.
+// Frames reach the estimator 20 ms after they were taken, so that 20 torque samples are filtered again for each. "whole
+// step" takes a frame and the 33 torque samples that came with it; "readout" is the picture's part of it. Pictures
+// rotate through more memory than the caches hold.
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/units.hpp"
-#include "lumo/sense/localize/bayes_localizer.hpp"
-#include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
 #include "lumo/core/statistics.hpp"
+#include "lumo/core/units.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -73,21 +74,28 @@ struct Setup {
         for (int y = 0; y < h; ++y)
           for (int x = 0; x < w; ++x) {
             const double at = map.y_m(map.u_px(Eigen::Vector2d(x, y)));
-            const double light = 90.0 + 500.0 * at + (contact ? 12.0 * std::exp(-0.5 * std::pow((at - 8e-3) / 4e-3, 2)) : 0.0);
-            for (int c = 0; c < 3; ++c) image.row(y)[3 * x + c] = std::uint8_t(std::clamp(light + 2.5 * noise(std::uint64_t(k) << 40 | std::uint64_t(y) << 20 | std::uint64_t(x)), 0.0, 255.0));
+            const double light =
+                90.0 + 500.0 * at + (contact ? 12.0 * std::exp(-0.5 * std::pow((at - 8e-3) / 4e-3, 2)) : 0.0);
+            for (int c = 0; c < 3; ++c)
+              image.row(y)[3 * x + c] = std::uint8_t(std::clamp(
+                  light + 2.5 * noise(std::uint64_t(k) << 40 | std::uint64_t(y) << 20 | std::uint64_t(x)), 0.0, 255.0));
           }
         (contact ? touched : untouched).push_back(std::move(image));
       }
   }
-  GreenProfile readout() const { return GreenProfile({map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -0.165 * height * map.scale_m_per_px(0.0), 0.165 * height * map.scale_m_per_px(0.0), width, height}); }
+  GreenProfile readout() const {
+    return GreenProfile({map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55),
+                         -0.165 * height * map.scale_m_per_px(0.0), 0.165 * height * map.scale_m_per_px(0.0), width,
+                         height});
+  }
 };
 
 void print(const char* what, const std::vector<double>& microseconds) {
-  std::printf("  %-34s p50 %7.1f  p95 %7.1f  p99 %7.1f us\n", what, quantile(microseconds, 0.5), quantile(microseconds, 0.95), quantile(microseconds, 0.99));
+  std::printf("  %-34s p50 %7.1f  p95 %7.1f  p99 %7.1f us\n", what, quantile(microseconds, 0.5),
+              quantile(microseconds, 0.95), quantile(microseconds, 0.99));
 }
 
-template <class Localizer, class Make>
-void run(const Setup& setup, const char* what, int frames, Make make) {
+template <class Localizer, class Make> void run(const Setup& setup, const char* what, int frames, Make make) {
   using clock = std::chrono::steady_clock;
   GreenProfile readout = setup.readout();
   UnloadedReference reference;
@@ -96,7 +104,8 @@ void run(const Setup& setup, const char* what, int frames, Make make) {
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, Localizer>;
-  Estimator estimator(camera, actuator, readout, make(readout.positions_m(), reference), MomentArm{0.05}, reference, typename Estimator::Config{});
+  Estimator estimator(camera, actuator, readout, make(readout.positions_m(), reference), MomentArm{0.05}, reference,
+                      typename Estimator::Config{});
   std::vector<double> whole, reading;
   ForceEstimate e;
   for (int k = 0; k < frames; ++k) {
@@ -104,14 +113,16 @@ void run(const Setup& setup, const char* what, int frames, Make make) {
     for (int j = 0; j < 33; ++j) {
       const std::int64_t t = now - (32 - j) * ms;
       const double torque = (k > 30 ? 9.0 * 0.058 : 0.0) + 0.01 * noise(std::uint64_t(t));
-      actuator.queue.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)), JointVector::Constant(1, torque)});
+      actuator.queue.push_back({t, JointVector::Zero(1), JointVector::Constant(1, 0.001 * noise(std::uint64_t(t) + 1)),
+                                JointVector::Constant(1, torque)});
     }
     const auto& pictures = k > 30 ? setup.touched : setup.untouched;
     const Frame frame{pictures[std::size_t(k) % pictures.size()].view(), now - 20 * ms};
     const auto a = clock::now();
     readout.read(frame, p);
     const auto b = clock::now();
-    camera.queue.push_back({pictures[std::size_t(k + 12) % pictures.size()].view(), now - 20 * ms});  // another one than was just read
+    camera.queue.push_back(
+        {pictures[std::size_t(k + 12) % pictures.size()].view(), now - 20 * ms});  // another one than was just read
     const auto c = clock::now();
     e = estimator.step(now);
     const auto d = clock::now();
@@ -119,13 +130,14 @@ void run(const Setup& setup, const char* what, int frames, Make make) {
     reading.push_back(1e6 * std::chrono::duration<double>(b - a).count());
     whole.push_back(1e6 * std::chrono::duration<double>(d - c).count());
   }
-  std::printf(" %s: y = %.2f mm, F = %.2f N, %s\n", what, 1e3 * e.contact[0].y_m.value_or(0.0), e.contact[0].force_N.value_or(0.0), to_string(e.state));
+  std::printf(" %s: y = %.2f mm, F = %.2f N, %s\n", what, 1e3 * e.contact[0].y_m.value_or(0.0),
+              e.contact[0].force_N.value_or(0.0), to_string(e.state));
   print("readout", reading);
   print("whole step (frame + 33 samples)", whole);
 }
 
-/// Thirty pictures a second, stamped as they come, and a thousand torque samples, read by a loop that wakes once a millisecond as a controller's does: from a
-/// picture's stamp to the first estimate that contains it.
+/// Thirty pictures a second, stamped as they come, and a thousand torque samples, read by a loop that wakes once a
+/// millisecond as a controller's does: from a picture's stamp to the first estimate that contains it.
 void paced(const Setup& setup, int frames) {
   using clock = std::chrono::steady_clock;
   GreenProfile readout = setup.readout();
@@ -137,7 +149,8 @@ void paced(const Setup& setup, int frames) {
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference, typename Estimator::Config{});
+  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference,
+                      typename Estimator::Config{});
   std::mutex lock;
   std::deque<Frame> arriving;
   const auto begin = clock::now();
@@ -156,10 +169,12 @@ void paced(const Setup& setup, int frames) {
     std::vector<std::int64_t> taken;
     {
       const std::lock_guard hold(lock);
-      for (; !arriving.empty(); arriving.pop_front()) taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
+      for (; !arriving.empty(); arriving.pop_front())
+        taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
     }
     const std::int64_t now = stamp();
-    actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5 + 0.01 * noise(std::uint64_t(tick)))});
+    actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1),
+                              JointVector::Constant(1, 0.5 + 0.01 * noise(std::uint64_t(tick)))});
     estimator.step(now);
     for (const std::int64_t t : taken) microseconds.push_back(1e-3 * double(stamp() - t));
   }
@@ -174,12 +189,15 @@ int main(int argc, char** argv) {
   for (const auto& [w, h] : {std::pair(640, 480), std::pair(1280, 720)}) {
     const Setup setup(w, h);
     std::printf("%d x %d, %d frames\n", w, h, frames);
-    run<PeakLocalizer>(setup, "peak localiser", frames, [](const Eigen::VectorXd& at, const UnloadedReference& r) { return PeakLocalizer({at, r.noise()}); });
-    run<BayesLocalizer>(setup, "probabilistic localiser", frames, [](const Eigen::VectorXd& at, const UnloadedReference& r) {
-      BayesLocalizer::Config c;
-      c.position_m = at, c.noise = r.noise(), c.unloaded = r.mean();
-      return BayesLocalizer(c);
+    run<PeakLocalizer>(setup, "peak localiser", frames, [](const Eigen::VectorXd& at, const UnloadedReference& r) {
+      return PeakLocalizer({at, r.noise()});
     });
+    run<BayesLocalizer>(setup, "probabilistic localiser", frames,
+                        [](const Eigen::VectorXd& at, const UnloadedReference& r) {
+                          BayesLocalizer::Config c;
+                          c.position_m = at, c.noise = r.noise(), c.unloaded = r.mean();
+                          return BayesLocalizer(c);
+                        });
     paced(setup, std::min(frames, 600));
   }
 }

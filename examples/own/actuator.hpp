@@ -21,7 +21,8 @@ class TextActuator {
     if (!std::getline(*in_, line)) return state_ = lumo::sense::StreamState::ended, std::nullopt;
     std::istringstream words(line);
     double time_s = 0.0, position = 0.0, velocity = 0.0, current = 0.0;
-    if (!(words >> time_s >> position >> velocity >> current)) return state_ = lumo::sense::StreamState::failed, std::nullopt;
+    if (!(words >> time_s >> position >> velocity >> current))
+      return state_ = lumo::sense::StreamState::failed, std::nullopt;
     lumo::sense::JointSample sample;
     sample.stamp_ns = std::int64_t(std::llround(1e9 * time_s));
     sample.position_rad = lumo::sense::JointVector::Constant(1, position);

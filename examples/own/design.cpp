@@ -1,4 +1,5 @@
-// Own policies in a design: a material, a contact law, an emitter and an objective that lumo does not know, in one evaluation.
+// Own policies in a design: a material, a contact law, an emitter and an objective that lumo does not know, in one
+// evaluation.
 #include "own/contact.hpp"
 #include "own/emitter.hpp"
 #include "own/material.hpp"
@@ -42,8 +43,12 @@ int main() {
   const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2}, objectives);
   //! [evaluate]
   for (const ScenarioRecord& s : scores.observations.scenarios)
-    std::printf("y = %4.1f mm: %s, %.3f mm deep at 2 N\n", 1e3 * s.y_m, to_string(s.status).data(), 1e3 * s.states.back().depth_m);
+    std::printf("y = %4.1f mm: %s, %.3f mm deep at 2 N\n", 1e3 * s.y_m, to_string(s.status).data(),
+                1e3 * s.states.back().depth_m);
   if (!scores.converged || !scores.objectives[0]) return 1;
   std::printf("even sight: %.3f ± %.3f\n", scores.objectives[0]->value, scores.objectives[0]->error);
-  return scores.objectives[0]->value > 0.0 && scores.objectives[0]->value <= 1.0 && scores.observations.ledger.imbalance() < 1e-9 ? 0 : 1;
+  return scores.objectives[0]->value > 0.0 && scores.objectives[0]->value <= 1.0 &&
+                 scores.observations.ledger.imbalance() < 1e-9
+             ? 0
+             : 1;
 }

@@ -13,9 +13,9 @@ namespace own {
 struct LensedLed {
   lumo::Vec3d center = lumo::Vec3d::Zero();  ///< [m]
   double half_edge_m = 0.4e-3;
-  double exponent = 4.0;                   ///< n
+  double exponent = 4.0;  ///< n
   double power_W = 1.0;
-  int channel = 0;                         ///< colour
+  int channel = 0;  ///< colour
 
   lumo::Vec3d axis() const { return lumo::Vec3d::UnitZ(); }
   lumo::Vec3d point(double u, double v) const {

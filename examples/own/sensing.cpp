@@ -1,4 +1,5 @@
-// Own devices: pictures and motor currents that lumo does not know how to read, in the force estimator. A contact of 6 N at y = 10 mm is drawn, and found again.
+// Own devices: pictures and motor currents that lumo does not know how to read, in the force estimator. A contact of 6
+// N at y = 10 mm is drawn, and found again.
 #include "own/actuator.hpp"
 #include "own/camera.hpp"
 
@@ -24,8 +25,10 @@ void draw(const std::string& path, std::uint64_t number, bool touched) {
   out << "P5\n" << width << ' ' << height << "\n255\n";
   for (int row = 0; row < height; ++row)
     for (int column = 0; column < width; ++column) {
-      const double y = (column - 0.5 * width) / px_per_m, glow = touched ? 25.0 * std::exp(-0.5 * std::pow((y - place_m) / 4e-3, 2)) : 0.0;
-      out.put(char(std::uint8_t(80.5 + glow + 4.0 * noise(number * width * height + std::uint64_t(row * width + column)))));
+      const double y = (column - 0.5 * width) / px_per_m,
+                   glow = touched ? 25.0 * std::exp(-0.5 * std::pow((y - place_m) / 4e-3, 2)) : 0.0;
+      out.put(
+          char(std::uint8_t(80.5 + glow + 4.0 * noise(number * width * height + std::uint64_t(row * width + column)))));
     }
 }
 
@@ -36,10 +39,14 @@ int main() {
   const std::string folder = "own_sensing_log";
   std::filesystem::create_directories(folder);
   std::stringstream joint;
-  for (int k = 0; k < pictures; ++k) draw(folder + "/" + std::to_string(k) + ".pgm", std::uint64_t(k), k >= unloaded_pictures);
+  for (int k = 0; k < pictures; ++k)
+    draw(folder + "/" + std::to_string(k) + ".pgm", std::uint64_t(k), k >= unloaded_pictures);
   const int samples = int(1e3 * period_s * pictures);
   for (int k = 0; k < samples; ++k)
-    joint << 1e-3 * k << " 0 0 " << (1e-3 * k > period_s * unloaded_pictures ? force_N * (arm_m + place_m) : 0.0) + 0.01 * noise(std::uint64_t(1) << 40 | unsigned(k)) << '\n';
+    joint << 1e-3 * k << " 0 0 "
+          << (1e-3 * k > period_s * unloaded_pictures ? force_N * (arm_m + place_m) : 0.0) +
+                 0.01 * noise(std::uint64_t(1) << 40 | unsigned(k))
+          << '\n';
 
   //! [reference]
   AxisMap map;  // the finger's y axis runs along the rows of the picture
@@ -69,7 +76,10 @@ int main() {
   if (camera.state() == StreamState::failed || actuator.state() == StreamState::failed || last.contacts != 1) return 1;
   const ContactForce& c = last.contact[0];
   if (!c.y_m || !c.force_N) return 1;
-  std::printf("%s: y = %.2f ± %.2f mm, F = %.2f ± %.2f N (drawn: %.2f mm, %.2f N)\n", to_string(last.state), 1e3 * *c.y_m, 1e3 * std::sqrt(c.y_variance_m2), *c.force_N,
-              std::sqrt(c.force_variance_N2), 1e3 * place_m, force_N);
-  return std::abs(*c.y_m - place_m) < 1.0_mm && std::abs(*c.force_N - force_N) < 0.3 && last.state == EstimatorState::ok ? 0 : 1;
+  std::printf("%s: y = %.2f ± %.2f mm, F = %.2f ± %.2f N (drawn: %.2f mm, %.2f N)\n", to_string(last.state),
+              1e3 * *c.y_m, 1e3 * std::sqrt(c.y_variance_m2), *c.force_N, std::sqrt(c.force_variance_N2), 1e3 * place_m,
+              force_N);
+  return std::abs(*c.y_m - place_m) < 1.0_mm && std::abs(*c.force_N - force_N) < 0.3 && last.state == EstimatorState::ok
+             ? 0
+             : 1;
 }

@@ -1,40 +1,40 @@
 #pragma once
 
-// The sensing half, in the order in which data flows: devices → recordings → profiles → location → force → decoders → hand.
-// Needs Eigen only.
+// The sensing half, in the order in which data flows: devices → recordings → profiles → location → force → decoders →
+// hand. Needs Eigen only.
 
 #include "lumo/version.hpp"
 
-#include "lumo/sense/devices/recorded_camera.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/sense/devices/mini_cheetah.hpp"
+#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/recorded_camera.hpp"
 
-#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/hand_log.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
+#include "lumo/sense/recording/photodiode_log.hpp"
 
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 
 #include "lumo/sense/profile/led_detector.hpp"
 
-#include "lumo/sense/localize/peak_localizer.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/localize/peak_localizer.hpp"
 
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 
-#include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/calibration.hpp"
+#include "lumo/sense/force/force_baselines.hpp"
+#include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/force/log_estimates.hpp"
 
-#include "lumo/sense/decode/segment_responses.hpp"
-#include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
-#include "lumo/sense/decode/cross_validation.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"
+#include "lumo/sense/decode/cross_validation.hpp"
 #include "lumo/sense/decode/gaussian_process_decoder.hpp"
+#include "lumo/sense/decode/nearest_template.hpp"
+#include "lumo/sense/decode/segment_responses.hpp"
 
 #include "lumo/sense/hand/hand_observer.hpp"
 

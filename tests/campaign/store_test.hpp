@@ -1,9 +1,9 @@
 #pragma once
 
+#include <unistd.h>
 #include <cstdio>
 #include <exception>
 #include <functional>
-#include <unistd.h>
 
 /// Runs `work` in a child process that leaves nothing but an exit code, 1 with a line about what was thrown.
 inline pid_t start_child(const std::function<void()>& work) {

@@ -1,9 +1,10 @@
-#include "catch.hpp"
 #include "campaign/store_test.hpp"
+#include "catch.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "temporary_folder.hpp"
 
+#include <sys/wait.h>
 #include <chrono>
 #include <csignal>
 #include <fstream>
@@ -12,7 +13,6 @@
 #include <random>
 #include <set>
 #include <thread>
-#include <sys/wait.h>
 
 using namespace lumo;
 
@@ -41,8 +41,7 @@ Verdict cheap(const Design& x) { return {cheap_outputs(x), false, "", std::strin
 
 const auto unwatched = [](const auto&, int, const Verdict&) {};
 
-template <class Log>
-CampaignState<Cheap> state_of(const Log& log, int evaluations) {
+template <class Log> CampaignState<Cheap> state_of(const Log& log, int evaluations) {
   CampaignState<Cheap> state(Cheap(cheap_problem(evaluations)));
   state.read(log.entries());
   return state;
@@ -55,12 +54,13 @@ TEST_CASE("A campaign asks what its optimiser would ask, and keeps every result"
   Cheap alone(cheap_problem(20));
   while (const auto t = alone.ask()) alone.tell(t->id, cheap_outputs(t->x));
   int watched = 0;
-  const OptimizerStatus end = run_campaign(log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const Verdict& v) {
-    ++watched;
-    CHECK(s.optimizer().told() == watched);
-    CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
-    CHECK(log.record(*s.answered(id)) == v.record);
-  });
+  const OptimizerStatus end =
+      run_campaign(log, Cheap(cheap_problem(20)), cheap, [&](const CampaignState<Cheap>& s, int id, const Verdict& v) {
+        ++watched;
+        CHECK(s.optimizer().told() == watched);
+        CHECK(s.optimizer().trials()[std::size_t(id)].outputs == v.outputs);
+        CHECK(log.record(*s.answered(id)) == v.record);
+      });
   CHECK(end == OptimizerStatus::finished);
   CHECK(watched == 20);
   const auto state = state_of(log, 20);
@@ -106,10 +106,13 @@ TEST_CASE("Failures: never scored, a design's own is final, a machine's is tried
 
   MemoryLog bad("p");
   int calls = 0;
-  const auto mostly_failing = [&](const Design& x) { return ++calls % 3 == 0 ? cheap(x) : Verdict{{}, false, "press: inverted", "", ""}; };
+  const auto mostly_failing = [&](const Design& x) {
+    return ++calls % 3 == 0 ? cheap(x) : Verdict{{}, false, "press: inverted", "", ""};
+  };
   CHECK_THROWS_AS(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), CampaignError);
-  CHECK(calls == 7);   // 5 of 7 failed
-  CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched), Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
+  CHECK(calls == 7);  // 5 of 7 failed
+  CHECK_THROWS_WITH(run_campaign(bad, Cheap(cheap_problem(25)), mostly_failing, unwatched),
+                    Catch::Contains("5 of 7 evaluations failed") && Catch::Contains("press: inverted"));
   CHECK(calls == 7);
 }
 
@@ -119,9 +122,12 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
     const TemporaryFolder folder;
     SqliteLog log(folder / "store", "p");
     int calls = 0;
-    const auto once_bad = [&](const Design& x) { return ++calls == 3 ? Verdict{outputs, false, "", "what was there", ""} : cheap(x); };
+    const auto once_bad = [&](const Design& x) {
+      return ++calls == 3 ? Verdict{outputs, false, "", "what was there", ""} : cheap(x);
+    };
     std::string seen;
-    CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad, [&](const auto&, int, const Verdict& v) { seen += v.why; }) == OptimizerStatus::finished);
+    CHECK(run_campaign(log, Cheap(cheap_problem(12)), once_bad,
+                       [&](const auto&, int, const Verdict& v) { seen += v.why; }) == OptimizerStatus::finished);
     log.verify();
     const auto state = state_of(log, 12);
     const Trial& bad = state.optimizer().trials()[2];
@@ -137,8 +143,9 @@ TEST_CASE("Outputs that no optimiser takes are a failure of the design, and the 
 TEST_CASE("A campaign that the machine's failures stopped goes on where they have ended") {
   MemoryLog log("p");
   const auto no_memory = [](const Design&) { return Verdict{{}, true, "mesh: out of memory", "", ""}; };
-  for (int run = 1; run <= 6; ++run) {   // ten designs use up their tries
-    CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched), Catch::Contains("5 of 5 evaluations failed"));
+  for (int run = 1; run <= 6; ++run) {  // ten designs use up their tries
+    CHECK_THROWS_WITH(run_campaign(log, Cheap(cheap_problem(12)), no_memory, unwatched),
+                      Catch::Contains("5 of 5 evaluations failed"));
     CHECK(log.entries().size() == std::size_t(1 + 2 * 5 * run));
   }
   CHECK(run_campaign(log, Cheap(cheap_problem(12)), cheap, unwatched) == OptimizerStatus::finished);
@@ -147,12 +154,14 @@ TEST_CASE("A campaign that the machine's failures stopped goes on where they hav
 
 namespace {
 
-/// A log into which another process writes the answer to a trial just before this one's claim succeeds: it has ended since.
+/// A log into which another process writes the answer to a trial just before this one's claim succeeds: it has ended
+/// since.
 struct OvertakenLog : MemoryLog {
   using MemoryLog::MemoryLog;
   bool answered = false;
   bool claim(std::int64_t number) {
-    if (!std::exchange(answered, true)) append([](const auto&) { return std::optional(tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
+    if (!std::exchange(answered, true))
+      append([](const auto&) { return std::optional(tell_entry(0, cheap_outputs({1.0, 1.0, 1.0}))); });
     return MemoryLog::claim(number);
   }
 };
@@ -171,10 +180,11 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
   CHECK(watched.count(0) == 0);
   CHECK(watched.size() == 11);
 
-  MemoryLog slow("p");   // the answer comes while the design is evaluated
+  MemoryLog slow("p");  // the answer comes while the design is evaluated
   watched.clear();
   const auto overtaken = [&](const Design& x) {
-    if (x == Design{1.0, 1.0, 1.0}) slow.append([&](const auto&) { return std::optional(tell_entry(0, cheap_outputs(x))); });
+    if (x == Design{1.0, 1.0, 1.0})
+      slow.append([&](const auto&) { return std::optional(tell_entry(0, cheap_outputs(x))); });
     return cheap(x);
   };
   run_campaign(slow, Cheap(cheap_problem(12)), overtaken, watch);
@@ -183,8 +193,15 @@ TEST_CASE("What another process answered in the meantime is neither evaluated ag
 }
 
 TEST_CASE("Entries that no campaign wrote are refused") {
-  for (const auto& entry : std::vector<std::pair<std::string, std::string>>{
-           {"ask", "0 1 1"}, {"tell", "0 1 1"}, {"fail", "0 maybe x"}, {"fail", "x final y"}, {"told", "0 1"}, {"ask", "7 1 1 1"}, {"ask", "0 1 1 nan"}, {"ask", "-1 1 1 1"}, {"ask", ""}}) {
+  for (const auto& entry : std::vector<std::pair<std::string, std::string>>{{"ask", "0 1 1"},
+                                                                            {"tell", "0 1 1"},
+                                                                            {"fail", "0 maybe x"},
+                                                                            {"fail", "x final y"},
+                                                                            {"told", "0 1"},
+                                                                            {"ask", "7 1 1 1"},
+                                                                            {"ask", "0 1 1 nan"},
+                                                                            {"ask", "-1 1 1 1"},
+                                                                            {"ask", ""}}) {
     MemoryLog log("p");
     log.append([&](const auto&) { return std::optional(LogEntry{0, entry.first, entry.second, "", ""}); });
     INFO(entry.first << ' ' << entry.second);
@@ -194,16 +211,20 @@ TEST_CASE("Entries that no campaign wrote are refused") {
 
 namespace {
 
-/// Kills a campaign of 160 evaluations at random moments until it has ended, or there were `kills`; returns how many kills it took.
+/// Kills a campaign of 160 evaluations at random moments until it has ended, or there were `kills`; returns how many
+/// kills it took.
 int kill_and_resume(const std::string& store, const std::string& journal, int kills, std::mt19937& random) {
   std::uniform_real_distribution<double> moment(0.0, 0.2);
   for (int killed = 0;; ++killed) {
     const pid_t pid = start_child([&] {
       SqliteLog log(store, "p");
-      run_campaign(log, Cheap(cheap_problem(160)), [&](const Design& x) {
-        std::ofstream(journal, std::ios::app) << x[0] << ' ' << x[1] << ' ' << x[2] << std::endl;
-        return cheap(x);
-      }, unwatched);
+      run_campaign(
+          log, Cheap(cheap_problem(160)),
+          [&](const Design& x) {
+            std::ofstream(journal, std::ios::app) << x[0] << ' ' << x[1] << ' ' << x[2] << std::endl;
+            return cheap(x);
+          },
+          unwatched);
     });
     if (killed < kills) {
       std::this_thread::sleep_for(std::chrono::duration<double>(moment(random)));
@@ -224,7 +245,8 @@ void killed_campaigns(int kills) {
   run_campaign(whole, Cheap(cheap_problem(160)), cheap, unwatched);
   std::mt19937 random(11);
   for (int n = 0, run = 0; n < kills; ++run) {
-    const std::string store = folder / ("store" + std::to_string(run)), journal = folder / ("journal" + std::to_string(run));
+    const std::string store = folder / ("store" + std::to_string(run)),
+                      journal = folder / ("journal" + std::to_string(run));
     const int here = kill_and_resume(store, journal, kills - n, random);
     n += here;
     const SqliteLog log(store);
@@ -235,13 +257,15 @@ void killed_campaigns(int kills) {
     std::ifstream in(journal);
     std::multiset<std::string> evaluated;
     for (std::string line; std::getline(in, line);) evaluated.insert(line);
-    CHECK(int(evaluated.size()) <= 160 + here);   // a kill costs at most the evaluation that it hit
+    CHECK(int(evaluated.size()) <= 160 + here);  // a kill costs at most the evaluation that it hit
   }
 }
 
 }  // namespace
 
-TEST_CASE("200 kills at random moments: nothing lost, nothing twice, the same log to the bit") { killed_campaigns(200); }
+TEST_CASE("200 kills at random moments: nothing lost, nothing twice, the same log to the bit") {
+  killed_campaigns(200);
+}
 
 TEST_CASE("1000 kills at random moments", "[long]") { killed_campaigns(1000); }
 
@@ -254,11 +278,14 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
       SqliteLog log(store, "p");
       CampaignConfig config;
       config.poll_s = 0.01;
-      run_campaign(log, Cheap(cheap_problem(40)), [&](const Design& x) {
-        std::ofstream(journal, std::ios::app) << trial_text(int(getpid()), x) + '\n';   // in one write
-        std::this_thread::sleep_for(std::chrono::milliseconds(5));
-        return cheap(x);
-      }, unwatched, config);
+      run_campaign(
+          log, Cheap(cheap_problem(40)),
+          [&](const Design& x) {
+            std::ofstream(journal, std::ios::app) << trial_text(int(getpid()), x) + '\n';  // in one write
+            std::this_thread::sleep_for(std::chrono::milliseconds(5));
+            return cheap(x);
+          },
+          unwatched, config);
     });
   };
   std::vector<pid_t> workers = {start(), start(), start()};
@@ -291,7 +318,8 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
   std::ifstream in(journal);
   std::map<std::string, std::vector<pid_t>> evaluated;
   std::size_t wasted = 0;
-  for (std::string line; std::getline(in, line);) evaluated[line.substr(line.find(' '))].push_back(pid_t(std::stol(line)));
+  for (std::string line; std::getline(in, line);)
+    evaluated[line.substr(line.find(' '))].push_back(pid_t(std::stol(line)));
   CHECK(evaluated.size() == 40);
   for (const auto& [design, processes] : evaluated) {
     for (std::size_t k = 0; k + 1 < processes.size(); ++k) CHECK(killed.contains(processes[k]));

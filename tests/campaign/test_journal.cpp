@@ -1,17 +1,17 @@
-#include "catch.hpp"
 #include "campaign/store_test.hpp"
+#include "catch.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "temporary_folder.hpp"
 
 #include <sqlite3.h>
 
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <random>
-#include <sys/resource.h>
-#include <sys/wait.h>
 
 using namespace lumo;
 namespace fs = std::filesystem;
@@ -19,15 +19,18 @@ namespace fs = std::filesystem;
 namespace {
 
 /// What entry k of the test campaign must be.
-LogEntry entry(std::size_t k) { return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)), "took " + std::string(60, char('0' + k % 10)) + " s"}; }
+LogEntry entry(std::size_t k) {
+  return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)),
+          "took " + std::string(60, char('0' + k % 10)) + " s"};
+}
 
 /// Adds entries until there are `count` after the problem.
-template <class Log>
-void fill(Log& log, std::size_t count) {
+template <class Log> void fill(Log& log, std::size_t count) {
   while (log.append([&](const std::vector<LogEntry>& list) -> std::optional<LogEntry> {
     if (list.size() > count) return std::nullopt;
     return entry(list.size());
-  })) {}
+  })) {
+  }
 }
 
 StoreError::Reason reason_of(const std::function<void()>& act) {
@@ -54,8 +57,10 @@ int in_child(const std::function<void()>& work) {
 TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryLog, SqliteLog) {
   const TemporaryFolder folder;
   TestType log = [&] {
-    if constexpr (std::is_same_v<TestType, MemoryLog>) return MemoryLog("problem 1");
-    else return SqliteLog(folder / "store", "problem 1");
+    if constexpr (std::is_same_v<TestType, MemoryLog>)
+      return MemoryLog("problem 1");
+    else
+      return SqliteLog(folder / "store", "problem 1");
   }();
   fill(log, 5);
   const auto list = log.entries();
@@ -85,7 +90,7 @@ TEST_CASE("A store is the same whether it was opened once or often, and notes do
   const SqliteLog often(folder / "often");
   CHECK(once.digest() == often.digest());
   CHECK(once.digest() == once.digest(8));
-  CHECK(once.digest(0) == SqliteLog(folder / "empty", "p").digest());   // of the problem alone
+  CHECK(once.digest(0) == SqliteLog(folder / "empty", "p").digest());  // of the problem alone
   CHECK(once.digest(0) != SqliteLog(folder / "other", "q").digest());
   often.verify();
 }
@@ -103,7 +108,9 @@ TEST_CASE("A store refuses another problem and says what differs, and what is no
   }
   CHECK(reason_of([&] { SqliteLog log(folder / "missing"); }) == StoreError::Reason::unusable);
   CHECK(reason_of([&] { SqliteLog log(folder / "no/such/folder", "p"); }) == StoreError::Reason::unusable);
-  folder.write("text", "this is a diary and no store, and long enough to look like a file with a header of some kind, which it does not have");
+  folder.write("text",
+               "this is a diary and no store, and long enough to look like a file with a header of some kind, which it "
+               "does not have");
   CHECK(reason_of([&] { SqliteLog log(folder / "text", "p"); }) == StoreError::Reason::corrupt);
   CHECK(folder.read("text").starts_with("this is a diary"));
 }
@@ -119,8 +126,10 @@ TEST_CASE("Flipped bits and cut files are found, or do no harm") {
   int found = 0;
   for (int trial = 0; trial < 1000; ++trial) {
     std::string bad = good;
-    if (trial % 10 == 0) bad.resize(random() % good.size());
-    else bad[random() % bad.size()] ^= char(1 << random() % 8);
+    if (trial % 10 == 0)
+      bad.resize(random() % good.size());
+    else
+      bad[random() % bad.size()] ^= char(1 << random() % 8);
     folder.write("bad", bad);
     try {
       const SqliteLog log(folder / "bad");
@@ -166,13 +175,15 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
   const std::size_t page = 4096;
   int named = 0;
   for (std::size_t from = page; from < good.size(); from += page) {
-    if (good[from] != 0x0d) continue;   // no leaf of a table
+    if (good[from] != 0x0d) continue;  // no leaf of a table
     const auto holds = [&](std::size_t k) {
-      return good.substr(from, page).find(k == 0 ? "problemp" : "done" + entry(k).content + entry(k).record.substr(0, 20)) != std::string::npos;
+      return good.substr(from, page)
+                 .find(k == 0 ? "problemp" : "done" + entry(k).content + entry(k).record.substr(0, 20)) !=
+             std::string::npos;
     };
     std::size_t first = 0;
     while (first <= 40 && !holds(first)) ++first;
-    if (first > 40) continue;   // no entries on this page
+    if (first > 40) continue;  // no entries on this page
     std::string bad = good;
     std::fill_n(bad.begin() + std::ptrdiff_t(from), page, '\0');
     folder.write("bad", bad);
@@ -226,8 +237,11 @@ TEST_CASE("A store is read although its writer was killed in the middle of a wri
   }
   sqlite3* writer = nullptr;
   REQUIRE(sqlite3_open(std::string(folder / "store").c_str(), &writer) == SQLITE_OK);
-  REQUIRE(sqlite3_exec(writer, "PRAGMA cache_size=1; BEGIN; UPDATE entry SET record = hex(zeroblob(100000))", nullptr, nullptr, nullptr) == SQLITE_OK);
-  for (const char* suffix : {"", "-journal"}) fs::copy_file(std::string(folder / "store") + suffix, std::string(folder / "killed") + suffix);  // as a kill leaves them
+  REQUIRE(sqlite3_exec(writer, "PRAGMA cache_size=1; BEGIN; UPDATE entry SET record = hex(zeroblob(100000))", nullptr,
+                       nullptr, nullptr) == SQLITE_OK);
+  for (const char* suffix : {"", "-journal"})
+    fs::copy_file(std::string(folder / "store") + suffix,
+                  std::string(folder / "killed") + suffix);  // as a kill leaves them
   CHECK(fs::file_size(folder / "killed") > 200'000);
   sqlite3_close(writer);
   const auto list = SqliteLog(folder / "killed").entries();
@@ -262,29 +276,32 @@ TEST_CASE("Three processes on one store add each entry once, and living ones kee
   CHECK(log.claim(1));
   CHECK(in_child([&] {
           SqliteLog other(folder / "store", "p");
-          if (other.claim(1)) throw 1;       // this process lives
+          if (other.claim(1)) throw 1;  // this process lives
           if (!other.claim(2)) throw 2;
         }) == 0);
-  CHECK(log.claim(2));   // the child is dead
+  CHECK(log.claim(2));  // the child is dead
 }
 
 namespace {
 
-/// Every connection that is opened from now on has room for so many pages: SQLite says of what is more that the disk is full.
-int little_room(sqlite3* db, const char**, const struct sqlite3_api_routines*) { return sqlite3_exec(db, "PRAGMA max_page_count=12", nullptr, nullptr, nullptr); }
+/// Every connection that is opened from now on has room for so many pages: SQLite says of what is more that the disk is
+/// full.
+int little_room(sqlite3* db, const char**, const struct sqlite3_api_routines*) {
+  return sqlite3_exec(db, "PRAGMA max_page_count=12", nullptr, nullptr, nullptr);
+}
 
 }  // namespace
 
 TEST_CASE("A full disk is an error, and the store stays valid") {
   const TemporaryFolder folder;
   { SqliteLog log(folder / "store", "p"); }
-  const auto fails_for = [&](StoreError::Reason reason) {   // in a child of its own, which alone has the limit
+  const auto fails_for = [&](StoreError::Reason reason) {  // in a child of its own, which alone has the limit
     SqliteLog full(folder / "store", "p");
     try {
       fill(full, 1000);
     } catch (const StoreError& e) {
       if (e.reason() != reason) throw;
-      if (full.entries().size() < 4) throw 3;   // what was there before is still read
+      if (full.entries().size() < 4) throw 3;  // what was there before is still read
       return;
     }
     throw 2;
@@ -297,7 +314,7 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
           sqlite3_auto_extension(reinterpret_cast<void (*)()>(little_room));
           fails_for(StoreError::Reason::full);
         }) == 0);
-  CHECK(in_child([&] {   // a limit on the file's size: the operating system refuses to write
+  CHECK(in_child([&] {  // a limit on the file's size: the operating system refuses to write
           signal(SIGXFSZ, SIG_IGN);
           const rlimit limit{fs::file_size(folder / "store") + 1, RLIM_INFINITY};
           if (setrlimit(RLIMIT_FSIZE, &limit) != 0) throw 1;
@@ -308,7 +325,7 @@ TEST_CASE("A full disk is an error, and the store stays valid") {
   const std::size_t kept = again.entries().size();
   CHECK(kept > 4);
   CHECK(kept < 1001);
-  fill(again, kept);   // and goes on once there is room
+  fill(again, kept);  // and goes on once there is room
   SqliteLog whole(folder / "whole", "p");
   fill(whole, kept);
   CHECK(again.digest() == whole.digest());
@@ -318,7 +335,9 @@ TEST_CASE("A store is not used after a fork") {
   const TemporaryFolder folder;
   SqliteLog log(folder / "store", "p");
   fill(log, 2);
-  const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); }, [&] { log.claim(1); }, [&] { log.digest(); }, [&] { log.verify(); }, [&] { fill(log, 3); }};
+  const std::vector<std::function<void()>> members = {[&] { log.entries(); }, [&] { log.record(1); },
+                                                      [&] { log.claim(1); },  [&] { log.digest(); },
+                                                      [&] { log.verify(); },  [&] { fill(log, 3); }};
   for (const auto& use : members)
     CHECK(in_child([&] {
             try {

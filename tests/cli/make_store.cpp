@@ -1,6 +1,8 @@
-// Makes a campaign's store without simulations: the program's own optimiser, log and record schema over a made-up evaluation in closed form.
+// Makes a campaign's store without simulations: the program's own optimiser, log and record schema over a made-up
+// evaluation in closed form.
 //
-// usage: make_store FILE DS|Sol flat|curved EVALUATIONS   a campaign with that many results and, as trial 6, one failure; 0: all fail
+// usage: make_store FILE DS|Sol flat|curved EVALUATIONS   a campaign with that many results and, as trial 6, one
+// failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
 // With a number behind, the store says that its results are of that version.
 #include "program/campaign_problem.hpp"
@@ -27,7 +29,9 @@ double bump(double x, double middle, double width) { return std::exp(-0.5 * std:
 
 /// Objectives that pull against each other: high soft domes for contact, wide gaps and thin pads for light.
 double contact_of(const Design& x) { return 0.7 * bump(x[1], 11.0, 7.0) * bump(x[3], 3.0, 8.0) * bump(x[4], 1.0, 6.0); }
-double light_of(const Design& x) { return 4e-5 * bump(x[0], 4.0, 5.0) * bump(x[2], 9.0, 5.0) * bump(x[4], 4.0, 3.0) * bump(x[1], 6.0, 6.0); }
+double light_of(const Design& x) {
+  return 4e-5 * bump(x[0], 4.0, 5.0) * bump(x[2], 9.0, 5.0) * bump(x[4], 4.0, 3.0) * bump(x[1], 6.0, 6.0);
+}
 
 /// Hertz's law for the depth, light that changes around the touched place.
 StateRecord made_up(double load_N, double radius_mm, double y_mm, double J_obs, const std::vector<double>& unloaded) {
@@ -54,11 +58,13 @@ Evaluation made_up(const Design& x, const lumo::Ensemble& ensemble) {
   e.J_obs = Estimate{light_of(x), 0.1 * light_of(x)};
   for (int b = 0; b < bins; ++b) seen.unloaded_response.push_back(1.4e-3 - 1e-5 * std::abs(b - 5));
   for (const auto& s : ensemble.scenarios()) {
-    if (s.indenter.diameter_m == 10e-3 && s.angle_rad == 0.0 && s.y_m == -22e-3) e.worst_contact = seen.scenarios.size();
+    if (s.indenter.diameter_m == 10e-3 && s.angle_rad == 0.0 && s.y_m == -22e-3)
+      e.worst_contact = seen.scenarios.size();
     ScenarioRecord r{s.indenter.diameter_m, s.angle_rad, s.y_m, Status::converged, {}, {}, s.tilt};
     r.terms = {Estimate{0.5, 0.0}, Estimate{0.6, 0.0}, Estimate{0.7, 0.0}};
     for (const double load_N : s.loads_N)
-      r.states.push_back(made_up(load_N, 1e3 * s.indenter.radius_m(), 1e3 * s.y_m, e.J_obs->value, seen.unloaded_response));
+      r.states.push_back(
+          made_up(load_N, 1e3 * s.indenter.radius_m(), 1e3 * s.y_m, e.J_obs->value, seen.unloaded_response));
     seen.scenarios.push_back(std::move(r));
   }
   e.observed = {{0, 10e-3, 0.0, -22e-3, 1.0, {}}, {1, 10e-3, 0.0, -11e-3, 1.0, {}}};
@@ -73,15 +79,27 @@ Verdict verdict(const Design& x, const CampaignProblem& problem, bool fails) {
   Verdict v;
   Json record = {{"theta_mm", numbers(x)}, {"material", problem.material}, {"ensemble", name(problem.ensemble)}};
   // What a page must show as it stands, and not obey.
-  if (fails) v.why = "press: inverted at 15 N, </script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \xff";
-  if (fails) record["why"] = "see the entry";
+  if (fails)
+    v.why = "press: inverted at 15 N, </script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \xff";
+  if (fails)
+    record["why"] = "see the entry";
   else {
     const Evaluation e = made_up(x, contacts(problem.ensemble));
     v.outputs = {e.J_contact->value, e.J_obs->value};
     append(record, json(e));
   }
   v.record = record.dump();
-  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2}, {"machine", {{"processor", "an abacus"}, {"system", "Linux 0"}, {"compiler", "g++ 12"}, {"TetGen", "1.5.0"}, {"Embree", "3.13.5"}, {"CHOLMOD", "3.0.14"}}}, {"seconds", json(Timing{1.0, 90.0, 60.0, 151.0})}}.dump();
+  v.notes = Json{{"lumo", "0.1.0"},
+                 {"threads", 2},
+                 {"machine",
+                  {{"processor", "an abacus"},
+                   {"system", "Linux 0"},
+                   {"compiler", "g++ 12"},
+                   {"TetGen", "1.5.0"},
+                   {"Embree", "3.13.5"},
+                   {"CHOLMOD", "3.0.14"}}},
+                 {"seconds", json(Timing{1.0, 90.0, 60.0, 151.0})}}
+                .dump();
   return v;
 }
 
@@ -93,8 +111,10 @@ void run(SqliteLog& log, const CampaignProblem& problem, int evaluations) {
     return verdict(x, problem, fails);
   };
   try {
-    with_optimizer(problem, std::max(1, evaluations), [&](const auto& optimizer) { return run_campaign(log, optimizer, evaluate, [](const auto&...) {}); });
-  } catch (const CampaignError&) {   // all fail, as asked for
+    with_optimizer(problem, std::max(1, evaluations), [&](const auto& optimizer) {
+      return run_campaign(log, optimizer, evaluate, [](const auto&...) {});
+    });
+  } catch (const CampaignError&) {  // all fail, as asked for
     if (evaluations > 0) throw;
   }
 }
@@ -115,7 +135,8 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const CampaignProblem problem{argv[2], std::string(argv[3]) == "curved" ? lumo::program::Ensemble::curved : lumo::program::Ensemble::flat};
+    const CampaignProblem problem{
+        argv[2], std::string(argv[3]) == "curved" ? lumo::program::Ensemble::curved : lumo::program::Ensemble::flat};
     std::string text = problem_text(problem);
     const std::string version = "\"results\": ";
     const std::size_t at = text.find(version) + version.size();

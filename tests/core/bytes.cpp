@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
 #include "lumo/core/byte_order.hpp"
-#include "lumo/drawing/colour.hpp"
 #include "lumo/core/read_whole.hpp"
+#include "lumo/drawing/colour.hpp"
 #include "temporary_folder.hpp"
 
 #include <sys/stat.h>
@@ -22,7 +22,7 @@ TEST_CASE("a file is read whole, and nothing is read of what is none, or is too 
   CHECK_FALSE(read_whole(folder / "nothing"));
   CHECK_FALSE(read_whole(folder.path));
   REQUIRE(::mkfifo((folder / "pipe").c_str(), 0600) == 0);
-  CHECK_FALSE(read_whole(folder / "pipe"));   // and does not wait for a writer
+  CHECK_FALSE(read_whole(folder / "pipe"));  // and does not wait for a writer
 }
 
 TEST_CASE("numbers have their first byte at either end", "[core]") {
@@ -32,7 +32,7 @@ TEST_CASE("numbers have their first byte at either end", "[core]") {
   CHECK(number_at<std::uint16_t>(bytes, ByteOrder::big) == 0x0180);
   CHECK(number_at<std::uint32_t>(bytes, ByteOrder::big) == 0x0180ff04u);
   CHECK(number_at<std::uint64_t>(bytes, ByteOrder::little) == 0xf807060504ff8001u);
-  const char signed_bytes[] = {'\xff', '\x01'};   // a char may be negative
+  const char signed_bytes[] = {'\xff', '\x01'};  // a char may be negative
   CHECK(number_at<std::uint16_t>(signed_bytes, ByteOrder::little) == 0x01ff);
 }
 

@@ -9,7 +9,9 @@ using namespace lumo;
 
 namespace {
 
-std::span<const std::uint8_t> bytes_of(std::string_view s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
+std::span<const std::uint8_t> bytes_of(std::string_view s) {
+  return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()};
+}
 
 /// Bit by bit: the division itself.
 std::uint32_t divided(std::span<const std::uint8_t> bytes) {

@@ -7,10 +7,10 @@
 
 namespace {
 
-constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+constexpr double not_a_number = std::numeric_limits<double>::quiet_NaN(),
+                 infinity = std::numeric_limits<double>::infinity();
 
-template <class Call>
-std::string message(Call&& call) {
+template <class Call> std::string message(Call&& call) {
   try {
     call();
   } catch (const lumo::Error& e) {
@@ -24,12 +24,14 @@ std::string message(Call&& call) {
 TEST_CASE("a range is closed and refuses what is not finite") {
   CHECK_NOTHROW(lumo::require_in_range("angle", -80.0, -80.0, 80.0, "deg"));
   CHECK_NOTHROW(lumo::require_in_range("angle", 80.0, -80.0, 80.0, "deg"));
-  for (const double bad : {80.5, -81.0, not_a_number, infinity, -infinity}) CHECK_THROWS_AS(lumo::require_in_range("angle", bad, -80.0, 80.0, "deg"), lumo::InvalidArgument);
+  for (const double bad : {80.5, -81.0, not_a_number, infinity, -infinity})
+    CHECK_THROWS_AS(lumo::require_in_range("angle", bad, -80.0, 80.0, "deg"), lumo::InvalidArgument);
 }
 
 TEST_CASE("positive means finite and above zero") {
   CHECK_NOTHROW(lumo::require_positive("edge", 1e-300, "m"));
-  for (const double bad : {0.0, -1.0, not_a_number, infinity}) CHECK_THROWS_AS(lumo::require_positive("edge", bad, "m"), lumo::InvalidArgument);
+  for (const double bad : {0.0, -1.0, not_a_number, infinity})
+    CHECK_THROWS_AS(lumo::require_positive("edge", bad, "m"), lumo::InvalidArgument);
 }
 
 TEST_CASE("a message is one line with what, value, limit and unit") {

@@ -10,8 +10,7 @@
 #include <vector>
 
 /// The laws of an Executor; a new one gets all of them for one line.
-template <lumo::Executor E>
-void check_executor_laws(const E& executor) {
+template <lumo::Executor E> void check_executor_laws(const E& executor) {
   for (const std::size_t count : {std::size_t(0), std::size_t(1), std::size_t(7), std::size_t(10000)}) {
     std::vector<std::atomic<int>> visits(count);
     executor.for_each(count, [&](std::size_t i) { ++visits.at(i); });

@@ -39,9 +39,11 @@ TEST_CASE("TbbExecutor begins tasks in their order, so that the first ones are n
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   });
   REQUIRE(begun.size() == count);
-  for (std::size_t k = 0; k < count; ++k) CHECK(begun[k] < k + threads);   // only a task that began at the same time may come before
+  for (std::size_t k = 0; k < count; ++k)
+    CHECK(begun[k] < k + threads);  // only a task that began at the same time may come before
 }
 
 TEST_CASE("TbbExecutor refuses absurd numbers of threads") {
-  for (const int threads : {0, -1, 1025}) CHECK_THROWS_AS(lumo::TbbExecutor{threads}.for_each(1, [](std::size_t) {}), lumo::InvalidArgument);
+  for (const int threads : {0, -1, 1025})
+    CHECK_THROWS_AS(lumo::TbbExecutor{threads}.for_each(1, [](std::size_t) {}), lumo::InvalidArgument);
 }

@@ -13,7 +13,6 @@
 #include <thread>
 #include <vector>
 
-
 TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
   const TemporaryFolder folder;
   for (const std::string& bytes : {std::string("first\0line\r\n", 12), std::string(100000, 'x'), std::string()}) {
@@ -26,8 +25,9 @@ TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
 TEST_CASE("a file that cannot be written is told in one line, and what was there stays") {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder.path / "folder" / "full");
-  CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"), Catch::Contains("none/file: cannot be written: No such file"));
-  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), lumo::InputError);   // written beside it, but not renamed
+  CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"),
+                    Catch::Contains("none/file: cannot be written: No such file"));
+  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), lumo::InputError);  // written beside it, but not renamed
   CHECK(folder.entries() == 1);
 
   folder.write("file", "old");

@@ -26,7 +26,7 @@ TEST_CASE("ticks are round, few and cover the data") {
       CHECK(t.size() <= 12);
     }
   CHECK(plot::ticks(0.0, 15.0 + 1e-7, 6).back() == 15.0);
-  CHECK(plot::ticks(0.0, 0.0, 6).size() > 1);   // all values zero
+  CHECK(plot::ticks(0.0, 0.0, 6).size() > 1);  // all values zero
 }
 
 TEST_CASE("an axis of small or large numbers is divided by a power of ten, which its unit names") {

@@ -7,8 +7,9 @@
 
 /// Designs at the ends of the space: lowest and highest domes, narrowest and widest stems and voids, thinnest silicone.
 inline std::vector<lumo::FingerDesign> extreme_designs() {
-  return {{2, 5.5, 4, 2, 0},  {19, 1, 15, 2, 2},    {19, 1, 4, 14.5, 7.5}, {2, 18, 4, 2, 7.5},  {2, 18, 15, 2, 0},      {10, 8, 4.5, 4, 7.5},
-          {8, 1, 4, 2, 0.5}, {2, 18, 4, 6.5, 0.5}, {19, 1, 15, 14, 2},    {18.5, 1, 4, 2, 7.5}, {6.5, 12.5, 15, 12, 0.5}, {6, 6, 8, 5, 0}};
+  return {{2, 5.5, 4, 2, 0},  {19, 1, 15, 2, 2},    {19, 1, 4, 14.5, 7.5},    {2, 18, 4, 2, 7.5},
+          {2, 18, 15, 2, 0},  {10, 8, 4.5, 4, 7.5}, {8, 1, 4, 2, 0.5},        {2, 18, 4, 6.5, 0.5},
+          {19, 1, 15, 14, 2}, {18.5, 1, 4, 2, 7.5}, {6.5, 12.5, 15, 12, 0.5}, {6, 6, 8, 5, 0}};
 }
 
 /// Feasible designs drawn from the lattice, each as likely as any other.
@@ -18,7 +19,8 @@ inline std::vector<lumo::FingerDesign> random_designs(int count, unsigned seed) 
   std::vector<lumo::FingerDesign> designs;
   while (int(designs.size()) < count) {
     std::vector<double> x;
-    for (const lumo::Variable& v : space.variables) x.push_back(v.lower + 0.5 * double(random() % (unsigned(2.0 * (v.upper - v.lower)) + 1)));
+    for (const lumo::Variable& v : space.variables)
+      x.push_back(v.lower + 0.5 * double(random() % (unsigned(2.0 * (v.upper - v.lower)) + 1)));
     if (space.contains(x)) designs.push_back(lumo::FingerDesign::from(x));
   }
   return designs;

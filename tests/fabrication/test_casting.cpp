@@ -12,8 +12,12 @@ using namespace lumo;
 namespace {
 
 /// Area of a regular polygon in a circle.
-double ring_area(double radius, int corners = 32) { return 0.5 * corners * std::sin(2.0 * pi / corners) * radius * radius; }
-double frustum(double r, double R, double height) { return height / 3.0 * (ring_area(r) + std::sqrt(ring_area(r) * ring_area(R)) + ring_area(R)); }
+double ring_area(double radius, int corners = 32) {
+  return 0.5 * corners * std::sin(2.0 * pi / corners) * radius * radius;
+}
+double frustum(double r, double R, double height) {
+  return height / 3.0 * (ring_area(r) + std::sqrt(ring_area(r) * ring_area(R)) + ring_area(R));
+}
 
 const CastingPart& part(const std::vector<CastingPart>& kit, const std::string& name) {
   for (const CastingPart& p : kit)
@@ -21,7 +25,9 @@ const CastingPart& part(const std::vector<CastingPart>& kit, const std::string& 
   throw std::runtime_error("no part " + name);
 }
 
-double volume_mm3(const std::vector<CastingPart>& kit, const std::string& name) { return 1e9 * part(kit, name).volume_m3; }
+double volume_mm3(const std::vector<CastingPart>& kit, const std::string& name) {
+  return 1e9 * part(kit, name).volume_m3;
+}
 
 std::vector<FingerDesign> all_designs() {
   auto designs = extreme_designs();
@@ -43,7 +49,8 @@ TEST_CASE("the section for casting is the paper's", "[fabrication]") {
     // Chords leave the ellipse by less than 5 µm.
     for (std::size_t i = 1; i + 1 < s.outline.size(); ++i) {
       const EllipticCylinder dome{{0, 0, 1e-3 * d.h_fp}, s.half_width(), 1e-3 * d.h_ep};
-      const Vec3d middle(0.5 * (s.outline[i][0] + s.outline[i + 1][0]), 0.0, 0.5 * (s.outline[i][1] + s.outline[i + 1][1]));
+      const Vec3d middle(0.5 * (s.outline[i][0] + s.outline[i + 1][0]), 0.0,
+                         0.5 * (s.outline[i][1] + s.outline[i + 1][1]));
       CHECK((dome.closest_point(middle) - middle).norm() < 5e-6);
     }
   }
@@ -56,18 +63,22 @@ TEST_CASE("volumes of all parts are those of their closed forms, over the whole 
     const CastSection s = cast_section(d);
     const auto kit = casting_kit(s);
     const double c = 0.2, plate = 35.5 * 74.0, duct = 2.0 * 3.0, pocket = 2.4 * 52.4;
-    CHECK(volume_mm3(kit, "carrier") ==
-          Approx(4.0 * (plate - 4.0 * ring_area(1.7) - duct) + d.w_s * d.h_s * (60.0 - c) - pocket * 0.9 - duct * (d.h_s - 0.9)).epsilon(1e-10));
+    CHECK(volume_mm3(kit, "carrier") == Approx(4.0 * (plate - 4.0 * ring_area(1.7) - duct) +
+                                               d.w_s * d.h_s * (60.0 - c) - pocket * 0.9 - duct * (d.h_s - 0.9))
+                                            .epsilon(1e-10));
 
     // Half a mould: 22.75 mm to each side, 8 mm over the dome; its end 7.2 mm to the rim, and 4.8 mm of rim, 3 mm high.
     const double X = 22.75, Z = d.h_fp + d.h_ep + 8.0, end = 12.0, rim = 4.8;
-    const double outline = 0.5 * (1e6 * s.area_m2() + (d.w_s + 2.0 * d.w_v) * d.h_s);   // half of it, filled
-    const double body = 60.0 * (X * Z - outline + rim * 3.0), wall = 2.0 * X * Z * end + 2.0 * X * 3.0 * rim + rim * 3.0 * (end - rim);
-    const double tip = 2.5 - 3.0 * std::tan(20.0_deg), keys = frustum(tip, 2.5, 3.0) - frustum(tip + c, 2.5 + c, 3.0 + c);
+    const double outline = 0.5 * (1e6 * s.area_m2() + (d.w_s + 2.0 * d.w_v) * d.h_s);  // half of it, filled
+    const double body = 60.0 * (X * Z - outline + rim * 3.0),
+                 wall = 2.0 * X * Z * end + 2.0 * X * 3.0 * rim + rim * 3.0 * (end - rim);
+    const double tip = 2.5 - 3.0 * std::tan(20.0_deg),
+                 keys = frustum(tip, 2.5, 3.0) - frustum(tip + c, 2.5 + c, 3.0 + c);
     CHECK(volume_mm3(kit, "mould_b") == Approx(body + wall + keys).epsilon(1e-10));
 
     const double notch = d.w_v > 0.0 ? (d.w_v + 2.0 * c) * ((d.h_s + c) * end + c * rim) : 0.0;
-    const double vent = frustum(1.0, 1.0 + end * std::tan(3.0_deg), end), gate = frustum(2.0, 2.0 + end * std::tan(15.0_deg), end);
+    const double vent = frustum(1.0, 1.0 + end * std::tan(3.0_deg), end),
+                 gate = frustum(2.0, 2.0 + end * std::tan(15.0_deg), end);
     CHECK(volume_mm3(kit, "mould_a") == Approx(body + wall + keys - 2.0 * notch - 2.0 * vent - gate).epsilon(1e-10));
 
     const CastVolume v = cast_volume(s);
@@ -95,31 +106,38 @@ TEST_CASE("printed parts are the assembled ones, on the bed with their corner at
   }
 }
 
-// The cavity is the pad, voids and all: any point of the closed mould is in exactly one of silicone and parts. The pad is known here by its formula alone.
+// The cavity is the pad, voids and all: any point of the closed mould is in exactly one of silicone and parts. The pad
+// is known here by its formula alone.
 TEST_CASE("the closed mould's cavity is the pad with its voids", "[fabrication]") {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> u(-1.0, 1.0);
-  for (const FingerDesign& d : {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}, {10, 8, 4.5, 4, 7.5}, {19, 1, 15, 14, 2}, {8, 1, 4, 2, 0.5}}) {
+  for (const FingerDesign& d :
+       {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}, {10, 8, 4.5, 4, 7.5}, {19, 1, 15, 14, 2}, {8, 1, 4, 2, 0.5}}) {
     const auto kit = casting_kit(cast_section(d));
     int in_pad = 0, in_void = 0, elsewhere = 0;
     for (int k = 0; k < 400; ++k) {
       const double z_top = d.h_fp + d.h_ep + 8.0;
-      Vec3d p(22.0 * u(random), 34.0 * u(random), 0.5 * z_top * (1.0 + u(random)));   // mm
-      if (k % 4 == 0) p = {p.x() > 0 ? 0.5 * (d.w_s + d.w_v * (1.0 + u(random))) : p.x() * 0.6, p.y(), 0.5 * d.h_s * (1.0 + u(random))};
-      const double x = std::abs(p.x()), up = std::max(0.0, p.z() - d.h_fp) / d.h_ep, side = up < 1.0 ? 14.75 * std::sqrt(1.0 - up * up) : -1.0;
+      Vec3d p(22.0 * u(random), 34.0 * u(random), 0.5 * z_top * (1.0 + u(random)));  // mm
+      if (k % 4 == 0)
+        p = {p.x() > 0 ? 0.5 * (d.w_s + d.w_v * (1.0 + u(random))) : p.x() * 0.6, p.y(),
+             0.5 * d.h_s * (1.0 + u(random))};
+      const double x = std::abs(p.x()), up = std::max(0.0, p.z() - d.h_fp) / d.h_ep,
+                   side = up < 1.0 ? 14.75 * std::sqrt(1.0 - up * up) : -1.0;
       const double ridge = 0.5 * d.w_s, outer = ridge + d.w_v;
       // At a surface chords and fits decide; the pocket, the openings and the keys are cut out of the parts.
-      const bool near = std::abs(x - side) < 0.05 || std::abs(p.z() - d.h_fp - d.h_ep) < 0.05 || std::abs(std::abs(p.y()) - 30.0) < 0.15 || x < 0.05 || p.z() < 0.01 ||
+      const bool near = std::abs(x - side) < 0.05 || std::abs(p.z() - d.h_fp - d.h_ep) < 0.05 ||
+                        std::abs(std::abs(p.y()) - 30.0) < 0.15 || x < 0.05 || p.z() < 0.01 ||
                         std::abs(p.z() - d.h_s) < 0.02 || std::abs(x - ridge) < 0.02 || std::abs(x - outer) < 0.02;
-      const bool pocket = x < 1.3 && p.z() < d.h_s, keys = p.z() > d.h_fp + d.h_ep && x < 3.5, end = p.y() > 30.0;
+      const bool pocket = x < 1.3 && p.z()<d.h_s, keys = p.z()> d.h_fp + d.h_ep && x<3.5, end = p.y()> 30.0;
       if (near || pocket || keys || end) continue;
       const bool inside = std::abs(p.y()) < 30.0 && x < side && p.z() < d.h_fp + d.h_ep;
-      const bool in_ridge = inside && x < ridge && p.z() < d.h_s, gap = inside && !in_ridge && x < outer && p.z() < d.h_s, pad = inside && !in_ridge && !gap;
+      const bool in_ridge = inside && x < ridge && p.z() < d.h_s,
+                 gap = inside && !in_ridge && x < outer && p.z() < d.h_s, pad = inside && !in_ridge && !gap;
       double parts = 0.0;
       for (const CastingPart& part : kit) {
         parts += winding_number(part.assembled, 1e-3 * p);
         if (part.name != "core") continue;
-        parts += winding_number(part.assembled, 1e-3 * (p + Vec3d(d.w_s + d.w_v, 0, 0)));   // the other core
+        parts += winding_number(part.assembled, 1e-3 * (p + Vec3d(d.w_s + d.w_v, 0, 0)));  // the other core
         if (gap) CHECK(winding_number(part.assembled, 1e-3 * Vec3d(x, p.y(), p.z())) == Approx(1.0).margin(1e-9));
       }
       INFO(p.transpose());
@@ -143,8 +161,8 @@ TEST_CASE("the mould opens without an undercut, and no other straight way is as 
     CHECK(least_draft(a, s, way) == Approx(std::min(crown, 10.0_deg)).epsilon(1e-9));
     CHECK(least_draft(b, s, Vec3d(-way)) == Approx(least_draft(a, s, way)).epsilon(1e-9));
     CHECK(crown > 0.0);
-    CHECK(least_draft(a, s, Vec3d::UnitX()) == Approx(0.0).margin(1e-12));            // the ends would rub
-    CHECK(least_draft(a, s, Vec3d(-Vec3d::UnitZ())) < -1.0);                           // the dome is in the way
+    CHECK(least_draft(a, s, Vec3d::UnitX()) == Approx(0.0).margin(1e-12));  // the ends would rub
+    CHECK(least_draft(a, s, Vec3d(-Vec3d::UnitZ())) < -1.0);                // the dome is in the way
     CHECK(least_draft(a, s, Vec3d(-way)) < -1.0);
   }
 }
@@ -180,11 +198,13 @@ TEST_CASE("options that cannot be made are refused by name", "[fabrication]") {
 
 TEST_CASE("every option at its ends makes solids", "[fabrication]") {
   namespace limits = casting_limits;
-  for (const FingerDesign& d : {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
+  for (const FingerDesign& d :
+       {FingerDesign{2, 5.5, 4, 2, 0}, {19, 1, 4, 14.5, 7.5}, {5, 10, 10, 6, 3}, {8, 1, 4, 2, 0.5}})
     for (const bool low : {true, false}) {
       const auto end = [low](const Limits& mm) { return 1e-3 * (low ? mm.low : mm.high); };
       CastingOptions o;
-      o.clearance = end(limits::clearance_mm), o.plate = end(limits::plate_mm), o.wall = end(limits::wall_mm), o.strip_height = end(limits::strip_height_mm);
+      o.clearance = end(limits::clearance_mm), o.plate = end(limits::plate_mm), o.wall = end(limits::wall_mm),
+      o.strip_height = end(limits::strip_height_mm);
       o.gate_diameter = end(limits::gate_mm), o.vent_diameter = end(limits::vent_mm), o.rim = std::min(o.rim, o.plate);
       o.strip_width = low ? 0.8e-3 : 1e-3 * (d.w_s - 1.2) - 2.0 * o.clearance;
       CHECK_NOTHROW(casting_kit(cast_section(d), o));

@@ -40,7 +40,9 @@ Loop raised(Loop loop, double z) {
   return loop;
 }
 
-Loop square(double half, double x = 0.0, double y = 0.0) { return {{x - half, y - half, 0}, {x + half, y - half, 0}, {x + half, y + half, 0}, {x - half, y + half, 0}}; }
+Loop square(double half, double x = 0.0, double y = 0.0) {
+  return {{x - half, y - half, 0}, {x + half, y - half, 0}, {x + half, y + half, 0}, {x - half, y + half, 0}};
+}
 
 /// The prism over an outline with holes, of height one.
 TriangleSurface prism(const Loop& outline, const std::vector<Loop>& holes) {
@@ -78,8 +80,8 @@ TEST_CASE("a prism over a polygon with holes has the volume of the areas", "[fab
       const double angle = 2.0 * pi * k / 4 + 0.1 * trial;
       holes.push_back(star(2.2 * std::cos(angle), 2.2 * std::sin(angle), 0.3, 1.0, 3 + (trial + k) % 9, random));
     }
-    if (trial % 5 == 4) holes.back() = star(0, 0, 0.3, 0.8, 7, random);   // in the middle of the others
-    if (outline.size() < 8) holes.clear();                                // its edges may come near the middle
+    if (trial % 5 == 4) holes.back() = star(0, 0, 0.3, 0.8, 7, random);  // in the middle of the others
+    if (outline.size() < 8) holes.clear();                               // its edges may come near the middle
     double expected = area(outline);
     for (const Loop& hole : holes) expected -= area(hole);
     CHECK(validate_surface(prism(outline, holes)).volume == Approx(expected).epsilon(1e-12));
@@ -116,9 +118,12 @@ TEST_CASE("what bounds no solid is refused for its reason", "[fabrication]") {
           FacetedSolid solid;
           solid.band(low, high);
           solid.face(high);
-          solid.face(low);   // looks inwards
+          solid.face(low);  // looks inwards
           solid.surface();
         }) == MeshError::Reason::not_manifold);
-  CHECK(reason([&] { prism(square(1.0), {square(0.5, 0.8)}); }) == MeshError::Reason::self_intersecting);             // a hole over the edge
-  CHECK(reason([&] { prism(square(2.0), {square(0.5, 0.2), square(0.5, -0.2)}); }) == MeshError::Reason::self_intersecting);   // holes over each other
+  CHECK(reason([&] { prism(square(1.0), {square(0.5, 0.8)}); }) ==
+        MeshError::Reason::self_intersecting);  // a hole over the edge
+  CHECK(reason([&] {
+          prism(square(2.0), {square(0.5, 0.2), square(0.5, -0.2)});
+        }) == MeshError::Reason::self_intersecting);  // holes over each other
 }

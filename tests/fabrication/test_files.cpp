@@ -38,10 +38,14 @@ std::multimap<std::string, std::vector<std::array<double, 2>>> loops(const std::
       if (value == "SEQEND" && closed) found.emplace(layer, points);
       if (value == "VERTEX") points.emplace_back();
       entity = value;
-    } else if (code == "8") layer = value;
-    else if (code == "70" && entity == "POLYLINE") closed = value == "1";
-    else if (code == "10" && entity == "VERTEX") points.back()[0] = std::stod(value);
-    else if (code == "20" && entity == "VERTEX") points.back()[1] = std::stod(value);
+    } else if (code == "8")
+      layer = value;
+    else if (code == "70" && entity == "POLYLINE")
+      closed = value == "1";
+    else if (code == "10" && entity == "VERTEX")
+      points.back()[0] = std::stod(value);
+    else if (code == "20" && entity == "VERTEX")
+      points.back()[1] = std::stod(value);
   }
   return found;
 }
@@ -70,7 +74,7 @@ TEST_CASE("a binary .stl is read back as the same solid", "[fabrication]") {
     write_stl(out, part.printed);
     out.close();
     CHECK(std::filesystem::file_size(path) == 84 + 50 * part.printed.triangles.size());
-    const TriangleSurface back = read_surface(path);   // refuses what is not closed
+    const TriangleSurface back = read_surface(path);  // refuses what is not closed
     CHECK(back.vertices.size() == part.printed.vertices.size());
     CHECK(validate_surface(back).volume == Approx(part.volume_m3).epsilon(1e-6));
   }
@@ -109,7 +113,7 @@ TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabricatio
   write_3mf(first, std::span<const PrintItem>(items), Zip{});
   write_3mf(second, std::span<const PrintItem>(items), Zip{});
   CHECK(first.str() == second.str());
-  CHECK(first.str().find(model) != std::string::npos);   // stored, not compressed
+  CHECK(first.str().find(model) != std::string::npos);  // stored, not compressed
 }
 
 TEST_CASE("drawings are the design at 1:1", "[fabrication]") {
@@ -123,7 +127,8 @@ TEST_CASE("drawings are the design at 1:1", "[fabrication]") {
     CHECK(section.count("CORES") == (d.w_v > 0.0 ? 2u : 0u));
     const auto strip = loops(dxf(strip_drawing(s)));
     CHECK(strip.count("LEDS") == 5);
-    for (auto led = strip.lower_bound("LEDS"); led != strip.upper_bound("LEDS"); ++led) CHECK(area(led->second) == Approx(1.6 * 0.8).epsilon(1e-9));
+    for (auto led = strip.lower_bound("LEDS"); led != strip.upper_bound("LEDS"); ++led)
+      CHECK(area(led->second) == Approx(1.6 * 0.8).epsilon(1e-9));
     CHECK(area(strip.find("OUTLINE")->second) == Approx(52.0 * 2.0).epsilon(1e-9));
   }
   const auto core = loops(dxf(core_drawing(cast_section({5, 10, 10, 6, 3}))));

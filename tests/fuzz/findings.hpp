@@ -15,14 +15,16 @@ namespace fuzz {
   std::abort();
 }
 
-/// What a parser may do with any bytes at all: succeed, or say in one printable line what is wrong. Other exceptions pass, and end the program.
-template <class Parse>
-void attempt(Parse parse) {
+/// What a parser may do with any bytes at all: succeed, or say in one printable line what is wrong. Other exceptions
+/// pass, and end the program.
+template <class Parse> void attempt(Parse parse) {
   try {
     parse();
   } catch (const lumo::Error& e) {
     const std::string_view line = e.what();
-    if (line.empty() || !std::all_of(line.begin(), line.end(), [](char c) { return static_cast<unsigned char>(c) >= ' ' && c != 127; })) finding("a message of more than one line", line);
+    if (line.empty() ||
+        !std::all_of(line.begin(), line.end(), [](char c) { return static_cast<unsigned char>(c) >= ' ' && c != 127; }))
+      finding("a message of more than one line", line);
   }
 }
 

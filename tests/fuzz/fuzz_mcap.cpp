@@ -1,8 +1,8 @@
 // MCAP files with their ROS messages, and headers of image files. The first byte says which.
 #include "findings.hpp"
 
-#include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
+#include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"
 
@@ -18,7 +18,8 @@ namespace {
 
 void read_file(const std::string& bytes) {
   using Reader = McapReader<Zstd, Lz4>;
-  Reader file(std::make_unique<std::istringstream>(bytes), "fuzzed", {.record_bytes = 1u << 20, .kept_bytes = 1u << 20});
+  Reader file(std::make_unique<std::istringstream>(bytes), "fuzzed",
+              {.record_bytes = 1u << 20, .kept_bytes = 1u << 20});
   std::uint64_t before = 0;
   for (const McapEntry& e : file.messages()) {
     if (e.log_ns < before) fuzz::finding("messages are not in order");
@@ -34,7 +35,7 @@ void read_file(const std::string& bytes) {
       continue;
     }
     const ImageView view = view_of(from_cdr<RosImage>(m.data));
-    unsigned sum = 0;   // every pixel that the view promises is there
+    unsigned sum = 0;  // every pixel that the view promises is there
     for (int y = 0; y < view.height; ++y)
       for (int x = 0; x < view.width * channels(view.format); ++x) sum += view.row(y)[x];
     if (sum == 0xffffffffu) fuzz::finding("too bright");

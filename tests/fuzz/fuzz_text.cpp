@@ -1,8 +1,8 @@
 // Texts that lumo reads: a log's tables and session, surfaces, a pad's responses. The first byte says which.
 #include "findings.hpp"
 
-#include "lumo/lab/pad_file.hpp"
 #include "lumo/geometry/surface_file.hpp"
+#include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/recording/hand_log.hpp"
 #include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/support/json.hpp"
@@ -18,8 +18,7 @@ using namespace lumo::sense;
 namespace {
 
 /// What was read is finite and ascends, and what is written of it reads back as the same text.
-template <class Read, class Write>
-void check_table(const std::string& text, Read read, Write write) {
+template <class Read, class Write> void check_table(const std::string& text, Read read, Write write) {
   const auto rows = [&](const std::string& t) {
     std::istringstream in(t);
     return read(in, "table");
@@ -51,16 +50,34 @@ void parse(std::uint8_t which, const std::string& text) {
     case 'h': {
       std::istringstream in(text);
       for (const auto& t : HandTouches::from_table(in, "truth").at(0))
-        if (t.link < 0 || t.link > 15 || !(std::abs(t.y_m) <= 10.0) || !std::isfinite(t.force_N)) fuzz::finding("a touch beyond any hand");
+        if (t.link < 0 || t.link > 15 || !(std::abs(t.y_m) <= 10.0) || !std::isfinite(t.force_N))
+          fuzz::finding("a touch beyond any hand");
       return;
     }
-    case 'f': return check_table(text, [](auto& in, const char* n) { return read_frame_log(in, n); }, [](const auto& rows) { return frame_log_text(rows); });
-    case 'j': return check_table(text, [](auto& in, const char* n) { return read_joint_log(in, n); }, [](const auto& rows) { return joint_log_text(rows); });
-    case 'w': return check_table(text, [](auto& in, const char* n) { return read_wrench_log(in, n); }, [](const auto& rows) { return wrench_log_text(rows); });
-    case 'm': return check_table(text, [](auto& in, const char* n) { return read_marker_log(in, n); }, [](const auto& rows) { return marker_log_text(rows); });
-    case 'p': return check_table(text, [](auto& in, const char* n) { return read_photodiode_log(in, n); }, [](const auto& rows) { return photodiode_log_text(rows); });
-    case 'o': return check_surface(".obj", text);
-    case 't': return check_surface(".stl", text);
+    case 'f':
+      return check_table(
+          text, [](auto& in, const char* n) { return read_frame_log(in, n); },
+          [](const auto& rows) { return frame_log_text(rows); });
+    case 'j':
+      return check_table(
+          text, [](auto& in, const char* n) { return read_joint_log(in, n); },
+          [](const auto& rows) { return joint_log_text(rows); });
+    case 'w':
+      return check_table(
+          text, [](auto& in, const char* n) { return read_wrench_log(in, n); },
+          [](const auto& rows) { return wrench_log_text(rows); });
+    case 'm':
+      return check_table(
+          text, [](auto& in, const char* n) { return read_marker_log(in, n); },
+          [](const auto& rows) { return marker_log_text(rows); });
+    case 'p':
+      return check_table(
+          text, [](auto& in, const char* n) { return read_photodiode_log(in, n); },
+          [](const auto& rows) { return photodiode_log_text(rows); });
+    case 'o':
+      return check_surface(".obj", text);
+    case 't':
+      return check_surface(".stl", text);
     default: {
       // The fuzzer cannot guess a checksum: it is put right, so that what is behind it is reached.
       const auto last = std::min(text.rfind("checksum "), text.size());

@@ -19,8 +19,7 @@ using namespace lumo::sense;
 
 namespace {
 
-template <class Codec>
-std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
+template <class Codec> std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
   std::ostringstream out;
   Image image = Image::black(4, 3, PixelFormat::bgr);
   write_mcap_log(
@@ -28,8 +27,11 @@ std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
       [&](std::size_t) {
         McapPictureData p;
         p.width = image.width, p.height = image.height;
-        if (raw) p.pixels = image.view();
-        else p.format = "png", p.file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0, 0, 0, 4, 0, 0, 0, 3, 8, 2};
+        if (raw)
+          p.pixels = image.view();
+        else
+          p.format = "png", p.file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I',
+                                      'H',  'D', 'R', 0,   0,    0,    4,    0,    0, 0, 3, 8,  2};
         return p;
       },
       codec);
@@ -41,7 +43,11 @@ std::string without_checksums(std::string file) {
   for (std::size_t at = mcap_magic.size(); at + 9 < file.size() - mcap_magic.size();) {
     const auto opcode = McapOpcode(file[at]);
     const std::size_t begin = at + 9, length = std::size_t(number_at<std::uint64_t>(&file[at + 1], ByteOrder::little));
-    const std::size_t sum = opcode == McapOpcode::chunk ? begin + 24 : opcode == McapOpcode::data_end ? begin : opcode == McapOpcode::attachment ? begin + length - 4 : opcode == McapOpcode::footer ? begin + 16 : 0;
+    const std::size_t sum = opcode == McapOpcode::chunk        ? begin + 24
+                            : opcode == McapOpcode::data_end   ? begin
+                            : opcode == McapOpcode::attachment ? begin + length - 4
+                            : opcode == McapOpcode::footer     ? begin + 16
+                                                               : 0;
     if (sum > 0) file.replace(sum, 4, 4, '\0');
     at = begin + length;
   }
@@ -54,23 +60,29 @@ int main(int count, char** words) {
   if (count != 2) return 2;
   const std::string folder = words[1];
   for (const char* kind : {"/text", "/mcap"}) std::filesystem::create_directories(folder + kind);
-  const auto write = [&](const std::string& name, char which, const std::string& text) { write_whole(folder + "/" + name, which + text); };
+  const auto write = [&](const std::string& name, char which, const std::string& text) {
+    write_whole(folder + "/" + name, which + text);
+  };
   const RecordedLog log = full_log(Effort::current_A);
   write("text/session", 's', to_json(log.session));
   write("text/frames", 'f', frame_log_text(log.frames));
   write("text/joints", 'j', joint_log_text(log.joints));
-  write("text/torques", 'j', "time_s, position_rad_0, velocity_rad_per_s_0, torque_Nm_0\r\n-1.5, 0, 1e-3, 2\r\n0, 1, 2, 3\r\n");
+  write("text/torques", 'j',
+        "time_s, position_rad_0, velocity_rad_per_s_0, torque_Nm_0\r\n-1.5, 0, 1e-3, 2\r\n0, 1, 2, 3\r\n");
   write("text/wrench", 'w', wrench_log_text(log.wrenches));
   write("text/marker", 'm', marker_log_text(log.markers));
   write("text/diodes", 'p', photodiode_log_text(log.photodiodes));
   write("text/touches", 'h', "stamp_ns,link,y_mm,force_N\n0,0,-9.5,8\n0,3,12,1e-3\n33333333,15,0,5\n");
-  write("text/obj", 'o', "# a tetrahedron\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/2 4/4\nf 1//1 4//1 -2//1\nf 2 3 4\n");
+  write("text/obj", 'o',
+        "# a tetrahedron\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1 3 2\nf 1/1 2/2 4/4\nf 1//1 4//1 -2//1\nf 2 "
+        "3 4\n");
   std::string stl = "solid seed\n", binary(80, ' ');
   binary += std::string("\4\0\0\0", 4);
   for (const char* corners : {"000010100", "000100001", "000001010", "100010001"}) {
     stl += "facet normal 0 0 0\nouter loop\n";
     binary += std::string(12, '\0');
-    for (int k = 0; k < 9; k += 3) stl += message("vertex ", corners[k], ' ', corners[k + 1], ' ', corners[k + 2], '\n');
+    for (int k = 0; k < 9; k += 3)
+      stl += message("vertex ", corners[k], ' ', corners[k + 1], ' ', corners[k + 2], '\n');
     for (int k = 0; k < 9; ++k) binary += corners[k] == '1' ? std::string("\0\0\x80\x3f", 4) : std::string(4, '\0');
     stl += "endloop\nendfacet\n";
     binary += std::string(2, '\0');

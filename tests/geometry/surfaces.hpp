@@ -28,11 +28,13 @@ inline MeshInput box(const Vec3d& low, const Vec3d& high) {
   MeshInput input;
   for (int i = 0; i < 8; ++i)
     input.vertices.emplace_back((i & 1 ? high : low).x(), (i & 2 ? high : low).y(), (i & 4 ? high : low).z());
-  input.facets = {{{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{0, 1, 5, 4}, 2}, {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, 4}, {{1, 3, 7, 5}, 5}};
+  input.facets = {{{0, 2, 3, 1}, 0}, {{4, 5, 7, 6}, 1}, {{0, 1, 5, 4}, 2},
+                  {{2, 6, 7, 3}, 3}, {{0, 4, 6, 2}, 4}, {{1, 3, 7, 5}, 5}};
   return input;
 }
 
-/// A prism over a polygon given counter-clockwise, from y = 0 to `length`: two polygon ends (patches −1 and 0), sides (patch 1).
+/// A prism over a polygon given counter-clockwise, from y = 0 to `length`: two polygon ends (patches −1 and 0), sides
+/// (patch 1).
 inline MeshInput prism(const std::vector<std::array<double, 2>>& outline, double length) {
   MeshInput input;
   const int n = static_cast<int>(outline.size());
@@ -70,14 +72,19 @@ inline MeshInput notched_finger(int n) {
 /// A sphere of 20 · 4^level triangles, patch 7.
 inline MeshInput sphere(int level, double radius = 1.0, const Vec3d& center = Vec3d::Zero()) {
   const double g = std::numbers::phi;
-  std::vector<Vec3d> points{{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g}, {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
-  std::vector<std::array<int, 3>> triangles{{0, 11, 5}, {0, 5, 1}, {0, 1, 7}, {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
-                                            {3, 9, 4}, {3, 4, 2}, {3, 2, 6}, {3, 6, 8}, {3, 8, 9}, {4, 9, 5}, {2, 4, 11}, {6, 2, 10}, {8, 6, 7}, {9, 8, 1}};
+  std::vector<Vec3d> points{{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
+                            {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
+  std::vector<std::array<int, 3>> triangles{{0, 11, 5}, {0, 5, 1},  {0, 1, 7},   {0, 7, 10}, {0, 10, 11},
+                                            {1, 5, 9},  {5, 11, 4}, {11, 10, 2}, {10, 7, 6}, {7, 1, 8},
+                                            {3, 9, 4},  {3, 4, 2},  {3, 2, 6},   {3, 6, 8},  {3, 8, 9},
+                                            {4, 9, 5},  {2, 4, 11}, {6, 2, 10},  {8, 6, 7},  {9, 8, 1}};
   for (int step = 0; step < level; ++step) {
     std::map<std::pair<int, int>, int> middles;
     const auto middle = [&](int a, int b) {
       const auto [entry, fresh] = middles.try_emplace(std::minmax(a, b), static_cast<int>(points.size()));
-      if (fresh) points.push_back(points[static_cast<std::size_t>(a)].normalized() + points[static_cast<std::size_t>(b)].normalized());
+      if (fresh)
+        points.push_back(points[static_cast<std::size_t>(a)].normalized() +
+                         points[static_cast<std::size_t>(b)].normalized());
       return entry->second;
     };
     std::vector<std::array<int, 3>> finer;
@@ -130,7 +137,8 @@ inline void append(MeshInput& input, const MeshInput& other) {
 
 inline void turn(MeshInput& input, std::mt19937_64& random) {
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
-  const Eigen::Quaterniond rotation = Eigen::Quaterniond(unit(random), unit(random), unit(random), unit(random)).normalized();
+  const Eigen::Quaterniond rotation =
+      Eigen::Quaterniond(unit(random), unit(random), unit(random), unit(random)).normalized();
   for (Vec3d& vertex : input.vertices) vertex = rotation * vertex;
 }
 
@@ -139,13 +147,34 @@ inline void invert(MeshInput& input) {
 }
 
 enum class Fault {
-  hole, crossing, degenerate_facet, bad_index, nan_vertex, infinite_vertex, huge_vertex, duplicate_vertices, touching_sheets, soup, coplanar, inverted, empty
+  hole,
+  crossing,
+  degenerate_facet,
+  bad_index,
+  nan_vertex,
+  infinite_vertex,
+  huge_vertex,
+  duplicate_vertices,
+  touching_sheets,
+  soup,
+  coplanar,
+  inverted,
+  empty
 };
-inline constexpr std::array<std::pair<Fault, const char*>, 13> all_faults{{
-    {Fault::hole, "hole"}, {Fault::crossing, "self-intersecting"}, {Fault::degenerate_facet, "degenerate facet"}, {Fault::bad_index, "index out of range"},
-    {Fault::nan_vertex, "NaN vertex"}, {Fault::infinite_vertex, "infinite vertex"}, {Fault::huge_vertex, "1e308 vertex"},
-    {Fault::duplicate_vertices, "duplicate vertices"}, {Fault::touching_sheets, "touching sheets"}, {Fault::soup, "random soup"},
-    {Fault::coplanar, "all coplanar"}, {Fault::inverted, "inverted"}, {Fault::empty, "empty"}}};
+inline constexpr std::array<std::pair<Fault, const char*>, 13> all_faults{
+    {{Fault::hole, "hole"},
+     {Fault::crossing, "self-intersecting"},
+     {Fault::degenerate_facet, "degenerate facet"},
+     {Fault::bad_index, "index out of range"},
+     {Fault::nan_vertex, "NaN vertex"},
+     {Fault::infinite_vertex, "infinite vertex"},
+     {Fault::huge_vertex, "1e308 vertex"},
+     {Fault::duplicate_vertices, "duplicate vertices"},
+     {Fault::touching_sheets, "touching sheets"},
+     {Fault::soup, "random soup"},
+     {Fault::coplanar, "all coplanar"},
+     {Fault::inverted, "inverted"},
+     {Fault::empty, "empty"}}};
 
 /// A bad surface of one kind; the same seed gives the same surface.
 inline MeshInput faulty(Fault fault, std::uint64_t seed) {
@@ -157,7 +186,8 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
   const auto any_facet = [&]() -> Facet& { return input.facets[pick(input.facets.size())]; };
   switch (fault) {
     case Fault::hole:
-      for (std::size_t i = 0; i <= seed % 3; ++i) input.facets.erase(input.facets.begin() + static_cast<std::ptrdiff_t>(pick(input.facets.size())));
+      for (std::size_t i = 0; i <= seed % 3; ++i)
+        input.facets.erase(input.facets.begin() + static_cast<std::ptrdiff_t>(pick(input.facets.size())));
       break;
     case Fault::crossing:
       if (seed % 3 == 0) {  // a top vertex pulled through the bottom
@@ -175,25 +205,44 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
       break;
     case Fault::degenerate_facet: {
       Facet& facet = any_facet();
-      if (seed % 3 == 0) facet.loop[2] = facet.loop[1];
-      else if (seed % 3 == 1) facet.loop.pop_back();
-      else input.vertices[static_cast<std::size_t>(facet.loop[2])] = 0.5 * (input.vertices[static_cast<std::size_t>(facet.loop[0])] + input.vertices[static_cast<std::size_t>(facet.loop[1])]);
+      if (seed % 3 == 0)
+        facet.loop[2] = facet.loop[1];
+      else if (seed % 3 == 1)
+        facet.loop.pop_back();
+      else
+        input.vertices[static_cast<std::size_t>(facet.loop[2])] =
+            0.5 * (input.vertices[static_cast<std::size_t>(facet.loop[0])] +
+                   input.vertices[static_cast<std::size_t>(facet.loop[1])]);
       break;
     }
-    case Fault::bad_index: any_facet().loop[pick(3)] = seed % 3 == 0 ? -1 : seed % 3 == 1 ? static_cast<int>(input.vertices.size()) : std::numeric_limits<int>::max() - static_cast<int>(pick(100)); break;
-    case Fault::nan_vertex: any_vertex()[static_cast<int>(pick(3))] = std::numeric_limits<double>::quiet_NaN(); break;
-    case Fault::infinite_vertex: any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? HUGE_VAL : -HUGE_VAL; break;
-    case Fault::huge_vertex: any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? 1e308 : -1e308; break;
+    case Fault::bad_index:
+      any_facet().loop[pick(3)] = seed % 3 == 0   ? -1
+                                  : seed % 3 == 1 ? static_cast<int>(input.vertices.size())
+                                                  : std::numeric_limits<int>::max() - static_cast<int>(pick(100));
+      break;
+    case Fault::nan_vertex:
+      any_vertex()[static_cast<int>(pick(3))] = std::numeric_limits<double>::quiet_NaN();
+      break;
+    case Fault::infinite_vertex:
+      any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? HUGE_VAL : -HUGE_VAL;
+      break;
+    case Fault::huge_vertex:
+      any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? 1e308 : -1e308;
+      break;
     case Fault::duplicate_vertices: {  // a facet gets a corner of its own at the same place
       Facet& facet = any_facet();
-      input.vertices.push_back(input.vertices[static_cast<std::size_t>(facet.loop[0])] + (seed % 2 ? 0.0 : 1e-12) * Vec3d::Ones());
+      input.vertices.push_back(input.vertices[static_cast<std::size_t>(facet.loop[0])] +
+                               (seed % 2 ? 0.0 : 1e-12) * Vec3d::Ones());
       facet.loop[0] = static_cast<int>(input.vertices.size()) - 1;
       break;
     }
     case Fault::touching_sheets: {  // two bodies that touch with a face, an edge or a corner
       MeshInput other = box(Vec3d(1, 0, 0), Vec3d(2, 1, 1));
       const double shift = 0.3 + 0.4 * unit(random);
-      for (Vec3d& v : other.vertices) v += seed % 3 == 0 ? Vec3d(0, shift, 0.2) : seed % 3 == 1 ? Vec3d(0, 1, -shift) : Vec3d(0, -shift, -1 + 0.11 * shift);
+      for (Vec3d& v : other.vertices)
+        v += seed % 3 == 0   ? Vec3d(0, shift, 0.2)
+             : seed % 3 == 1 ? Vec3d(0, 1, -shift)
+                             : Vec3d(0, -shift, -1 + 0.11 * shift);
       append(input, other);
       if (seed % 2) turn(input, random);  // now they touch but for rounding
       break;
@@ -208,7 +257,9 @@ inline MeshInput faulty(Fault fault, std::uint64_t seed) {
       if (seed % 2)  // no two vertices at one place
         for (Vec3d& v : input.vertices) v = Vec3d(unit(random), unit(random), 0.0);
       break;
-    case Fault::inverted: invert(input); break;
+    case Fault::inverted:
+      invert(input);
+      break;
     case Fault::empty:
       if (seed % 3 != 1) input.facets.clear();
       if (seed % 3 != 0) input.vertices.clear();

@@ -23,7 +23,8 @@ int integer_orient3d(const Vec3d (&p)[4]) {
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 3; ++k) m[i][k] = static_cast<Wide>(p[i + 1][k]) - static_cast<Wide>(p[0][k]);
   Wide det = 0;
-  for (int i = 0; i < 3; ++i) det += m[2][i] * (m[0][(i + 1) % 3] * m[1][(i + 2) % 3] - m[0][(i + 2) % 3] * m[1][(i + 1) % 3]);
+  for (int i = 0; i < 3; ++i)
+    det += m[2][i] * (m[0][(i + 1) % 3] * m[1][(i + 2) % 3] - m[0][(i + 2) % 3] * m[1][(i + 1) % 3]);
   return sign(det);
 }
 
@@ -63,19 +64,21 @@ TEST_CASE("orient3d is antisymmetric and agrees with scaled and nearly flat poin
   std::mt19937_64 random(11);
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
   for (int trial = 0; trial < 20000; ++trial) {
-    const Vec3d a(unit(random), unit(random), unit(random)), b(unit(random), unit(random), unit(random)), c(unit(random), unit(random), unit(random));
+    const Vec3d a(unit(random), unit(random), unit(random)), b(unit(random), unit(random), unit(random)),
+        c(unit(random), unit(random), unit(random));
     Vec3d d = a + unit(random) * (b - a) + unit(random) * (c - a);  // in the plane but for rounding
     if (trial % 3 == 0) d += 1e-16 * Vec3d(unit(random), unit(random), unit(random));
     const int value = orient3d(a, b, c, d);
     const double scale = std::ldexp(1.0, trial % 61 - 30);
-    const bool right = orient3d(b, c, a, d) == value && orient3d(b, a, c, d) == -value && orient3d(a, d, b, c) == value &&
-                       orient3d(scale * a, scale * b, scale * c, scale * d) == value;
+    const bool right = orient3d(b, c, a, d) == value && orient3d(b, a, c, d) == -value &&
+                       orient3d(a, d, b, c) == value && orient3d(scale * a, scale * b, scale * c, scale * d) == value;
     if (!right) FAIL("signs disagree in trial " << trial);
   }
 }
 
 TEST_CASE("orient2d is exact on a grid of neighbouring doubles", "[mesh][predicates]") {
-  // Kettner et al. 2008: the rounded determinant is wrong all over this square; the exact one is a straight line of zeros.
+  // Kettner et al. 2008: the rounded determinant is wrong all over this square; the exact one is a straight line of
+  // zeros.
   const Point2 q{12.0, 12.0}, r{24.0, 24.0};
   int wrong = 0;
   for (int i = 0; i < 128; ++i)

@@ -11,8 +11,8 @@
 
 using lumo::MeshError;
 using lumo::MeshInput;
-using lumo::Vec3d;
 using lumo::validate_surface;
+using lumo::Vec3d;
 using Reason = MeshError::Reason;
 using namespace surfaces;
 
@@ -34,19 +34,30 @@ std::optional<Reason> verdict(const MeshInput& input) {
 /// Reasons that are right for a fault: random changes may break more than one rule.
 std::set<Reason> right_reasons(surfaces::Fault fault) {
   switch (fault) {
-    case surfaces::Fault::hole: return {Reason::open};
-    case surfaces::Fault::crossing: return {Reason::self_intersecting};
-    case surfaces::Fault::degenerate_facet: return {Reason::degenerate, Reason::duplicate};
-    case surfaces::Fault::bad_index: return {Reason::bad_index};
+    case surfaces::Fault::hole:
+      return {Reason::open};
+    case surfaces::Fault::crossing:
+      return {Reason::self_intersecting};
+    case surfaces::Fault::degenerate_facet:
+      return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::bad_index:
+      return {Reason::bad_index};
     case surfaces::Fault::nan_vertex:
     case surfaces::Fault::infinite_vertex:
-    case surfaces::Fault::huge_vertex: return {Reason::not_finite};
-    case surfaces::Fault::duplicate_vertices: return {Reason::duplicate};
-    case surfaces::Fault::touching_sheets: return {Reason::self_intersecting};
-    case surfaces::Fault::soup: return {Reason::degenerate, Reason::open, Reason::not_manifold};
-    case surfaces::Fault::coplanar: return {Reason::degenerate, Reason::duplicate};
-    case surfaces::Fault::inverted: return {Reason::not_manifold};
-    case surfaces::Fault::empty: return {Reason::degenerate};
+    case surfaces::Fault::huge_vertex:
+      return {Reason::not_finite};
+    case surfaces::Fault::duplicate_vertices:
+      return {Reason::duplicate};
+    case surfaces::Fault::touching_sheets:
+      return {Reason::self_intersecting};
+    case surfaces::Fault::soup:
+      return {Reason::degenerate, Reason::open, Reason::not_manifold};
+    case surfaces::Fault::coplanar:
+      return {Reason::degenerate, Reason::duplicate};
+    case surfaces::Fault::inverted:
+      return {Reason::not_manifold};
+    case surfaces::Fault::empty:
+      return {Reason::degenerate};
   }
   return {};
 }
@@ -121,7 +132,8 @@ TEST_CASE("facets that are not flat simple polygons", "[mesh][surface]") {
 
   MeshInput crossed = prism({{0, 0}, {2, 0}, {2, 2}, {1, -1}, {0, 2}}, 1.0);  // the ends' outline crosses itself
   CHECK(verdict(crossed) == Reason::self_intersecting);
-  MeshInput touching = prism({{0, 0}, {2, 0}, {2, 2}, {1, 0}, {0, 2}}, 1.0);  // a notch that just reaches the other side
+  MeshInput touching =
+      prism({{0, 0}, {2, 0}, {2, 2}, {1, 0}, {0, 2}}, 1.0);  // a notch that just reaches the other side
   CHECK(verdict(touching) == Reason::self_intersecting);
   CHECK(!verdict(prism({{0, 0}, {2, 0}, {2, 2}, {1, 0.01}, {0, 2}}, 1.0)));
   CHECK(!verdict(prism({{0, 0}, {1, 0}, {2, 0}, {2, 1}, {2, 2}, {1, 2}, {0, 2}}, 1.0)));  // corners on straight edges
@@ -157,8 +169,10 @@ TEST_CASE("neighbours may be coplanar but not folded onto each other", "[mesh][s
     tent.facets.push_back({{10, a, b}, 1});
     tent.facets.push_back({{5, 7, b, a}, 1});
     const auto reason = verdict(tent);
-    if (lift > 1e-6) CHECK((!reason || *reason == Reason::degenerate));  // the flap's four-corner facets are not flat then
-    else CHECK(reason == Reason::self_intersecting);
+    if (lift > 1e-6)
+      CHECK((!reason || *reason == Reason::degenerate));  // the flap's four-corner facets are not flat then
+    else
+      CHECK(reason == Reason::self_intersecting);
   }
 }
 
@@ -168,8 +182,10 @@ TEST_CASE("thin gaps are legal, closed ones are not", "[mesh][surface]") {
     append(pair, box(Vec3d(1 + gap, 0.2, 0.3), Vec3d(2, 1.2, 1.3)));
     std::mt19937_64 random(5);
     turn(pair, random);
-    if (gap > 1e-7) CHECK(!verdict(pair));
-    else CHECK(verdict(pair) == Reason::self_intersecting);
+    if (gap > 1e-7)
+      CHECK(!verdict(pair));
+    else
+      CHECK(verdict(pair) == Reason::self_intersecting);
   }
 }
 
@@ -203,7 +219,7 @@ TEST_CASE("a fine surface is checked, flat parts included", "[mesh][surface]") {
   std::mt19937_64 random(9);
   MeshInput fine = block(40, random);  // 19 200 triangles, most in exact planes
   CHECK(!verdict(fine));
-  turn(fine, random);                   // now in planes but for rounding
+  turn(fine, random);  // now in planes but for rounding
   CHECK(!verdict(fine));
   CHECK(!verdict(sphere(5)));
   CHECK(!verdict(notched_finger(100)));

@@ -2,7 +2,8 @@
 
 #include "lumo/lab/pad_responses.hpp"
 
-/// Responses with simple, known numbers, for the machinery of the lab: smooth in y, linear in the load. Not a pad's; logs for estimators come from computed ones.
+/// Responses with simple, known numbers, for the machinery of the lab: smooth in y, linear in the load. Not a pad's;
+/// logs for estimators come from computed ones.
 inline lumo::PadResponses plain_pad() {
   using namespace lumo;
   PadResponses r;

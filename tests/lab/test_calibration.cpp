@@ -1,9 +1,9 @@
 #include "catch.hpp"
 
+#include "lab/plain_pad.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/profile/finger_view.hpp"
-#include "lab/plain_pad.hpp"
 
 using namespace lumo;
 using namespace lumo::sense;
@@ -53,7 +53,7 @@ TEST_CASE("a stiffer specimen with weaker lamps is one: less depth and less ligh
     CHECK(b.equivalent_N == Approx(a.equivalent_N / 1.25).margin(1e-12));
     if (b.contact >= 0) CHECK(b.depth_m == light.depth_m(b.y_m, b.equivalent_N));
   }
-  rig.specimen.stiffness = 0.9;   // 20 N on it are 22 N on the computed pad
+  rig.specimen.stiffness = 0.9;  // 20 N on it are 22 N on the computed pad
   CHECK_THROWS_AS(VirtualRig(light, press_plan(), 4, 0.0, rig), InvalidArgument);
 }
 
@@ -70,8 +70,10 @@ TEST_CASE("camera gain and lamp level come back from unloaded pictures", "[lab]"
       const bool off = lab.truth()[k].contact < 0 && t > 12.0;
       if (t < 2.9 || off) {
         const Image image = lab.image(k);
-        if (t < 2.9) transfer.add(image.view()), lit.add(image.view());
-        else dark.add(image.view());
+        if (t < 2.9)
+          transfer.add(image.view()), lit.add(image.view());
+        else
+          dark.add(image.view());
       }
     }
     const auto r = transfer.result(rig.camera.black_DN);

@@ -16,7 +16,8 @@ TEST_CASE("a virtual hand is seen where its joints put it, and tells the same tw
   const Image image = lab.image(0);
   for (int l = 0; l < 4; ++l) {
     const SessionLink& s = lab.session().links[std::size_t(l)];
-    const auto found = register_link(image.view(), s.link, LinkMap::fit<Eigen::Matrix2Xd>(s.link.hole_m, s.hole_px, s.link.z_clockwise));
+    const auto found = register_link(image.view(), s.link,
+                                     LinkMap::fit<Eigen::Matrix2Xd>(s.link.hole_m, s.hole_px, s.link.z_clockwise));
     REQUIRE(found);
     CHECK((found->origin_px - lab.map(l, lab.truth()[0].joints_rad).origin_px).norm() < 0.3);
   }
@@ -30,11 +31,12 @@ TEST_CASE("a virtual hand is seen where its joints put it, and tells the same tw
   CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
   far.grasps[0].touches.clear();
   CHECK_NOTHROW(HandLab(light, far));
-  far.grasps[0].joints_rad[2] = -1.2;   // outwards, beyond the picture's edge
+  far.grasps[0].joints_rad[2] = -1.2;  // outwards, beyond the picture's edge
   CHECK_THROWS_AS(HandLab(light, far), InvalidArgument);
 }
 
-TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and nothing where nothing does", "[lab]") {
+TEST_CASE("grasps of a virtual hand: what presses is found on its link and place, and nothing where nothing does",
+          "[lab]") {
   const PadLight light(plain_pad());
   Rig rig;
   rig.camera.frames_per_s = 15.0;
@@ -59,13 +61,16 @@ TEST_CASE("grasps of a virtual hand: what presses is found on its link and place
     for (const HandTouch& t : truth.touches) {
       if (t.load_N < 5.0) continue;
       ++touched;
-      const auto hit = std::find_if(e.contacts.begin(), e.contacts.end(), [&](const HandContact& c) { return c.link == t.link && std::abs(c.y_m - t.y_m) < 8.0_mm; });
+      const auto hit = std::find_if(e.contacts.begin(), e.contacts.end(), [&](const HandContact& c) {
+        return c.link == t.link && std::abs(c.y_m - t.y_m) < 8.0_mm;
+      });
       if (hit != e.contacts.end()) ++found, worst = std::max(worst, std::abs(hit->y_m - t.y_m));
     }
     unloaded += truth.touches.empty();
     if (truth.touches.empty()) false_alarms += !e.contacts.empty();
   }
-  INFO(found << " of " << touched << " touches found, worst " << 1e3 * worst << " mm; " << false_alarms << " alarms in " << unloaded << " frames; " << seen << " of " << links << " links seen");
+  INFO(found << " of " << touched << " touches found, worst " << 1e3 * worst << " mm; " << false_alarms << " alarms in "
+             << unloaded << " frames; " << seen << " of " << links << " links seen");
   CHECK(touched > 100);
   CHECK(found >= int(0.95 * touched));
   CHECK(false_alarms <= unloaded / 50);

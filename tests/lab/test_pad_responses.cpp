@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/lab/pad_file.hpp"
 #include "lab/plain_pad.hpp"
+#include "lumo/lab/pad_file.hpp"
 #include "temporary_folder.hpp"
 
 using namespace lumo;
@@ -16,9 +16,11 @@ TEST_CASE("responses in between: exact at what was computed, mirrored below 0, n
   CHECK(light.change(7e-3, -1.0).norm() == 0.0);
   CHECK(light.depth_m(3.3e-3, 20.0) == Approx(4e-3));
   // Linear data stay linear between loads and between places.
-  for (const double load : {0.7, 3.0, 6.0, 14.0}) CHECK((light.change(4e-3, load) - r.change[4].col(0) * (load / 5.0)).norm() < 1e-12);
+  for (const double load : {0.7, 3.0, 6.0, 14.0})
+    CHECK((light.change(4e-3, load) - r.change[4].col(0) * (load / 5.0)).norm() < 1e-12);
   CHECK((light.change(4.25e-3, 5.0) - (0.75 * r.change[4].col(0) + 0.25 * r.change[5].col(0))).norm() < 1e-15);
-  for (const double load : {0.3, 5.0, 12.0, 19.9}) CHECK(light.load_N(-8.5e-3, light.depth_m(-8.5e-3, load)) == Approx(load).epsilon(1e-9));
+  for (const double load : {0.3, 5.0, 12.0, 19.9})
+    CHECK(light.load_N(-8.5e-3, light.depth_m(-8.5e-3, load)) == Approx(load).epsilon(1e-9));
   CHECK(light.load_N(0.0, 5e-3) == Approx(25.0));  // goes on straight
   CHECK(light.load_N(0.0, -1e-3) == 0.0);
   // Beyond what was computed the last state counts.
@@ -45,7 +47,8 @@ TEST_CASE("between loads the response never overshoots", "[lab]") {
 
 TEST_CASE("a tilt moves with the contact and changes its sign with the angle", "[lab]") {
   const PadLight light(plain_pad());
-  const Eigen::VectorXd straight = light.change(9e-3, 10.0), plus = light.change(9e-3, 10.0, 0.01), minus = light.change(9e-3, 10.0, -0.01);
+  const Eigen::VectorXd straight = light.change(9e-3, 10.0), plus = light.change(9e-3, 10.0, 0.01),
+                        minus = light.change(9e-3, 10.0, -0.01);
   CHECK((plus + minus - 2.0 * straight).norm() < 1e-18);
   Eigen::Index top = 0;
   (plus - straight).maxCoeff(&top);
@@ -76,7 +79,8 @@ TEST_CASE("responses as a file: read back to the bit, and every damage is told i
   refused(flipped, "a key", "damaged");
   // Whole, but not a column where one belongs.
   std::string wide = text.substr(0, text.rfind("checksum "));
-  wide.replace(wide.find("theta_mm 5 1\n"), wide.find("diameter_m") - wide.find("theta_mm 5 1\n"), "theta_mm 1 5\n6 6 8 5 0\n");
+  wide.replace(wide.find("theta_mm 5 1\n"), wide.find("diameter_m") - wide.find("theta_mm 5 1\n"),
+               "theta_mm 1 5\n6 6 8 5 0\n");
   refused(wide + message("checksum ", checksum(wide), '\n'), "a key", "more than one column");
   CHECK_FALSE(read_pad_responses(path, "a key"));
   write_pad_responses(path, r, "a key");

@@ -1,10 +1,10 @@
 #include "catch.hpp"
 
+#include "lab/plain_pad.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/profile/finger_view.hpp"
 #include "lumo/sense/force/log_estimates.hpp"
-#include "lab/plain_pad.hpp"
+#include "lumo/sense/profile/finger_view.hpp"
 
 #include <cmath>
 #include <optional>
@@ -18,7 +18,8 @@ namespace {
 
 LabPlan short_plan() {
   LabPlan plan{"short", 3.0, {}};
-  for (const int p : {1, 4}) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({5, 20}, 0.2, 0.4), 0.0, 0.6});
+  for (const int p : {1, 4})
+    plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({5, 20}, 0.2, 0.4), 0.0, 0.6});
   return plan;
 }
 
@@ -41,10 +42,14 @@ TEST_CASE("same seed, same log, another seed, another one, without noise no scat
     if (t.contact >= 0) CHECK(std::abs(t.y_m) == Approx(15e-3));
 }
 
-TEST_CASE("the deformation creeps up to what the load gives in equilibrium, and an instant step shows the instantaneous modulus", "[lab]") {
+TEST_CASE(
+    "the deformation creeps up to what the load gives in equilibrium, and an instant step shows the instantaneous "
+    "modulus",
+    "[lab]") {
   const SiliconeRig rig{{0.2, 0.1, 0.1}, {0.1, 1.0, 10.0}};
   Relaxation pad(rig);
-  CHECK(pad.step(10.0, 1e-9) == Approx(10.0 * 0.6).epsilon(1e-6));  // equilibrium modulus in parts of the instantaneous one
+  CHECK(pad.step(10.0, 1e-9) ==
+        Approx(10.0 * 0.6).epsilon(1e-6));  // equilibrium modulus in parts of the instantaneous one
   double last = pad.equivalent_N();
   for (int k = 0; k < 400; ++k) {
     const double e = pad.step(10.0, 0.5);
@@ -85,8 +90,9 @@ TEST_CASE("a camera is placed so that the pad lies in its picture, however badly
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     const VirtualRig rig(light, short_plan(), seed, 4.0);
     const Image image = rig.image(0);
-    double left = 0.0, right = 0.0;   // nothing shines at the picture's ends
-    for (int v = 0; v < image.height; ++v) left += image.view().green(0, v) / image.height, right += image.view().green(image.width - 1, v) / image.height;
+    double left = 0.0, right = 0.0;  // nothing shines at the picture's ends
+    for (int v = 0; v < image.height; ++v)
+      left += image.view().green(0, v) / image.height, right += image.view().green(image.width - 1, v) / image.height;
     in_sight += left < 35.0 && right < 35.0;
   }
   CHECK(in_sight == 60);
@@ -95,7 +101,8 @@ TEST_CASE("a camera is placed so that the pad lies in its picture, however badly
   CHECK(SideCamera(CameraRig{}, SideGeometry{}, {0.02, 0.02, 0.02, 1e-3, 1e-3}).shows_side());
 }
 
-TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells places on the side to its parallax", "[lab]") {
+TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells places on the side to its parallax",
+          "[lab]") {
   const PadLight light(plain_pad());
   for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
     const VirtualRig rig(light, short_plan(), seed);
@@ -106,7 +113,8 @@ TEST_CASE("the five LEDs are found in the unloaded picture, and their map tells 
   }
   // A point on the side, straight: LEDs lie 14.75/1.41 mm behind it, 4 % farther from the camera.
   const SidePainter painter({CameraRig{}, SideGeometry{}, {}}, LightRig{}, light.responses().position_m, 1);
-  const double lamp = painter.view().lamp_pixel(22e-3).x() - painter.view().lamp_pixel(0.0).x(), side = painter.view().pixel(22e-3, 5e-3).x() - painter.view().pixel(0.0, 5e-3).x();
+  const double lamp = painter.view().lamp_pixel(22e-3).x() - painter.view().lamp_pixel(0.0).x(),
+               side = painter.view().pixel(22e-3, 5e-3).x() - painter.view().pixel(0.0, 5e-3).x();
   CHECK(side / lamp == Approx((0.25 + 14.75e-3 / 1.41) / 0.25).epsilon(1e-3));
 }
 
@@ -126,14 +134,15 @@ TEST_CASE("whoever tells how deep the LEDs lie and where the camera is has them 
   for (const double y : {-25e-3, -10e-3, 0.0, 15e-3, 25e-3}) {
     INFO("y " << 1e3 * y << " mm");
     CHECK(std::abs(error_m(rig.session(), y)) < 0.2e-3);
-    CHECK(error_m(silent, y) == Approx(0.042 * y).margin(0.2e-3));   // 14.75 mm / 1.41 behind the side, 250 mm away
+    CHECK(error_m(silent, y) == Approx(0.042 * y).margin(0.2e-3));  // 14.75 mm / 1.41 behind the side, 250 mm away
   }
 }
 
 TEST_CASE("the finger's localiser finds places along a pad with clear ends, and its intervals hold them", "[lab]") {
   PadResponses clear = plain_pad();
-  for (Eigen::Index k = 0; k < clear.place_m.size(); ++k) {   // an end at 30 mm throws a contact's light back
-    const Eigen::VectorXd image = (-0.5 * ((clear.position_m.array() - (60e-3 - clear.place_m[k])) / 4e-3).square()).exp();
+  for (Eigen::Index k = 0; k < clear.place_m.size(); ++k) {  // an end at 30 mm throws a contact's light back
+    const Eigen::VectorXd image =
+        (-0.5 * ((clear.position_m.array() - (60e-3 - clear.place_m[k])) / 4e-3).square()).exp();
     clear.change[std::size_t(k)] += image * (2e-5 * clear.load_N.transpose());
   }
   const PadLight light(clear);
@@ -141,7 +150,8 @@ TEST_CASE("the finger's localiser finds places along a pad with clear ends, and 
   double error = 0.0, held = 0.0;
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {
     LabPlan plan{"six places", 0.0, {}};
-    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, 10e-3 * (p - 2.5), 0, lab_holds({5, 10}, 0.2, 0.3), 0.0, 1.0});
+    for (int p = 0; p < 6; ++p)
+      plan.contacts.push_back({p, 10e-3 * (p - 2.5), 0, lab_holds({5, 10}, 0.2, 0.3), 0.0, 1.0});
     const VirtualRig rig(light, plan, seed);
     const UnloadedStretch rest = UnloadedStretch::of(rig.session(), rig.frames().front().stamp_ns);
     VirtualCamera first(rig), all(rig);
@@ -151,10 +161,14 @@ TEST_CASE("the finger's localiser finds places along a pad with clear ends, and 
     const UnloadedReference unloaded = unloaded_reference(profiles, rest, "lab");
     const auto estimates = locate(profiles, unloaded, BayesLocalizer(finger_localizer(readout, unloaded)));
     std::istringstream table(truth_text(rig.truth()));
-    const LocationScore s = location_score(estimates, LogTruth::from_table(table, "truth"), 4.5, [](const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; });
+    const LocationScore s =
+        location_score(estimates, LogTruth::from_table(table, "truth"), 4.5, [](const LogEstimate& e) {
+          return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt;
+        });
     samples += s.samples, located += s.located, error += s.mae_m * s.located, held += s.coverage_90 * s.located;
   }
-  INFO(located << " of " << samples << " located, mean error " << 1e3 * error / located << " mm, " << 100.0 * held / located << " % held");
+  INFO(located << " of " << samples << " located, mean error " << 1e3 * error / located << " mm, "
+               << 100.0 * held / located << " % held");
   CHECK(samples > 150);
   CHECK(located > 0.98 * samples);
   CHECK(error < 0.6e-3 * located);
@@ -168,7 +182,9 @@ TEST_CASE("current times constant is force times arm, apart from what the rig ad
   int loaded = 0;
   for (const TruthSample& t : rig.truth()) {
     if (t.contact < 0) continue;
-    const auto j = std::min_element(rig.joints().begin(), rig.joints().end(), [&](const auto& a, const auto& b) { return std::abs(a.stamp_ns - t.stamp_ns) < std::abs(b.stamp_ns - t.stamp_ns); });
+    const auto j = std::min_element(rig.joints().begin(), rig.joints().end(), [&](const auto& a, const auto& b) {
+      return std::abs(a.stamp_ns - t.stamp_ns) < std::abs(b.stamp_ns - t.stamp_ns);
+    });
     const double torque = m.torque_constant_Nm_per_A * j->effort[0] - m.weight_Nm * std::sin(j->position_rad[0]);
     CHECK(torque == Approx(t.force_N * (m.joint_to_origin_m + t.y_m)).margin(0.03));  // ramps: 2 ms off
     ++loaded;
@@ -183,7 +199,8 @@ TEST_CASE("LEDs off and no noise: what is left is the room", "[lab]") {
   const VirtualRig rig(light, plan, 1, 0.0);
   for (std::size_t k = 0; k < rig.frames().size(); k += 40) {
     const Image i = rig.image(k);
-    CHECK(*std::max_element(i.pixels.begin(), i.pixels.end()) <= std::uint8_t(rig.rig().camera.black_DN + rig.rig().light.ambient_DN * 1.2 + 1.0));
+    CHECK(*std::max_element(i.pixels.begin(), i.pixels.end()) <=
+          std::uint8_t(rig.rig().camera.black_DN + rig.rig().light.ambient_DN * 1.2 + 1.0));
   }
 }
 

@@ -1,15 +1,15 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/indenters/mesh_indenter.hpp"
-#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "mechanics/bodies.hpp"
 
 using namespace lumo;
 
@@ -17,14 +17,15 @@ namespace {
 
 using FastSimulator = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
 
-TriangleSurface round_mesh(double radius, int around) {   // rings of latitude between two poles
+TriangleSurface round_mesh(double radius, int around) {  // rings of latitude between two poles
   TriangleSurface s;
   s.vertices.emplace_back(0, 0, radius);
   const int rings = around / 2 - 1;
   for (int i = 1; i <= rings; ++i)
     for (int j = 0; j < around; ++j) {
       const double a = pi * i / (rings + 1), b = 2 * pi * j / around;
-      s.vertices.emplace_back(radius * std::sin(a) * std::cos(b), radius * std::sin(a) * std::sin(b), radius * std::cos(a));
+      s.vertices.emplace_back(radius * std::sin(a) * std::cos(b), radius * std::sin(a) * std::sin(b),
+                              radius * std::cos(a));
     }
   s.vertices.emplace_back(0, 0, -radius);
   const auto id = [&](int i, int j) { return 1 + (i - 1) * around + j % around; };
@@ -42,11 +43,13 @@ TriangleSurface round_mesh(double radius, int around) {   // rings of latitude b
 }  // namespace
 
 TEST_CASE("a flat punch on a deep soft block meets Sneddon's stiffness") {
-  // Sneddon 1965: F = 2 E* a d. The rim is rounded by a twentieth of the radius and the block is 40 radii deep and half as wide.
-  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), a = 1e-3;
+  // Sneddon 1965: F = 2 E* a d. The rim is rounded by a twentieth of the radius and the block is 40 radii deep and half
+  // as wide.
+  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu),
+               a = 1e-3;
   Body body = test::block_to_mesh(Vec3d::Constant(40e-3), 0.1e-3, 0.12, 12e-3);
   const Vec3d top(0, 0, 40e-3);
-  body.sizing.edge = [=](const Vec3d& p) {   // fine along the rim
+  body.sizing.edge = [=](const Vec3d& p) {  // fine along the rim
     const double rim = std::hypot(std::hypot(p.x(), p.y()) - a, p.z() - top.z());
     return std::min({12e-3, 0.06e-3 + 0.4 * rim});
   };
@@ -55,14 +58,16 @@ TEST_CASE("a flat punch on a deep soft block meets Sneddon's stiffness") {
   const Scenario<Cylinder> s{Cylinder{2 * a, 4e-3, 0.05 * a}, 0.0, 0.0, {0.003, 0.006}};
   for (const MechanicalState& state : sim.press(body, mesh, s)) {
     REQUIRE(state.status == Status::converged);
-    INFO("d/a " << state.depth_m / a << " F/F_Sneddon " << state.force_N / (2 * E_star * a * state.depth_m) << " A/(pi a^2) " << state.contact_area_m2 / (pi * a * a));
+    INFO("d/a " << state.depth_m / a << " F/F_Sneddon " << state.force_N / (2 * E_star * a * state.depth_m)
+                << " A/(pi a^2) " << state.contact_area_m2 / (pi * a * a));
     CHECK(state.force_N / (2 * E_star * a * state.depth_m) == Approx(1.0).margin(0.04));
     CHECK(state.contact_area_m2 / (pi * a * a) == Approx(1.0).margin(0.1));
   }
 }
 
 TEST_CASE("a long bar on a block meets Hertz's line contact in width and in peak pressure") {
-  // Hertz 1882: b^2 = 4 F' R / (pi E*), p0 = 2 F' / (pi b). Without lateral contraction (lambda = 0) plane strain holds whatever the ends do.
+  // Hertz 1882: b^2 = 4 F' R / (pi E*), p0 = 2 F' / (pi b). Without lateral contraction (lambda = 0) plane strain holds
+  // whatever the ends do.
   const double mu = 1e5, E_star = 2 * mu, R = 8e-3, b = 0.6e-3, per_length = pi * E_star * b * b / (4 * R);
   const Vec3d half(8e-3, 0.6e-3, 8e-3);
   std::vector<double> gx, gz;
@@ -73,12 +78,17 @@ TEST_CASE("a long bar on a block meets Hertz's line contact in width and in peak
   const double load = per_length * 2 * half.y();
   for (bool bar : {true, false}) {
     std::vector<MechanicalState> states;
-    if (bar) states = sim.press(body, mesh, Scenario<Oriented<Cylinder>>{lying_along_y(Cylinder{2 * R, 10e-3, 0.5e-3}), 0.0, 0.0, {load}});
-    else states = sim.press(body, mesh, Scenario<Oriented<Capsule>>{lying_along_y(Capsule{2 * R, 10e-3}), 0.0, 0.0, {load}});
+    if (bar)
+      states = sim.press(body, mesh,
+                         Scenario<Oriented<Cylinder>>{lying_along_y(Cylinder{2 * R, 10e-3, 0.5e-3}), 0.0, 0.0, {load}});
+    else
+      states =
+          sim.press(body, mesh, Scenario<Oriented<Capsule>>{lying_along_y(Capsule{2 * R, 10e-3}), 0.0, 0.0, {load}});
     REQUIRE(states.front().status == Status::converged);
     double peak = 0.0;
     for (double p : states.front().pressure_Pa) peak = std::max(peak, p);
-    INFO("width / Hertz " << states.front().reference_area_m2 / (4 * b * half.y()) << " peak / Hertz " << peak / (2 * per_length / (pi * b)));
+    INFO("width / Hertz " << states.front().reference_area_m2 / (4 * b * half.y()) << " peak / Hertz "
+                          << peak / (2 * per_length / (pi * b)));
     CHECK(states.front().reference_area_m2 / (4 * b * half.y()) == Approx(1.0).margin(0.04));
     CHECK(peak / (2 * per_length / (pi * b)) == Approx(1.0).margin(0.04));
   }
@@ -94,20 +104,22 @@ TEST_CASE("a sphere as a mesh presses like the sphere, and a rounded box comes d
     for (std::size_t k = 0; k < loads.size(); ++k) {
       REQUIRE(a[k].status == Status::converged);
       REQUIRE(b[k].status == Status::converged);
-      INFO("depth " << a[k].depth_m << " and " << b[k].depth_m << " area " << a[k].contact_area_m2 << " and " << b[k].contact_area_m2);
+      INFO("depth " << a[k].depth_m << " and " << b[k].depth_m << " area " << a[k].contact_area_m2 << " and "
+                    << b[k].contact_area_m2);
       CHECK(a[k].depth_m == Approx(b[k].depth_m).margin(margin));
       CHECK(a[k].contact_area_m2 == Approx(b[k].contact_area_m2).epsilon(0.03));
       CHECK(a[k].residual_N <= 1e-6 * loads[k]);
     }
   };
   compare(sim.press(body, mesh, Scenario<MeshIndenter>{MeshIndenter(round_mesh(5e-3, 96), 64), 0.0, 0.0, loads}),
-          sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads}), 4e-6);   // the sag of its facets
+          sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, loads}), 4e-6);  // the sag of its facets
   const auto box = sim.press(body, mesh, Scenario<Box>{Box{{6e-3, 6e-3, 6e-3}, 1e-3}, 0.0, 0.0, loads});
   for (const MechanicalState& s : box) {
     CHECK(s.status == Status::converged);
     CHECK(s.residual_N <= 1e-6 * s.load_N);
   }
-  // The flat face, 4 mm square, is in contact from the first load on; more comes round the edges, but never more than the box has below it.
+  // The flat face, 4 mm square, is in contact from the first load on; more comes round the edges, but never more than
+  // the box has below it.
   for (std::size_t k = 0; k < loads.size(); ++k) {
     INFO("contact " << box[k].reference_area_m2 * 1e6 << " mm2");
     CHECK(box[k].reference_area_m2 > 16e-6);

@@ -1,4 +1,3 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
@@ -6,6 +5,7 @@
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "mechanics/bodies.hpp"
 
 #include <cmath>
 
@@ -47,8 +47,10 @@ PressedFinger coarse_finger(const FingerDesign& design, const Scenario<Sphere>& 
 }  // namespace
 
 TEST_CASE("a sphere on a deep soft block meets Hertz in force and in area") {
-  // Hertz 1882: F = 4/3 E* sqrt(R) d^1.5, a^3 = 3/4 F R / E* (small strain, half-space; the block is 80 contact radii wide and deep).
-  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu), R = 20e-3;
+  // Hertz 1882: F = 4/3 E* sqrt(R) d^1.5, a^3 = 3/4 F R / E* (small strain, half-space; the block is 80 contact radii
+  // wide and deep).
+  const double nu = 0.45, mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu), E_star = 2 * mu * (1 + nu) / (1 - nu * nu),
+               R = 20e-3;
   const Body body = test::block_to_mesh(Vec3d::Constant(40e-3), 0.05e-3, 0.12, 12e-3);
   const TetMesh mesh = mesh_body(body, TetgenMesher{});
   FastSimulator sim{NeoHookean{mu, lambda}, SDFContact{3e12}};
@@ -57,10 +59,12 @@ TEST_CASE("a sphere on a deep soft block meets Hertz in force and in area") {
     REQUIRE(state.status == Status::converged);
     const double d = state.depth_m;
     const double hertz = 4.0 / 3.0 * E_star * std::sqrt(R) * std::pow(d, 1.5);
-    INFO("F " << state.force_N << " d/R " << d / R << " a " << std::sqrt(R * d) << " F/F_Hertz " << state.force_N / hertz << " A/A_Hertz "
-              << state.contact_area_m2 / (pi * R * d) << " overlap/d " << state.penetration_m / d);
+    INFO("F " << state.force_N << " d/R " << d / R << " a " << std::sqrt(R * d) << " F/F_Hertz "
+              << state.force_N / hertz << " A/A_Hertz " << state.contact_area_m2 / (pi * R * d) << " overlap/d "
+              << state.penetration_m / d);
     CHECK(state.force_N / hertz == Approx(1.0).margin(0.03));
-    const double a2 = std::pow(0.75 * state.force_N * R / E_star, 2.0 / 3.0);  // from the force, so that both are tested
+    const double a2 =
+        std::pow(0.75 * state.force_N * R / E_star, 2.0 / 3.0);  // from the force, so that both are tested
     CHECK(state.contact_area_m2 / (pi * a2) == Approx(1.0).margin(0.03));
   }
 }
@@ -92,7 +96,8 @@ TEST_CASE("the independent residual notices what a solver would have to hide") {
   const MechanicalState state = sim.press(f.body, f.mesh, s).front();
   const Touch touch = first_touch(f.body, f.mesh, s);
   const auto residual = [&](const std::vector<Vec3d>& u, double depth, double load) {
-    return out_of_balance(f.body, f.mesh, sim.material, sim.contact, sim.element, s.indenter, touch.origin + depth * s.direction(), s.direction(), load, u);
+    return out_of_balance(f.body, f.mesh, sim.material, sim.contact, sim.element, s.indenter,
+                          touch.origin + depth * s.direction(), s.direction(), load, u);
   };
   CHECK(residual(state.displacement, state.depth_m, 2.0) < 2e-6);
   CHECK(residual(state.displacement, state.depth_m, 2.001) == Approx(1e-3).epsilon(0.01));
@@ -128,10 +133,11 @@ TEST_CASE("what is pressed onto the carrier comes to rest there, and the indepen
   CHECK(resting.depth_m < 0.9 * hanging.depth_m);
   const Touch touch = first_touch(body, mesh, s);
   const auto residual = [&, &mesh = mesh](const Body& with) {
-    return out_of_balance(with, mesh, sim.material, sim.contact, sim.element, s.indenter, touch.origin + resting.depth_m * s.direction(), s.direction(), 2.0, resting.displacement);
+    return out_of_balance(with, mesh, sim.material, sim.contact, sim.element, s.indenter,
+                          touch.origin + resting.depth_m * s.direction(), s.direction(), 2.0, resting.displacement);
   };
   CHECK(residual(body) < 2e-6);
-  CHECK(residual(floating) > 0.01);   // without the floor its push is missing
+  CHECK(residual(floating) > 0.01);  // without the floor its push is missing
 }
 
 TEST_CASE("half and quarter models, mirror images and the whole body agree") {
@@ -163,7 +169,8 @@ TEST_CASE("half and quarter models, mirror images and the whole body agree") {
   agree(depths(true, 20, 0, TiltPlane::yz), depths(true, -20, 0, TiltPlane::yz));
 }
 
-TEST_CASE("the equilibrium does not depend on the way to it: 15 to 1 N retraces loading, and 0 to 10 N needs no stops") {
+TEST_CASE(
+    "the equilibrium does not depend on the way to it: 15 to 1 N retraces loading, and 0 to 10 N needs no stops") {
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {1.0, 2.0, 5.0, 10.0, 15.0}};
   const PressedFinger f = coarse_finger({4, 8, 8, 5, 2}, s);
   const FastSimulator sim;
@@ -183,7 +190,8 @@ TEST_CASE("the equilibrium does not depend on the way to it: 15 to 1 N retraces 
 }
 
 TEST_CASE("the Eigen-only simulator gives the same answer as the one with CHOLMOD") {
-  const auto [body, mesh] = test::symmetric_block(Vec3d(8e-3, 8e-3, 6e-3), graded(4, 1.5), graded(4, 1.5), from_top(3, 1.5));
+  const auto [body, mesh] =
+      test::symmetric_block(Vec3d(8e-3, 8e-3, 6e-3), graded(4, 1.5), graded(4, 1.5), from_top(3, 1.5));
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {0.5, 1.0}};
   const auto a = Simulator{NeoHookean{}, SDFContact{}}.press(body, mesh, s);
   const auto b = FastSimulator{}.press(body, mesh, s);
@@ -208,7 +216,8 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
   std::vector<Vec3d> nodes;
   const auto renumber = [&](int& n) {
     if (n < 0) return;
-    if (number[std::size_t(n)] < 0) number[std::size_t(n)] = int(corners++), nodes.push_back(linear.nodes[std::size_t(n)]);
+    if (number[std::size_t(n)] < 0)
+      number[std::size_t(n)] = int(corners++), nodes.push_back(linear.nodes[std::size_t(n)]);
     n = number[std::size_t(n)];
   };
   for (auto& t : linear.tets)
@@ -240,7 +249,7 @@ TEST_CASE("what cannot be solved is a status, and bad input one line") {
   CHECK(states.back().status != Status::converged);
   TetMesh broken = mesh;
   for (Vec3d& x : broken.nodes)
-    if ((x - Vec3d(2e-3, 2e-3, 2e-3)).norm() < 1e-9) x.x() += 5e-3;   // beyond the next cell
+    if ((x - Vec3d(2e-3, 2e-3, 2e-3)).norm() < 1e-9) x.x() += 5e-3;  // beyond the next cell
   CHECK(sim.press(body, broken, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {1.0}}).front().status == Status::inverted);
   for (const auto& bad : {std::vector<double>{}, {2.0, 1.0}, {-1.0}, {std::nan("")}}) {
     s.loads_N = bad;
@@ -251,22 +260,26 @@ TEST_CASE("what cannot be solved is a status, and bad input one line") {
   CHECK_THROWS_WITH(sim.press(body, mesh, s), Catch::Contains("sphere diameter") && Catch::Contains("mm"));
 }
 
-TEST_CASE("a body that is squeezed out of its volume ends where no step keeps the rest, and not before smaller strides were tried") {
+TEST_CASE(
+    "a body that is squeezed out of its volume ends where no step keeps the rest, and not before smaller strides were "
+    "tried") {
   const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(3), test::even(3), test::even(2));
-  FastSimulator sim{NeoHookean{1e5, 1e3}, SDFContact{1e11}};   // Poisson's ratio 0.005: a sponge
+  FastSimulator sim{NeoHookean{1e5, 1e3}, SDFContact{1e11}};  // Poisson's ratio 0.005: a sponge
   sim.solver.config.load_stride = 100.0;
   sim.solver.config.stride_iterations = 300;
   sim.solver.config.max_iterations = 1500;
   const MechanicalState state = sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {20.0}}).front();
   CHECK(state.status == Status::line_search);
-  CHECK(state.iterations > 100);   // the first approach ends after some 30
+  CHECK(state.iterations > 100);  // the first approach ends after some 30
 }
 
 TEST_CASE("a strut that would buckle is not passed off as stable") {
-  // A slender column under a central sphere: the symmetric path exists, but fields that break the symmetry let it buckle.
+  // A slender column under a central sphere: the symmetric path exists, but fields that break the symmetry let it
+  // buckle.
   const Vec3d half(1.0e-3, 1.0e-3, 14e-3);
   const auto [body, mesh] = test::symmetric_block(half, test::even(1), test::even(1), test::even(14));
-  // The sphere keeps the load's line, so the head is as good as pinned: 8.2 times Euler's pi^2 E I / (2 L)^2 for a free head; E = 3 mu.
+  // The sphere keeps the load's line, so the head is as good as pinned: 8.2 times Euler's pi^2 E I / (2 L)^2 for a free
+  // head; E = 3 mu.
   const double euler = pi * pi * 3 * 1e5 * std::pow(2e-3, 4) / 12 / std::pow(2 * 14e-3, 2);
   Scenario<Sphere> s{Sphere{20e-3}, 0.0, 0.0, {4.0 * euler}};
   FastSimulator sim{NeoHookean{1e5, 9.9e6}, SDFContact{1e10}};

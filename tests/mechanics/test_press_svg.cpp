@@ -19,14 +19,17 @@ namespace {
 /// Sum of the areas of all filled polygons of a colour of the scale [mm²], whose unit is that of the x axis.
 double drawn_area_mm2(const std::string& svg, double px_per_mm) {
   double sum = 0.0;
-  const std::regex area("<path fill-rule=\"evenodd\" d=\"([^\"]*)Z\" fill=\"#[0-9a-f]{6}\" stroke=\"#[0-9a-f]{6}\" stroke-width=\"0.6\"");
+  const std::regex area(
+      "<path fill-rule=\"evenodd\" d=\"([^\"]*)Z\" fill=\"#[0-9a-f]{6}\" stroke=\"#[0-9a-f]{6}\" stroke-width=\"0.6\"");
   const std::regex point("[ML]([-0-9.]+) ([-0-9.]+)");
   for (std::sregex_iterator a(svg.begin(), svg.end(), area), end; a != end; ++a) {
     const std::string d = (*a)[1];
     std::vector<std::array<double, 2>> p;
-    for (std::sregex_iterator q(d.begin(), d.end(), point); q != end; ++q) p.push_back({std::stod((*q)[1]), std::stod((*q)[2])});
+    for (std::sregex_iterator q(d.begin(), d.end(), point); q != end; ++q)
+      p.push_back({std::stod((*q)[1]), std::stod((*q)[2])});
     double twice = 0.0;
-    for (std::size_t i = 0; i < p.size(); ++i) twice += p[i][0] * p[(i + 1) % p.size()][1] - p[i][1] * p[(i + 1) % p.size()][0];
+    for (std::size_t i = 0; i < p.size(); ++i)
+      twice += p[i][0] * p[(i + 1) % p.size()][1] - p[i][1] * p[(i + 1) % p.size()][0];
     sum += 0.5 * std::abs(twice) / (px_per_mm * px_per_mm);
   }
   return sum;
@@ -34,13 +37,14 @@ double drawn_area_mm2(const std::string& svg, double px_per_mm) {
 
 }  // namespace
 
-TEST_CASE("the picture of a pressed body is its cut: the section's area while nothing moves, and the tool where it is") {
+TEST_CASE(
+    "the picture of a pressed body is its cut: the section's area while nothing moves, and the tool where it is") {
   const FingerDesign design{5, 10, 10, 6, 3};
   const Body body = finger(design, dragon_skin());
   const double section_mm2 = 1e6 * body.exact_volume_m3 / (1e-3 * PadDimensions{}.length);
   const TetgenMesher mesher;
   const TetMesh mesh = mesh_body(body, mesher);
-  for (const double y : {0.0, 11.3e-3}) {   // through nodes, and between them
+  for (const double y : {0.0, 11.3e-3}) {  // through nodes, and between them
     const Scenario<Sphere> scenario{.indenter = {10e-3}, .angle_rad = 0.0, .y_m = y};
     MechanicalState state;
     state.displacement.assign(mesh.nodes.size(), Vec3d::Zero());
@@ -57,7 +61,8 @@ TEST_CASE("the picture of a pressed body is its cut: the section's area while no
     const auto path = svg.rfind("<path", tool);
     const std::string d = svg.substr(path, tool - path);
     const std::regex point("[ML]([-0-9.]+) ([-0-9.]+)");
-    for (std::sregex_iterator q(d.begin(), d.end(), point), end; q != end; ++q) lowest = std::max(lowest, std::stod((*q)[2]));
+    for (std::sregex_iterator q(d.begin(), d.end(), point), end; q != end; ++q)
+      lowest = std::max(lowest, std::stod((*q)[2]));
     const auto plot = svg.find("<clipPath");
     const double top = 56.0, height = std::stod(svg.substr(svg.find("height=\"", plot) + 8));
     CHECK((top + height - lowest) / 14.0 - 5.0 == Approx(design.h_fp + design.h_ep).margin(0.05));
@@ -72,7 +77,8 @@ TEST_CASE("a swept mesh presses like an unstructured one") {
   const Body body = finger(baseline_design(), card);
   const Scenario<Sphere> scenario{.indenter = {20e-3}, .loads_N = {2.0, 10.0}};
   const Focus focus{.finest = 0.8e-3, .growth = 0.3};
-  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
+  const Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod> simulator{
+      NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}};
   const auto pressed = [&](const auto& mesher) {
     const TetMesh mesh = mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario}, mesher, focus);
     return simulator.press(body, mesh, scenario);

@@ -12,7 +12,8 @@ void check_finger_mesh(const lumo::FingerDesign& design, const M& mesher, const 
   using namespace lumo;
   const auto v = design.values();
   INFO("theta " << v[0] << " " << v[1] << " " << v[2] << " " << v[3] << " " << v[4]);
-  const Body body = focused(finger(design, dragon_skin()), {Vec3d(0, 11e-3, 1e-3 * (design.h_fp + design.h_ep))}, focus);
+  const Body body =
+      focused(finger(design, dragon_skin()), {Vec3d(0, 11e-3, 1e-3 * (design.h_fp + design.h_ep))}, focus);
   const TetMesh mesh = mesh_body(body, mesher);
   const MeshQuality q = measure(mesh);
   CHECK(q.min_jacobian_ratio > 0.0);
@@ -26,7 +27,8 @@ void check_finger_mesh(const lumo::FingerDesign& design, const M& mesher, const 
       CHECK((closest_point(body.patches[std::size_t(f.patch)].shape, x) - x).norm() < 1e-12);
     }
   for (std::size_t k = 0; k < mesh.nodes.size(); ++k) {  // exact mirror images, to the bit
-    const Vec3d &x = mesh.nodes[k], &mx = mesh.nodes[std::size_t(mesh.mirror_x[k])], &my = mesh.nodes[std::size_t(mesh.mirror_y[k])];
+    const Vec3d &x = mesh.nodes[k], &mx = mesh.nodes[std::size_t(mesh.mirror_x[k])],
+                &my = mesh.nodes[std::size_t(mesh.mirror_y[k])];
     CHECK((mx.x() == -x.x() && mx.y() == x.y() && mx.z() == x.z()));
     CHECK((my.x() == x.x() && my.y() == -x.y() && my.z() == x.z()));
     CHECK(mesh.mirror_x[std::size_t(mesh.mirror_x[k])] == int(k));

@@ -3,8 +3,8 @@
 // What must hold for every mesh that a Mesher makes of a surface.
 
 #include "catch.hpp"
-#include "lumo/mesh/mesher.hpp"
 #include "lumo/geometry/surface_check.hpp"
+#include "lumo/mesh/mesher.hpp"
 
 #include <Eigen/Geometry>
 
@@ -23,7 +23,8 @@ using lumo::Vec3d;
 inline const Vec3d& at(const LinearTets& mesh, int i) { return mesh.vertices[static_cast<std::size_t>(i)]; }
 
 inline double volume(const LinearTets& mesh, const std::array<int, 4>& t) {
-  return (at(mesh, t[1]) - at(mesh, t[0])).cross(at(mesh, t[2]) - at(mesh, t[0])).dot(at(mesh, t[3]) - at(mesh, t[0])) / 6.0;
+  return (at(mesh, t[1]) - at(mesh, t[0])).cross(at(mesh, t[2]) - at(mesh, t[0])).dot(at(mesh, t[3]) - at(mesh, t[0])) /
+         6.0;
 }
 
 inline Vec3d area(const LinearTets& mesh, const std::array<int, 3>& f) {
@@ -56,7 +57,8 @@ inline void check_laws(const LinearTets& mesh, const MeshInput& input) {
     patch_area[mesh.patches[i]] += normal.norm();
     for (std::size_t k = 0; k < 3; ++k) ++edges[{f[k], f[(k + 1) % 3]}];
   }
-  for (const auto& facet : input.facets) given_area[facet.patch] += 0.5 * lumo::polygon_normal(input.vertices, facet.loop).norm();
+  for (const auto& facet : input.facets)
+    given_area[facet.patch] += 0.5 * lumo::polygon_normal(input.vertices, facet.loop).norm();
   CHECK(closed.norm() < 1e-9 * surface);
   CHECK(surface == Approx(report.area).epsilon(1e-9));
   CHECK(enclosed == Approx(report.volume).epsilon(1e-9));  // faces look outwards
@@ -70,8 +72,7 @@ inline void check_laws(const LinearTets& mesh, const MeshInput& input) {
 }
 
 /// The same input, the same bits.
-template <class M>
-void check_same_bits(const M& one, const M& other, const MeshInput& input) {
+template <class M> void check_same_bits(const M& one, const M& other, const MeshInput& input) {
   const LinearTets first = one.fill(input), again = other.fill(input);
   CHECK(std::equal(first.vertices.begin(), first.vertices.end(), again.vertices.begin(), again.vertices.end()));
   CHECK((first.tets == again.tets));

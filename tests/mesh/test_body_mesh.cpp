@@ -14,7 +14,8 @@ using namespace lumo;
 
 TEST_CASE("a finger's mesh lies on the exact profile, is exactly symmetric and has the exact volume") {
   const TetgenMesher mesher;
-  for (const FingerDesign& d : {baseline_design(), FingerDesign{5, 10, 10, 6, 3}, FingerDesign{12, 1, 4, 5, 1}}) check_finger_mesh(d, mesher, {0.5e-3, 0.2, 1.0}, true);
+  for (const FingerDesign& d : {baseline_design(), FingerDesign{5, 10, 10, 6, 3}, FingerDesign{12, 1, 4, 5, 1}})
+    check_finger_mesh(d, mesher, {0.5e-3, 0.2, 1.0}, true);
 }
 
 TEST_CASE("edges along y are longer by the stretch that is asked for, and the mesh is as true") {
@@ -57,20 +58,35 @@ TEST_CASE("300 random feasible designs mesh", "[long]") {
 TEST_CASE("2000 random designs are valid fingers or typed errors") {
   std::mt19937 random(5);
   const DesignSpace space = finger_space();
-  const double odd[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), -std::numeric_limits<double>::infinity(), 1e308, -1e308, 1e-310, 0.0, -0.0};
+  const double odd[] = {std::numeric_limits<double>::quiet_NaN(),
+                        std::numeric_limits<double>::infinity(),
+                        -std::numeric_limits<double>::infinity(),
+                        1e308,
+                        -1e308,
+                        1e-310,
+                        0.0,
+                        -0.0};
   int valid = 0, refused = 0;
   for (int k = 0; k < 2000; ++k) {
     std::array<double, 5> x;
     for (std::size_t i = 0; i < 5; ++i) {
       const Variable& v = space.variables[i];
       const double uniform = std::uniform_real_distribution<double>(v.lower - 1, v.upper + 1)(random);
-      const double lattice = 0.5 * double(std::uniform_int_distribution<int>(int(2 * v.lower), int(2 * v.upper))(random));
+      const double lattice =
+          0.5 * double(std::uniform_int_distribution<int>(int(2 * v.lower), int(2 * v.upper))(random));
       const double corner = random() % 2 ? v.lower : v.upper;
       switch (k % 4) {
-        case 0: x[i] = lattice; break;
-        case 1: x[i] = uniform; break;
-        case 2: x[i] = random() % 2 ? corner : lattice; break;
-        default: x[i] = random() % 3 ? lattice : odd[random() % 8];
+        case 0:
+          x[i] = lattice;
+          break;
+        case 1:
+          x[i] = uniform;
+          break;
+        case 2:
+          x[i] = random() % 2 ? corner : lattice;
+          break;
+        default:
+          x[i] = random() % 3 ? lattice : odd[random() % 8];
       }
     }
     try {
@@ -95,7 +111,8 @@ TEST_CASE("a sector and its mirror images are the whole") {
     const Sector s = sector_of(mesh, planes);
     CHECK(measure(s.mesh).volume_m3 == Approx(s.fraction() * volume).epsilon(1e-12));
     std::vector<Vec3d> field;
-    for (const Vec3d& x : s.mesh.nodes) field.emplace_back(x.x() * x.z(), x.y() * x.x() * x.x(), x.z());  // even in x and y as a vector field
+    for (const Vec3d& x : s.mesh.nodes)
+      field.emplace_back(x.x() * x.z(), x.y() * x.x() * x.x(), x.z());  // even in x and y as a vector field
     const std::vector<Vec3d> all = unfold(mesh, s, field);
     for (std::size_t k = 0; k < all.size(); ++k) {
       const Vec3d& x = mesh.nodes[k];
@@ -109,7 +126,8 @@ TEST_CASE("a sector and its mirror images are the whole") {
 
 TEST_CASE("the Jacobian bound sees an element that is only bent inside out between its corners") {
   TetMesh m;
-  m.nodes = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, 0, 0}, {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5}, {0, .5, .5}};
+  m.nodes = {{0, 0, 0},   {1, 0, 0},  {0, 1, 0},  {0, 0, 1},   {.5, 0, 0},
+             {.5, .5, 0}, {0, .5, 0}, {0, 0, .5}, {.5, 0, .5}, {0, .5, .5}};
   m.tets = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9}};
   CHECK(measure(m).volume_m3 == Approx(1.0 / 6.0));
   CHECK(measure(m).min_jacobian_ratio == Approx(1.0));

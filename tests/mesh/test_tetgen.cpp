@@ -1,8 +1,8 @@
 #include "lumo/support/tetgen.hpp"
 
 #include "catch.hpp"
-#include "mesh/mesher_laws.hpp"
 #include "geometry/surfaces.hpp"
+#include "mesh/mesher_laws.hpp"
 
 #include <sys/mman.h>
 #include <sys/wait.h>
@@ -22,14 +22,14 @@
 #include <thread>
 #include <vector>
 
+using lumo::Bytes;
+using lumo::ForkServer;
+using lumo::JobOutcome;
 using lumo::LinearTets;
 using lumo::MeshError;
 using lumo::MeshInput;
 using lumo::TetgenMesher;
 using lumo::Vec3d;
-using lumo::Bytes;
-using lumo::ForkServer;
-using lumo::JobOutcome;
 using Reason = MeshError::Reason;
 using namespace mesher_laws;
 using namespace surfaces;
@@ -93,7 +93,8 @@ std::vector<double> relative_lengths(const LinearTets& mesh, const std::function
     for (std::size_t i = 0; i < 4; ++i)
       for (std::size_t j = i + 1; j < 4; ++j) edges.insert(std::minmax(t[i], t[j]));
   std::vector<double> ratios;
-  for (const auto& [a, b] : edges) ratios.push_back((at(mesh, a) - at(mesh, b)).norm() / wanted(0.5 * (at(mesh, a) + at(mesh, b))));
+  for (const auto& [a, b] : edges)
+    ratios.push_back((at(mesh, a) - at(mesh, b)).norm() / wanted(0.5 * (at(mesh, a) + at(mesh, b))));
   return ratios;
 }
 
@@ -104,11 +105,15 @@ std::vector<double> smallest_dihedrals(const LinearTets& mesh) {
     std::array<Vec3d, 4> normals;
     for (std::size_t k = 0; k < 4; ++k) {
       const auto& f = lumo::outward_faces[k];
-      normals[k] = area(mesh, {t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])], t[static_cast<std::size_t>(f[2])]}).normalized();
+      normals[k] = area(mesh, {t[static_cast<std::size_t>(f[0])], t[static_cast<std::size_t>(f[1])],
+                               t[static_cast<std::size_t>(f[2])]})
+                       .normalized();
     }
     double least = 180.0;
     for (std::size_t i = 0; i < 4; ++i)
-      for (std::size_t j = i + 1; j < 4; ++j) least = std::min(least, std::acos(std::clamp(-normals[i].dot(normals[j]), -1.0, 1.0)) * 180.0 / std::numbers::pi);
+      for (std::size_t j = i + 1; j < 4; ++j)
+        least =
+            std::min(least, std::acos(std::clamp(-normals[i].dot(normals[j]), -1.0, 1.0)) * 180.0 / std::numbers::pi);
     angles.push_back(least);
   }
   return angles;
@@ -121,7 +126,8 @@ Bytes do_segfault(std::span<const char>) {
   return {};
 }
 Bytes do_loop(std::span<const char>) {
-  for (std::atomic<int> i = 0;; ++i) {}
+  for (std::atomic<int> i = 0;; ++i) {
+  }
 }
 Bytes do_sleep(std::span<const char>) {
   for (;;) ::sleep(100);
@@ -137,7 +143,7 @@ Bytes do_allocate(std::span<const char>) {
   for (std::vector<Bytes> hoard;;) hoard.emplace_back(Bytes(1 << 20, 'x'));
 }
 Bytes do_careless_allocate(std::span<const char>) {  // as C code that does not look at malloc's result
-  for (static void* volatile hoard;;) {  // volatile: compilers remove memory that nobody looks at
+  for (static void* volatile hoard;;) {              // volatile: compilers remove memory that nobody looks at
     hoard = std::malloc(1 << 20);
     std::memset(hoard, 1, 1 << 20);
   }
@@ -145,19 +151,23 @@ Bytes do_careless_allocate(std::span<const char>) {  // as C code that does not 
 
 /// In memory that jobs share with the test.
 std::atomic<int>& jobs_begun() {
-  static auto* count = ::new (::mmap(nullptr, sizeof(std::atomic<int>), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0)) std::atomic<int>(0);
+  static auto* count =
+      ::new (::mmap(nullptr, sizeof(std::atomic<int>), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0))
+          std::atomic<int>(0);
   return *count;
 }
 
 Bytes loses_helper(std::span<const char>) {
   ::kill(::getppid(), SIGKILL);
-  for (;;) ::pause();   // goes with the helper
+  for (;;) ::pause();  // goes with the helper
 }
 
-Bytes loses_helper_once(std::span<const char> request) { return jobs_begun()++ == 0 ? loses_helper(request) : lumo::tetgen_job(request); }
+Bytes loses_helper_once(std::span<const char> request) {
+  return jobs_begun()++ == 0 ? loses_helper(request) : lumo::tetgen_job(request);
+}
 
 TetgenMesher with(ForkServer::Work work) {
-  jobs_begun() = 0;   // before the fork
+  jobs_begun() = 0;  // before the fork
   TetgenMesher mesher;
   mesher.helper = std::make_shared<ForkServer>(work);
   return mesher;
@@ -171,7 +181,8 @@ static_assert(!lumo::Mesher<int>);
 TEST_CASE("good bodies are filled, with patches and outward faces", "[mesh][tetgen]") {
   const TetgenMesher mesher;
   std::mt19937_64 random(1);
-  std::vector<MeshInput> bodies{box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), l_prism(), notched_finger(15), sphere(2), block(4, random)};
+  std::vector<MeshInput> bodies{box(Vec3d(0, 0, 0), Vec3d(1, 2, 3)), l_prism(), notched_finger(15), sphere(2),
+                                block(4, random)};
   bodies.push_back(box(Vec3d(0, 0, 0), Vec3d(4, 4, 4)));  // with a cavity
   MeshInput cavity = sphere(1, 1.0, Vec3d(2, 2, 2));
   invert(cavity);
@@ -236,7 +247,8 @@ TEST_CASE("the wanted edge length is obeyed, uniform and graded", "[mesh][tetgen
   const std::vector<Wish> wishes{
       {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d&) { return 0.12; }},
       {box(Vec3d(0, 0, 0), Vec3d(1, 2, 1)), [](const Vec3d& p) { return 0.05 + 0.25 * (1.0 - p.z()); }},
-      {box(Vec3d(0, 0, 0), Vec3d(1, 1, 1)), [](const Vec3d& p) { return 0.01 + 0.2 * (p - Vec3d(0.5, 0.5, 1.0)).norm(); }},
+      {box(Vec3d(0, 0, 0), Vec3d(1, 1, 1)),
+       [](const Vec3d& p) { return 0.01 + 0.2 * (p - Vec3d(0.5, 0.5, 1.0)).norm(); }},
       {notched_finger(8), [](const Vec3d& p) { return 0.1 + 0.1 * std::abs(p.y() - 1.5); }},
   };
   for (const Wish& wish : wishes) {
@@ -303,7 +315,8 @@ TEST_CASE("TetGen may be given anything: its process dies alone", "[mesh][tetgen
       const MeshInput input = faulty(fault, seed);
       lumo::TetgenRequest request;
       request.knobs = {1.3, 14.0, 0.8, 140.0, 0, 0};
-      for (const Vec3d& v : input.vertices) request.coordinates.insert(request.coordinates.end(), {v.x(), v.y(), v.z()});
+      for (const Vec3d& v : input.vertices)
+        request.coordinates.insert(request.coordinates.end(), {v.x(), v.y(), v.z()});
       for (const auto& facet : input.facets) {
         request.counts.push_back(static_cast<int>(facet.loop.size()));
         request.corners.insert(request.corners.end(), facet.loop.begin(), facet.loop.end());
@@ -358,8 +371,10 @@ TEST_CASE("knobs out of range are refused", "[mesh][tetgen]") {
   const MeshInput body = sphere(0);
   CHECK_THROWS_AS(TetgenMesher{.time_limit_s = 0.0}.fill(body), lumo::InvalidArgument);
   CHECK_THROWS_AS(TetgenMesher{.time_limit_s = std::nan("")}.fill(body), lumo::InvalidArgument);
-  for (const double ratio : {0.5, 1.19, 101.0}) CHECK_THROWS_AS(TetgenMesher{.radius_edge_ratio = ratio}.fill(body), lumo::InvalidArgument);
-  for (const double angle : {-1.0, 18.1}) CHECK_THROWS_AS(TetgenMesher{.min_dihedral_deg = angle}.fill(body), lumo::InvalidArgument);
+  for (const double ratio : {0.5, 1.19, 101.0})
+    CHECK_THROWS_AS(TetgenMesher{.radius_edge_ratio = ratio}.fill(body), lumo::InvalidArgument);
+  for (const double angle : {-1.0, 18.1})
+    CHECK_THROWS_AS(TetgenMesher{.min_dihedral_deg = angle}.fill(body), lumo::InvalidArgument);
   for (const double ratio : {1.2, 100.0}) CHECK(!verdict(TetgenMesher{.radius_edge_ratio = ratio}, body));
   for (const double angle : {0.0, 18.0}) CHECK(!verdict(TetgenMesher{.min_dihedral_deg = angle}, body));
   CHECK_THROWS_AS(TetgenMesher{.size_factor = 0.0}.fill(body), lumo::InvalidArgument);
@@ -408,7 +423,7 @@ TEST_CASE("signals to the whole process group leave the helper to its host", "[m
   ForkServer server(echo);
   const int helper = server.pid();
   const Bytes word{'w', 'o', 'r', 'd'};
-  CHECK((server.run(word, {5.0, 0}).data == word));   // it is up
+  CHECK((server.run(word, {5.0, 0}).data == word));  // it is up
   for (const int signal : {SIGHUP, SIGTERM, SIGINT}) {
     ::kill(helper, signal);
     CHECK((server.run(word, {5.0, 0}).data == word));
@@ -419,7 +434,7 @@ TEST_CASE("signals to the whole process group leave the helper to its host", "[m
 TEST_CASE("a helper that is lost in the middle of a job does not change the mesh", "[mesh][tetgen]") {
   const MeshInput body = sphere(2);
   const LinearTets whole = TetgenMesher{}.fill(body), again = with(loses_helper_once).fill(body);
-  CHECK(jobs_begun() == 2);   // jobs: one that took the helper with it, one more
+  CHECK(jobs_begun() == 2);  // jobs: one that took the helper with it, one more
   CHECK((again.vertices == whole.vertices));
   CHECK((again.tets == whole.tets));
   CHECK(verdict(with(loses_helper), body) == Reason::out_of_memory);
@@ -482,7 +497,8 @@ TEST_CASE("meshing works while other threads allocate, and from several threads"
   std::vector<std::thread> users;
   for (int i = 0; i < 3; ++i)
     users.emplace_back([&, i] {
-      const TetgenMesher late = sanitized ? early : TetgenMesher{};  // forked while others allocate; sanitizers' allocators cannot do that
+      const TetgenMesher late =
+          sanitized ? early : TetgenMesher{};  // forked while others allocate; sanitizers' allocators cannot do that
       for (int k = 0; k < 5; ++k) {
         try {
           wrong += (i == 0 ? late : mesher).fill(body).tets != expected;

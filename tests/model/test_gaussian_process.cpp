@@ -23,11 +23,12 @@ TrainingData wave(Eigen::Index n, double scale = 1.0) {
   return data;
 }
 
-template <class Kernel>
-void check_kernel(Kernel kernel) {
-  const auto correlation = [&](double r2) { return Eigen::ArrayXXd(kernel.correlation(Eigen::ArrayXXd::Constant(1, 1, r2)))(0, 0); };
+template <class Kernel> void check_kernel(Kernel kernel) {
+  const auto correlation = [&](double r2) {
+    return Eigen::ArrayXXd(kernel.correlation(Eigen::ArrayXXd::Constant(1, 1, r2)))(0, 0);
+  };
   CHECK(correlation(0.0) == 1.0);
-  Eigen::ArrayXXd all(5, 1);   // at once as one by one
+  Eigen::ArrayXXd all(5, 1);  // at once as one by one
   all << 0.01, 0.5, 1.0, 4.0, 30.0;
   const Eigen::ArrayXXd values = kernel.correlation(all), slopes = kernel.slope(all, values);
   for (int k = 0; k < 5; ++k) {
@@ -51,7 +52,8 @@ void check_kernel(Kernel kernel) {
       priors[side] = likelihood(h, false).log_prior;
     }
     CHECK(value.gradient[j] == Approx((sides[1] - sides[0]) / 2e-5).epsilon(1e-6).margin(1e-6));
-    CHECK(value.posterior_gradient[j] == Approx((sides[1] - sides[0] + priors[1] - priors[0]) / 2e-5).epsilon(1e-6).margin(1e-6));
+    CHECK(value.posterior_gradient[j] ==
+          Approx((sides[1] - sides[0] + priors[1] - priors[0]) / 2e-5).epsilon(1e-6).margin(1e-6));
   }
 }
 
@@ -62,7 +64,8 @@ TEST_CASE("kernels and the likelihood have the slopes of finite differences", "[
   check_kernel(Matern52Kernel{});
 }
 
-TEST_CASE("with almost no noise the process passes through its data, far from it it falls back to its prior", "[gaussian process]") {
+TEST_CASE("with almost no noise the process passes through its data, far from it it falls back to its prior",
+          "[gaussian process]") {
   const TrainingData data = wave(15);
   const GaussianProcess<> gp(data, {Eigen::Vector2d(0.3, 0.3), 1e-10, 0.0});
   const auto at = gp.predict(data.x);
@@ -83,7 +86,8 @@ TEST_CASE("leave-one-out in closed form is what leaving one out gives", "[gaussi
     Eigen::MatrixXd k(9, 9);
     Eigen::VectorXd cross(9), y(9);
     const auto correlation = [&](Eigen::Index a, Eigen::Index b) {
-      const Eigen::Vector2d r = (gp.normalized(data.x).col(a) - gp.normalized(data.x).col(b)).cwiseQuotient(h.length_scale);
+      const Eigen::Vector2d r =
+          (gp.normalized(data.x).col(a) - gp.normalized(data.x).col(b)).cwiseQuotient(h.length_scale);
       return std::exp(-0.5 * r.squaredNorm());
     };
     for (Eigen::Index a = 0; a < 9; ++a) {
@@ -94,7 +98,8 @@ TEST_CASE("leave-one-out in closed form is what leaving one out gives", "[gaussi
     }
     const Eigen::VectorXd weight = k.ldlt().solve(cross);
     CHECK(closed.mean[i] == Approx(gp.output_mean() + gp.output_scale() * (h.mean + weight.dot(y))).epsilon(1e-9));
-    CHECK(closed.variance[i] == Approx(gp.output_scale() * gp.output_scale() * (1.0 + h.noise - weight.dot(cross))).epsilon(1e-9));
+    CHECK(closed.variance[i] ==
+          Approx(gp.output_scale() * gp.output_scale() * (1.0 + h.noise - weight.dot(cross))).epsilon(1e-9));
   }
 }
 
@@ -119,12 +124,14 @@ TEST_CASE("fitting finds the better of two optima, and is deterministic", "[gaus
     data.x(0, i) = OwenSobol{4}(std::uint32_t(i), 0);
     data.y[i] = std::sin(5.0 * data.x(0, i)) + OwenSobol{99}(std::uint32_t(i), 5) - 0.5;
   }
-  const auto one = GaussianProcess<>::fit(data, {.prior = {}, .starts = 1}), many = GaussianProcess<>::fit(data), again = GaussianProcess<>::fit(data);
+  const auto one = GaussianProcess<>::fit(data, {.prior = {}, .starts = 1}), many = GaussianProcess<>::fit(data),
+             again = GaussianProcess<>::fit(data);
   CHECK(one.converged());
   CHECK(many.objective() > one.objective() + 0.1);
-  double best = -1e300;   // on a grid over both hyper-parameters
+  double best = -1e300;  // on a grid over both hyper-parameters
   for (double length = 0.03; length < 3.0; length *= 1.03)
-    for (double noise = 1e-4; noise < 2.0; noise *= 1.1) best = std::max(best, GaussianProcess<>(data, {Eigen::VectorXd::Constant(1, length), noise, 0.0}).objective());
+    for (double noise = 1e-4; noise < 2.0; noise *= 1.1)
+      best = std::max(best, GaussianProcess<>(data, {Eigen::VectorXd::Constant(1, length), noise, 0.0}).objective());
   CHECK(many.objective() == Approx(best).margin(2e-3));
   CHECK(many.hyperparameters().length_scale == again.hyperparameters().length_scale);
   CHECK(many.hyperparameters().noise == again.hyperparameters().noise);
@@ -189,7 +196,9 @@ TEST_CASE("what makes no sense is refused", "[gaussian process]") {
   data = wave(5);
   data.y.conservativeResize(4);
   CHECK_THROWS_AS(GaussianProcess<>::fit(data), InvalidArgument);
-  CHECK_THROWS_AS(GaussianProcess<>::fit(TrainingData{Eigen::MatrixXd(2, 0), Eigen::VectorXd(0), Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}), InvalidArgument);
+  CHECK_THROWS_AS(GaussianProcess<>::fit(TrainingData{Eigen::MatrixXd(2, 0), Eigen::VectorXd(0),
+                                                      Eigen::Vector2d::Zero(), Eigen::Vector2d::Ones()}),
+                  InvalidArgument);
   CHECK_THROWS_AS(GaussianProcess<>(wave(5), {Eigen::VectorXd::Ones(3), 0.1, 0.0}), InvalidArgument);
 }
 
@@ -207,5 +216,7 @@ TEST_CASE("the bounded minimiser solves a curved valley, stops at bounds and rep
   const auto bound = QuasiNewton{}.minimize(rosenbrock, Eigen::Vector2d(-1.2, 1.0), low, Eigen::Vector2d(0.5, 5.0));
   CHECK(bound.x[0] == 0.5);
   CHECK(bound.x[1] == Approx(0.25).epsilon(1e-3));
-  CHECK_THROWS_AS(QuasiNewton{}.minimize([](const Eigen::VectorXd&, Eigen::VectorXd&) { return std::nan(""); }, low, low, high), InvalidArgument);
+  CHECK_THROWS_AS(
+      QuasiNewton{}.minimize([](const Eigen::VectorXd&, Eigen::VectorXd&) { return std::nan(""); }, low, low, high),
+      InvalidArgument);
 }

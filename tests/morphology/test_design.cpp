@@ -34,7 +34,7 @@ TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lat
   for (const FingerDesign& d : reference_designs()) CHECK(space.contains(d.values()));
   CHECK(space.contains(FingerDesign{10, 8, 4.5, 4, 7.5}.values()));  // a wall of exactly 5 mm
   CHECK_FALSE(space.contains(FingerDesign{10, 8, 5, 4, 7.5}.values()));
-  CHECK(space.contains(FingerDesign{12, 8, 8, 5, 2}.values()));       // h_fp + h_ep = 20 exactly
+  CHECK(space.contains(FingerDesign{12, 8, 8, 5, 2}.values()));  // h_fp + h_ep = 20 exactly
   CHECK_FALSE(space.contains(FingerDesign{12, 8.5, 8, 5, 2}.values()));
 
   std::mt19937 random(7);
@@ -42,7 +42,8 @@ TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lat
   int feasible = 0;
   for (int k = 0; k < 5000; ++k) {
     std::array<double, 5> x;
-    for (std::size_t i = 0; i < 5; ++i) x[i] = 0.5 * double(std::uniform_int_distribution<int>(int(2 * v[i].lower), int(2 * v[i].upper))(random));
+    for (std::size_t i = 0; i < 5; ++i)
+      x[i] = 0.5 * double(std::uniform_int_distribution<int>(int(2 * v[i].lower), int(2 * v[i].upper))(random));
     const FingerDesign d = FingerDesign::from(x);
     const bool sums = d.h_fp + d.h_ep <= 20 && d.w_s + 2 * d.w_v <= 19.5;
     const bool decided = space.contains(x);
@@ -52,8 +53,10 @@ TEST_CASE("the paper's bounds, sums and thickness are decided exactly on the lat
       continue;
     }
     // Away from the limit the sampled answer is the same; at it, exactness decides.
-    if (thick_enough(d, 1e-6)) CHECK((decided || !thick_enough(d, -1e-6)));
-    else CHECK_FALSE(decided);
+    if (thick_enough(d, 1e-6))
+      CHECK((decided || !thick_enough(d, -1e-6)));
+    else
+      CHECK_FALSE(decided);
   }
   CHECK(feasible > 100);
 }
@@ -93,11 +96,12 @@ TEST_CASE("a design is on the lattice in every bit, or not on it") {
   for (double node = 0.0; node <= 29.0; node += 0.5) {
     const double above = std::nextafter(node, inf), below = std::nextafter(node, -inf);
     CHECK(FingerDesign::from(std::array{node, node, node, node, node}) == FingerDesign{node, node, node, node, node});
-    if (node == 0.0) continue;   // what is next to zero is no rounding of it
-    CHECK(FingerDesign::from(std::array{above, below, std::nextafter(above, inf), node, below}) == FingerDesign{node, node, node, node, node});
+    if (node == 0.0) continue;  // what is next to zero is no rounding of it
+    CHECK(FingerDesign::from(std::array{above, below, std::nextafter(above, inf), node, below}) ==
+          FingerDesign{node, node, node, node, node});
   }
   CHECK_FALSE(std::signbit(FingerDesign::from(std::array{6.0, 6.0, 8.0, 5.0, -0.0}).w_v));
-  const FingerDesign off = FingerDesign::from(std::array{6.25, 6.0 + 1e-9, 8.1, 5e-324, inf});   // taken as they are
+  const FingerDesign off = FingerDesign::from(std::array{6.25, 6.0 + 1e-9, 8.1, 5e-324, inf});  // taken as they are
   CHECK(off == FingerDesign{6.25, 6.0 + 1e-9, 8.1, 5e-324, inf});
   CHECK(std::isnan(FingerDesign::from(std::array{not_a_number, 6.0, 8.0, 5.0, 0.0}).h_fp));
 }
@@ -109,7 +113,8 @@ TEST_CASE("a side wall that is too thin above the flat sides is refused") {
       const FingerDesign d{fp, 20 - fp, 15, hs, 2};
       if (vertical_thickness(d) < 5.0 || horizontal_thickness(d) >= 5.0) continue;
       found = true;
-      CHECK_THROWS_WITH(finger_space().check(d.values()), Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
+      CHECK_THROWS_WITH(finger_space().check(d.values()),
+                        Catch::Contains("t_min (horizontal)") && Catch::Contains("5 mm"));
     }
   CHECK(found);
 }
@@ -135,7 +140,9 @@ TEST_CASE("the section's polygon has the section's area and closes in the right 
       }
       CHECK(area == Approx(s.exact_area_m2()).epsilon(1e-3));
       const double by_hand = 14.75 * d.h_fp + pi / 4 * 14.75 * d.h_ep -
-                             ((twin == Twin::bonded_base || twin == Twin::unsupported_base ? 0.0 : 0.5 * d.w_s) + (twin == Twin::no_void ? 0.0 : d.w_v)) * d.h_s;
+                             ((twin == Twin::bonded_base || twin == Twin::unsupported_base ? 0.0 : 0.5 * d.w_s) +
+                              (twin == Twin::no_void ? 0.0 : d.w_v)) *
+                                 d.h_s;
       CHECK(s.exact_area_m2() == Approx(by_hand * 1e-6).epsilon(1e-12));
     }
 }

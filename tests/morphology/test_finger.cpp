@@ -28,7 +28,8 @@ TEST_CASE("the closest point of an ellipse is perpendicular, idempotent and near
       }
       CHECK((p - q).norm() <= nearest + 1e-9);
       CHECK((p - q).norm() >= nearest - 2e-5);
-      if ((p - q).norm() > 1e-6 && q.z() > 6e-3 + 1e-6) CHECK(std::abs((p - q).normalized().dot(e.normal(p))) == Approx(1.0).epsilon(1e-6));
+      if ((p - q).norm() > 1e-6 && q.z() > 6e-3 + 1e-6)
+        CHECK(std::abs((p - q).normalized().dot(e.normal(p))) == Approx(1.0).epsilon(1e-6));
     }
   }
 }
@@ -42,7 +43,8 @@ TEST_CASE("the closest point of an ellipse lies on it for points beside the axes
           const Vec3d q = e.closest_point(p);
           CAPTURE(b, p.x(), p.z());
           CHECK(std::hypot(q.x() / 14.75e-3, q.z() / b) == Approx(1.0).epsilon(1e-12));
-          CHECK((q - p).norm() <= std::min((Vec3d(14.75e-3, 0, 0) - p).norm(), (Vec3d(0, 0, b) - p).norm()) * (1.0 + 1e-12));
+          CHECK((q - p).norm() <=
+                std::min((Vec3d(14.75e-3, 0, 0) - p).norm(), (Vec3d(0, 0, b) - p).norm()) * (1.0 + 1e-12));
         }
   }
 }
@@ -60,7 +62,9 @@ TEST_CASE("a finger is a closed, outward surface with the exact volume up to its
       for (const Facet& f : b.facets) {
         for (std::size_t k = 0; k < f.loop.size(); ++k) ++edges[{f.loop[k], f.loop[(k + 1) % f.loop.size()]}];
         for (std::size_t k = 1; k + 1 < f.loop.size(); ++k)
-          volume += b.vertices[std::size_t(f.loop[0])].dot(b.vertices[std::size_t(f.loop[k])].cross(b.vertices[std::size_t(f.loop[k + 1])])) / 6.0;
+          volume += b.vertices[std::size_t(f.loop[0])].dot(
+                        b.vertices[std::size_t(f.loop[k])].cross(b.vertices[std::size_t(f.loop[k + 1])])) /
+                    6.0;
       }
       for (const auto& [edge, count] : edges) {
         CHECK(count == 1);
@@ -85,7 +89,8 @@ TEST_CASE("what is bonded, touchable, visible and lit follows the model") {
   CHECK(std::holds_alternative<Lambertian>(patch.at("base")->optics));
   CHECK(std::holds_alternative<Dielectric>(patch.at("void_wall")->optics));
   CHECK(b.rigid_faces.size() == 4);
-  for (const Patch& q : b.patches) CHECK(q.visible == !q.name.starts_with("void_"));   // only the outer surface is read out
+  for (const Patch& q : b.patches)
+    CHECK(q.visible == !q.name.starts_with("void_"));  // only the outer surface is read out
 
   CHECK(b.emitters.size() == 5);
   double power = 0.0;
@@ -137,8 +142,10 @@ TEST_CASE("a scaled mesh wants edges that are longer by its factor everywhere, a
   coarse.mesh = coarse.mesh.scaled(1.4);
   CHECK(FingerOptions::Mesh{}.scaled(1.0) == FingerOptions::Mesh{});
   const std::vector<Vec3d> touches = {{0, 5e-3, 15e-3}};
-  const Body usual = focused(finger(design, dragon_skin()), touches), scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
-  for (const Vec3d& p : {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
+  const Body usual = focused(finger(design, dragon_skin()), touches),
+             scaled = focused(finger(design, dragon_skin(), coarse), touches, Focus{}.scaled(1.4));
+  for (const Vec3d& p :
+       {Vec3d(0, 5e-3, 15e-3), Vec3d(1e-3, 6e-3, 14.9e-3), Vec3d(8e-3, -20e-3, 10e-3), Vec3d(6e-3, 25e-3, 1e-3)})
     CHECK(scaled.sizing.edge(p) == Approx(1.4 * usual.sizing.edge(p)));
 }
 
@@ -169,7 +176,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
     power += e.power_W(), sideways += e.axis().x();
     CHECK(e.in_air());
     CHECK(e.center().z() == 2e-3);
-    CHECK(e.center().x() * e.axis().x() == Approx(3e-3 - 10e-6));   // it looks away from the stem, and stands back with its face
+    CHECK(e.center().x() * e.axis().x() ==
+          Approx(3e-3 - 10e-6));  // it looks away from the stem, and stands back with its face
   }
   CHECK(power == Approx(1.0));
   CHECK(sideways == 0.0);
@@ -179,7 +187,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
   }
 
   o.leds.width_x = 5e-3;
-  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("LEDs on the stem's sides") && Catch::Contains("is 5 mm") && Catch::Contains("4] mm"));
+  CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("LEDs on the stem's sides") &&
+                                                   Catch::Contains("is 5 mm") && Catch::Contains("4] mm"));
   o.leds.width_x = 1e-3;
   o.touched = Lambertian{1.2};
   CHECK_THROWS_WITH(finger(design, cloudy, o), Catch::Contains("wets the pad"));
@@ -189,8 +198,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
 
   PadDimensions narrow;
   narrow.width = 20.0;
-  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));   // 4 mm beside the voids
+  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));  // 4 mm beside the voids
   narrow.t_min_beside = false;
   CHECK(finger_space(narrow).contains(std::vector<double>{8, 4, 8, 4, 2}));
-  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{4, 2, 8, 5, 0}));   // still 5 mm above
+  CHECK_FALSE(finger_space(narrow).contains(std::vector<double>{4, 2, 8, 5, 0}));  // still 5 mm above
 }

@@ -13,7 +13,9 @@ struct Made {
   TetMesh mesh;
   std::vector<MechanicalState> states;
 
-  Made() : body(test::block_body(Vec3d(20e-3, 20e-3, 2e-3))), mesh(test::block_mesh(Vec3d(20e-3, 20e-3, 2e-3), test::even(20), test::even(20), test::even(1), 2, false)) {}
+  Made()
+      : body(test::block_body(Vec3d(20e-3, 20e-3, 2e-3))),
+        mesh(test::block_mesh(Vec3d(20e-3, 20e-3, 2e-3), test::even(20), test::even(20), test::even(1), 2, false)) {}
   void add(double load, double depth, double radius, double area) {
     MechanicalState s;
     s.status = Status::converged;
@@ -38,7 +40,7 @@ TEST_CASE("the three contact terms and their geometric mean follow the paper's e
   REQUIRE(q.stable);
   REQUIRE(q.stiff);
   CHECK(q.form->value == Approx(std::sqrt(28.0 / (pi * 25.0))));
-  CHECK(q.stable->value == Approx(9.0 / 36.0).epsilon(0.02));            // nested discs
+  CHECK(q.stable->value == Approx(9.0 / 36.0).epsilon(0.02));  // nested discs
   CHECK(q.stiff->value == Approx(1.0 - (1.0 / 0.5e-3) / (5.0 / 0.5e-3)));
   CHECK(q.score()->value == Approx(std::cbrt(q.form->value * q.stable->value * q.stiff->value)));
   CHECK(q.score()->error > 0.0);
@@ -48,7 +50,7 @@ TEST_CASE("the three contact terms and their geometric mean follow the paper's e
 TEST_CASE("an indenter that did not move on between two loads leaves the stiffness undefined") {
   Made m;
   m.add(1, 1.0e-3, 2e-3, 12e-6);
-  m.add(2, 1.0e-3, 3e-3, 28e-6);   // its force rose while it was held
+  m.add(2, 1.0e-3, 3e-3, 28e-6);  // its force rose while it was held
   m.add(5, 2.5e-3, 4e-3, 50e-6);
   m.add(10, 3.0e-3, 6e-3, 110e-6);
   CHECK_FALSE(contact_terms(m.body, m.mesh, m.states, 5e-3).stiff);
@@ -83,7 +85,8 @@ TEST_CASE("a term that is just cut off keeps the error that reaches back over th
   m.add(10, 5.004e-3, 6e-3, 110e-6);  // 2 N/mm early, 1.997 N/mm late
   const Estimate stiff = *contact_terms(m.body, m.mesh, m.states, 5e-3).stiff;
   CHECK(stiff.value == 0.0);
-  CHECK(stiff.error == Approx(std::sqrt(2.0) * MechanicalError{}.stiffness * (5.008 / 5.0) - 0.008 / 5.0).epsilon(1e-3));
+  CHECK(stiff.error ==
+        Approx(std::sqrt(2.0) * MechanicalError{}.stiffness * (5.008 / 5.0) - 0.008 / 5.0).epsilon(1e-3));
 }
 
 TEST_CASE("what the loads do not define, and what did not converge, is empty") {

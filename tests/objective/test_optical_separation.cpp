@@ -18,7 +18,8 @@ Eigen::MatrixXd noisy(double signal, double noise, std::uint64_t key) {
   Eigen::MatrixXd m(8, 11);
   for (Eigen::Index i = 0; i < 8; ++i)
     for (Eigen::Index j = 0; j < 11; ++j)
-      m(i, j) = (j == 0 ? signal : 0.0) + noise * std::sqrt(8.0) * normal_number(combine(key, std::uint64_t(11 * i + j)));
+      m(i, j) =
+          (j == 0 ? signal : 0.0) + noise * std::sqrt(8.0) * normal_number(combine(key, std::uint64_t(11 * i + j)));
   return m;
 }
 

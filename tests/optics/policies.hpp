@@ -38,12 +38,8 @@ inline std::vector<NamedSurface> all_surfaces() {
 }
 
 /// Calls `f(name, tracer type's medium as a tag, medium data)` for each medium policy.
-template <class M>
-struct MediumTag {
-  using type = M;
-};
-template <class F>
-void for_each_medium(double index, F&& f) {
+template <class M> struct MediumTag { using type = M; };
+template <class F> void for_each_medium(double index, F&& f) {
   f("Beer-Lambert", MediumTag<BeerLambert>{}, lumo::Medium{index, 60.0});
   f("scattering forwards", MediumTag<ScatteringMedium>{}, lumo::Medium{index, 150.0, 0.8, 0.7});
   f("scattering evenly", MediumTag<ScatteringMedium>{}, lumo::Medium{index, 100.0, 0.9, 0.0});
@@ -51,20 +47,26 @@ void for_each_medium(double index, F&& f) {
 
 /// Two photodiodes and a camera above a box whose top is z = 3 mm, all of them large, so that paths find them, too.
 inline Photodiodes two_diodes() {
-  return Photodiodes({{{-3e-3, 1e-3, 6e-3}, {2e-3, 0, 0}, {0, -2e-3, 0}, false, 60 * pi / 180}, {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
+  return Photodiodes({{{-3e-3, 1e-3, 6e-3}, {2e-3, 0, 0}, {0, -2e-3, 0}, false, 60 * pi / 180},
+                      {{4e-3, 0, 7e-3}, {2e-3, 0, 0.5e-3}, {0, -1.5e-3, 0}, true}});
 }
 inline PinholeCamera wide_camera() {
-  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3}, .view = -Vec3d::UnitZ(), .field_of_view_rad = 80 * pi / 180, .columns = 2, .rows = 2,
-                        .aperture_m = 1.5e-3, .focus_m = 6e-3});
+  return PinholeCamera({.position = {1e-3, -1e-3, 9e-3},
+                        .view = -Vec3d::UnitZ(),
+                        .field_of_view_rad = 80 * pi / 180,
+                        .columns = 2,
+                        .rows = 2,
+                        .aperture_m = 1.5e-3,
+                        .focus_m = 6e-3});
 }
-template <class F>
-void for_each_readout(F&& f) {
+template <class F> void for_each_readout(F&& f) {
   f("exit power", ExitPower{});
   f("photodiodes", two_diodes());
   f("camera", wide_camera());
 }
 
-/// A box of 10 × 8 × 6 mm whose floor (−z) and one side (+x) have the given optics; its top is region 0, everything else region 1.
+/// A box of 10 × 8 × 6 mm whose floor (−z) and one side (+x) have the given optics; its top is region 0, everything
+/// else region 1.
 inline Model lit_box(const SurfaceOptics& optics, const lumo::Medium& medium, const Emitter& emitter) {
   Model m = box({5e-3, 4e-3, 3e-3}, medium, 2);
   m.body.patches[4].optics = m.body.patches[1].optics = optics;
@@ -74,8 +76,7 @@ inline Model lit_box(const SurfaceOptics& optics, const lumo::Medium& medium, co
   return m;
 }
 
-template <class Medium, class Readout>
-typename Tracer<Medium, Readout>::Config few_rays(int rays = 1 << 9) {
+template <class Medium, class Readout> typename Tracer<Medium, Readout>::Config few_rays(int rays = 1 << 9) {
   typename Tracer<Medium, Readout>::Config c;
   c.rays_per_emitter = rays;
   c.replicates = 8;

@@ -12,7 +12,8 @@
 #include <tuple>
 #include <vector>
 
-/// Small optical bodies for the tests. The tracer reads nodes and boundary faces only, so these meshes have no tetrahedra.
+/// Small optical bodies for the tests. The tracer reads nodes and boundary faces only, so these meshes have no
+/// tetrahedra.
 namespace optics_test {
 
 using namespace lumo;
@@ -29,9 +30,9 @@ class SurfaceBuilder {
     return it->second;
   }
 
-  /// Maps the grid us × vs by `f`; the normal is ∂f/∂u × ∂f/∂v. The diagonal is mirrored with the signs of the middle of a cell.
-  template <class F>
-  void grid(const std::vector<double>& us, const std::vector<double>& vs, int patch, F&& f) {
+  /// Maps the grid us × vs by `f`; the normal is ∂f/∂u × ∂f/∂v. The diagonal is mirrored with the signs of the middle
+  /// of a cell.
+  template <class F> void grid(const std::vector<double>& us, const std::vector<double>& vs, int patch, F&& f) {
     for (std::size_t i = 0; i + 1 < us.size(); ++i)
       for (std::size_t j = 0; j + 1 < vs.size(); ++j) {
         const double u0 = us[i], u1 = us[i + 1], v0 = vs[j], v1 = vs[j + 1];
@@ -115,7 +116,8 @@ struct PadShape {
   lumo::Medium medium{1.4348, 71.3801};
 };
 
-/// A fingertip-like pad: half elliptic cylinder on a block, on a stem (with voids where gap > 0) with five emitters; 11 regions along y.
+/// A fingertip-like pad: half elliptic cylinder on a block, on a stem (with voids where gap > 0) with five emitters; 11
+/// regions along y.
 inline Model pad(const PadShape& s = {}) {
   enum { cap, left, right, end0, end1, stem_top, base, stem_side_l, stem_side_r, roof, wall_l, wall_r };
   Model m;
@@ -198,12 +200,15 @@ inline Model pad(const PadShape& s = {}) {
       const double x0 = side * w, x1 = side * v;
       RigidFace ground{"floor", {{x0, -l, 0}, {x1, -l, 0}, {x1, l, 0}, {x0, l, 0}}, Lambertian{s.albedo}};
       RigidFace flank{"stem side", {{x0, -l, 0}, {x0, l, 0}, {x0, l, hs}, {x0, -l, hs}}, Lambertian{s.albedo}};
-      if (side < 0) std::reverse(ground.corners.begin(), ground.corners.end()), std::reverse(flank.corners.begin(), flank.corners.end());
+      if (side < 0)
+        std::reverse(ground.corners.begin(), ground.corners.end()),
+            std::reverse(flank.corners.begin(), flank.corners.end());
       m.body.rigid_faces.push_back(ground), m.body.rigid_faces.push_back(flank);
     }
   m.body.medium = s.medium;
   m.body.symmetry = m.mesh.symmetry = {true, true};
-  for (int k = -2; k <= 2; ++k) m.body.emitters.push_back(RectangleEmitter{{0, 11e-3 * k, hs}, {0.4e-3, 0, 0}, {0, 0.8e-3, 0}, 0.2, 0});
+  for (int k = -2; k <= 2; ++k)
+    m.body.emitters.push_back(RectangleEmitter{{0, 11e-3 * k, hs}, {0.4e-3, 0, 0}, {0, 0.8e-3, 0}, 0.2, 0});
   m.body.regions = 11;
   m.body.region = [](const Vec3d& p, const Vec3d& n) {
     if (std::abs(n.x()) < 0.5 || std::abs(p.y()) > 27.5e-3 || std::abs(n.y()) > 0.5) return -1;
@@ -221,9 +226,11 @@ struct Dent {
     std::vector<Vec3d> u;
     const double height = s.flat + s.dome - s.stem_height;
     for (const Vec3d& p : mesh.nodes) {
-      const double dx = p.x() - x, dy = p.y() - y, r2 = dx * dx + dy * dy, t = std::max(0.0, (p.z() - s.stem_height) / height);
+      const double dx = p.x() - x, dy = p.y() - y, r2 = dx * dx + dy * dy,
+                   t = std::max(0.0, (p.z() - s.stem_height) / height);
       const double bell = std::exp(-0.5 * r2 / (sigma * sigma));
-      const double out = r2 > 1e-12 ? depth * (2.0 * t / height) * sigma * sigma * (1.0 - bell) / r2 : 0.5 * depth * 2.0 * t / height;
+      const double out =
+          r2 > 1e-12 ? depth * (2.0 * t / height) * sigma * sigma * (1.0 - bell) / r2 : 0.5 * depth * 2.0 * t / height;
       u.push_back({out * dx, out * dy, -depth * bell * t * t});
     }
     return u;

@@ -3,7 +3,8 @@
 
 using namespace optics_test;
 
-TEST_CASE("Emitters: places and directions follow their laws, and intensity is the density of the directions", "[emitter]") {
+TEST_CASE("Emitters: places and directions follow their laws, and intensity is the density of the directions",
+          "[emitter]") {
   const Vec3d at{1e-3, -2e-3, 0.5e-3};
   const OwenSobol s{5};
   const std::uint32_t n = 1 << 14;
@@ -90,18 +91,22 @@ TEST_CASE("Symmetric emitters of every kind: quarter, half and full pattern agre
   const auto pair = [](auto e, const Vec3d& m) { return std::vector<Emitter>{e, e.mirrored(m)}; };
   const Vec3d flip(-1, 1, 1);
   for (const std::vector<Emitter>& emitters :
-       {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3d::UnitZ(), 1e-3}}, std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
-        pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3d(0.6, 0, 0.8), 1e-3}, flip), pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3d(-0.6, 0, 0.8), 0.3e-3}, flip),
+       {std::vector<Emitter>{DiscEmitter{{0, 0, -1e-3}, Vec3d::UnitZ(), 1e-3}},
+        std::vector<Emitter>{PointEmitter{{0, 0, 1e-3}}},
+        pair(DiscEmitter{{0.4e-3, 0, 0}, Vec3d(0.6, 0, 0.8), 1e-3}, flip),
+        pair(MeasuredLobe{lobe, {2e-3, 0, 0}, Vec3d(-0.6, 0, 0.8), 0.3e-3}, flip),
         pair(PointEmitter{{1e-3, 0, 0}}, flip)}) {
     Model m = box({5e-3, 4e-3, 3e-3}, {1.41, 50.0}, 4);
     m.body.symmetry = m.mesh.symmetry = {true, true};
     m.body.emitters = emitters;
     m.body.regions = 1;
-    for (std::size_t k : {0u, 2u}) m.body.patches[k].shape = m.body.patches[k + 1].shape;  // shapes are those of the sector x ≥ 0, y ≥ 0
+    for (std::size_t k : {0u, 2u})
+      m.body.patches[k].shape = m.body.patches[k + 1].shape;  // shapes are those of the sector x ≥ 0, y ≥ 0
     m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : -1; };
     REQUIRE(symmetry_of(m.body, m.mesh) == Symmetry{true, true});
     const Tracer<BeerLambert> tracer(few_rays<BeerLambert, ExitPower>(1 << 10));
-    const Response quarter = tracer.trace(m.body, m.mesh), half = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, false}),
+    const Response quarter = tracer.trace(m.body, m.mesh),
+                   half = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, false}),
                    full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
     CHECK(quarter.power_W[0] == Approx(full.power_W[0]).epsilon(1e-6));
     CHECK(half.power_W[0] == Approx(full.power_W[0]).epsilon(1e-6));
@@ -140,9 +145,10 @@ TEST_CASE("Broken emitters are refused by name", "[emitter]") {
   refused(MeasuredLobe{lobe, Vec3d::Zero(), Vec3d::UnitZ(), -1e-3});
 }
 
-TEST_CASE("An emitter in air: what does not meet the body is lost to it, and what does goes in as Fresnel says", "[emitter]") {
+TEST_CASE("An emitter in air: what does not meet the body is lost to it, and what does goes in as Fresnel says",
+          "[emitter]") {
   const double n = 1.41, half = 5e-3;
-  Model m = box({half, half, half}, {n, 1e5}, 4);   // what goes in stays in
+  Model m = box({half, half, half}, {n, 1e5}, 4);  // what goes in stays in
   const auto run = [&](const Vec3d& center, double side) {
     m.body.emitters = {RectangleEmitter{center, {1e-6, 0, 0}, {0, side * 1e-6, 0}, 1.0, 0, true}};
     return Tracer<BeerLambert>(few_rays<BeerLambert, ExitPower>(1 << 12)).trace(m.body, m.mesh, {}, {}, Symmetry{});
@@ -152,7 +158,7 @@ TEST_CASE("An emitter in air: what does not meet the body is lost to it, and wha
   CHECK(away.ledger.absorbed_in_medium == 0.0);
 
   const double gap = 20e-6;
-  double in = 0.0;   // ∫ (1 − R) 2 sin θ cos θ dθ over directions that meet the face
+  double in = 0.0;  // ∫ (1 − R) 2 sin θ cos θ dθ over directions that meet the face
   for (int k = 0; k < 20000; ++k) {
     const double sine2 = (k + 0.5) / 20000.0;
     in += (1.0 - fresnel(std::sqrt(1.0 - sine2), 1.0 / n).reflectance) / 20000.0;

@@ -57,7 +57,8 @@ TEST_CASE("Slab of silicone on black ground: first Fresnel transmission", "[ligh
   const double h = 2e-3, mu = 71.38, n = 1.4348;
   const Model m = slab(h, {n, mu}, Absorber{});
   const Response r = Tracer<BeerLambert>(config(1 << 14, 0.0)).trace(m.body, m.mesh);
-  const double exact = 2.0 * hemisphere([&](double c) { return (1.0 - fresnel(c, n).reflectance) * std::exp(-mu * h / c); });
+  const double exact =
+      2.0 * hemisphere([&](double c) { return (1.0 - fresnel(c, n).reflectance) * std::exp(-mu * h / c); });
   CHECK(r.power_W[0] == Approx(exact).margin(1e-3 * exact + 4.0 * r.error_W[0]));
   CHECK(r.ledger.lost == 0.0);
 }
@@ -87,9 +88,11 @@ TEST_CASE("Long light pipe: what is totally reflected at the sides reaches the e
   Model m = box({1e-3, 1e-3, 0.3}, {n, 0.0}, 2);
   m.body.patches[4].optics = m.body.patches[5].optics = Absorber{};
   m.body.emitters = {RectangleEmitter{{0, 0, -0.3}, {1e-3, 0, 0}, {0, 1e-3, 0}, 1.0, 0}};
-  // Sampling error of both shares: 1.7e-3 rms over seeds. Rays at more than 4096 bounces, 7e-4 of the power, are given up.
+  // Sampling error of both shares: 1.7e-3 rms over seeds. Rays at more than 4096 bounces, 7e-4 of the power, are given
+  // up.
   const Response r = Tracer<BeerLambert>(config(1 << 14, 1e-3)).trace(m.body, m.mesh);
-  // In the disc of projected directions: |x| and |y| below the critical cosine. 2c² > 1, so the square cuts four caps off.
+  // In the disc of projected directions: |x| and |y| below the critical cosine. 2c² > 1, so the square cuts four caps
+  // off.
   const double c = std::sqrt(1.0 - 1.0 / (n * n)), cap = std::acos(c) - c * std::sqrt(1.0 - c * c);
   const double guided = 1.0 - 4.0 * cap / pi;
   CHECK(r.ledger.absorbed_at_surfaces == Approx(guided).margin(5e-3));

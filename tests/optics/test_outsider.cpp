@@ -13,7 +13,9 @@ struct RingLight {
   int channel = 0;
 
   Vec3d axis() const { return Vec3d::UnitZ(); }
-  Vec3d point(double u, double) const { return center + radius_m * Vec3d(std::cos(2.0 * lumo::pi * u), std::sin(2.0 * lumo::pi * u), 0.0); }
+  Vec3d point(double u, double) const {
+    return center + radius_m * Vec3d(std::cos(2.0 * lumo::pi * u), std::sin(2.0 * lumo::pi * u), 0.0);
+  }
   lumo::Polar polar(double u) const {
     const double c = std::cbrt(1.0 - u);
     return {std::sqrt(1.0 - c * c), c};
@@ -44,7 +46,8 @@ static_assert(!lumo::EmitterModel<Steep> && !lumo::TurbidMedium<TwoDecibels> && 
 
 using namespace optics_test;
 
-TEST_CASE("An outsider's emitter, medium and readout work together, forwards and backwards, to their closed form", "[outsider]") {
+TEST_CASE("An outsider's emitter, medium and readout work together, forwards and backwards, to their closed form",
+          "[outsider]") {
   const double h = 5e-3, least = 0.8;
   Model m = box({0.1, 0.1, 0.5 * h}, {1.4, 99.0}, 4);
   m.body.emitters = {outsider::RingLight{{0, 0, -0.5 * h}, 1e-3, 2.0}};

@@ -11,7 +11,8 @@ double total(const Response& r) {
   return sum;
 }
 
-// A clear box without refractive step; its floor is a Lambertian square that a lamp above it lights, its sides are black, its top is open.
+// A clear box without refractive step; its floor is a Lambertian square that a lamp above it lights, its sides are
+// black, its top is open.
 Model lit_floor(double albedo, double half = 4e-3, double height = 1e-3) {
   Model m = box({half, half, 0.5 * height}, {1.0, 0.0}, 8, {0, 0, -0.5 * height});
   for (std::size_t k : {0u, 1u, 2u, 3u}) m.body.patches[k].optics = Absorber{};
@@ -21,8 +22,7 @@ Model lit_floor(double albedo, double half = 4e-3, double height = 1e-3) {
   return m;
 }
 
-template <class Readout>
-Response traced(const Model& m, const Readout& readout, int rays = 1 << 13) {
+template <class Readout> Response traced(const Model& m, const Readout& readout, int rays = 1 << 13) {
   return Tracer<BeerLambert, Readout>(few_rays<BeerLambert, Readout>(rays), readout).trace(m.body, m.mesh);
 }
 
@@ -79,9 +79,14 @@ TEST_CASE("Connections carry the solid angle of their opening", "[readout]") {
   };
   // Rectangle of half edges a, b whose foot is a corner: Ω = atan(ab/(d √(a² + b² + d²))).
   const Photodiodes corner({{from + Vec3d(2e-3, 1e-3, 3e-3), {2e-3, 0, 0}, {0, -1e-3, 0}}});
-  CHECK(mean(corner, 0, [](const Vec3d&) { return 1.0; }) == Approx(std::atan(4.0 * 2.0 / (3.0 * std::sqrt(16.0 + 4.0 + 9.0)))).epsilon(1e-4));
+  CHECK(mean(corner, 0, [](const Vec3d&) { return 1.0; }) ==
+        Approx(std::atan(4.0 * 2.0 / (3.0 * std::sqrt(16.0 + 4.0 + 9.0)))).epsilon(1e-4));
   // Disc seen from its axis: projected solid angle π R²/(R² + d²).
-  const PinholeCamera camera({.position = from + Vec3d(0, 0, 4e-3), .view = -Vec3d::UnitZ(), .field_of_view_rad = 2.9, .aperture_m = 2e-3, .focus_m = 4e-3});
+  const PinholeCamera camera({.position = from + Vec3d(0, 0, 4e-3),
+                              .view = -Vec3d::UnitZ(),
+                              .field_of_view_rad = 2.9,
+                              .aperture_m = 2e-3,
+                              .focus_m = 4e-3});
   CHECK(mean(camera, 0, [](const Vec3d& d) { return d.z(); }) == Approx(pi * 4.0 / 20.0).epsilon(1e-4));
 }
 
@@ -95,11 +100,18 @@ TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴
   for (BoundaryFace& f : m.mesh.faces) {
     Vec3d middle = Vec3d::Zero();
     for (std::size_t k = 0; k < 3; ++k) middle += m.mesh.nodes[std::size_t(f.nodes[k])] / 3.0;
-    if (f.patch == 4 && (middle.x() < 0.0 || middle.y() < 0.0)) f.patch = 6;  // what stays white is the quadrant x > 0, y > 0
+    if (f.patch == 4 && (middle.x() < 0.0 || middle.y() < 0.0))
+      f.patch = 6;  // what stays white is the quadrant x > 0, y > 0
   }
   m.body.emitters = {DiscEmitter{{2e-3, 2e-3, -0.01e-3}, -Vec3d::UnitZ(), 1e-3}};
-  const PinholeCamera camera({.position = {0, 0, d}, .view = -Vec3d::UnitZ(), .up = Vec3d::UnitY(), .field_of_view_rad = 2.0 * std::atan(8e-3 / d), .columns = 16,
-                              .rows = 16, .aperture_m = radius, .focus_m = d});
+  const PinholeCamera camera({.position = {0, 0, d},
+                              .view = -Vec3d::UnitZ(),
+                              .up = Vec3d::UnitY(),
+                              .field_of_view_rad = 2.0 * std::atan(8e-3 / d),
+                              .columns = 16,
+                              .rows = 16,
+                              .aperture_m = radius,
+                              .focus_m = d});
   const Response r = traced(m, camera, 1 << 14);
   // Cells of 1 mm at the top face: columns 8 … 11 are x in (0, 4) mm, rows 4 … 7 are y in (4, 0) mm.
   CHECK(camera.pixel({0.5e-3, 3.5e-3, 0}) == 4 * 16 + 8);
@@ -111,13 +123,15 @@ TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴
     for (int column = 0; column < 16; ++column) {
       const double p = r.power_W[std::size_t(16 * row + column)];
       const bool lit = column >= 8 && column <= 11 && row >= 4 && row <= 7;
-      const bool rim = column >= 7 && column <= 12 && row >= 3 && row <= 8;  // the floor lies 0.2 mm lower than what is sharp
+      const bool rim =
+          column >= 7 && column <= 12 && row >= 3 && row <= 8;  // the floor lies 0.2 mm lower than what is sharp
       if (lit) white += p;
       if (!rim) CHECK(p == 0.0);
     }
   CHECK(r.power_W[5 * 16 + 9] > 4.0 * r.power_W[7 * 16 + 8]);  // the lamp stands above the middle of the square
   // All that the floor sends, albedo·1 W, with a cosine law: π a²/d² of its intensity on the axis, cos⁴ off it.
-  const double off = std::hypot(2e-3, 2e-3) / d, exact = albedo * radius * radius / (d * d) / std::pow(1.0 + off * off, 2);
+  const double off = std::hypot(2e-3, 2e-3) / d,
+               exact = albedo * radius * radius / (d * d) / std::pow(1.0 + off * off, 2);
   CHECK(total(r) == Approx(exact).epsilon(0.04));
   CHECK(white > 0.9 * total(r));
 }
@@ -125,15 +139,25 @@ TEST_CASE("The camera's image of a lit square: right pixels, right power, cos⁴
 TEST_CASE("Brightness: a Lambertian floor looks as bright from twice as far", "[readout]") {
   Model m = lit_floor(0.8, 6e-3, 1e-3);
   m.body.emitters = {RectangleEmitter{{0, 0, -0.01e-3}, {5e-3, 0, 0}, {0, -5e-3, 0}}};  // looks down
-  // One pixel, an opening small against the distance: power = π L Ω_pixel-area … = L · A_opening · Ω_pixel, whatever the distance.
+  // One pixel, an opening small against the distance: power = π L Ω_pixel-area … = L · A_opening · Ω_pixel, whatever
+  // the distance.
   const auto look = [&](double distance, double fov_rad) {
-    return traced(m, PinholeCamera({.position = {0, 0, distance}, .view = -Vec3d::UnitZ(), .field_of_view_rad = fov_rad, .columns = 1, .rows = 1,
-                                    .aperture_m = 0.2e-3, .focus_m = distance + 1e-3}), 1 << 15).power_W[0];
+    return traced(m,
+                  PinholeCamera({.position = {0, 0, distance},
+                                 .view = -Vec3d::UnitZ(),
+                                 .field_of_view_rad = fov_rad,
+                                 .columns = 1,
+                                 .rows = 1,
+                                 .aperture_m = 0.2e-3,
+                                 .focus_m = distance + 1e-3}),
+                  1 << 15)
+        .power_W[0];
   };
   const double fov = 2.0 * std::atan(1e-3 / 21e-3);
   const double near = look(10e-3, fov), far = look(20e-3, fov);
   CHECK(near == Approx(far).epsilon(0.03));
-  // Radiance of the floor's middle: nearly all of the lamp's light falls on it, 0.8 W/(π 100 mm²); pixel of solid angle (2/21)².
+  // Radiance of the floor's middle: nearly all of the lamp's light falls on it, 0.8 W/(π 100 mm²); pixel of solid angle
+  // (2/21)².
   CHECK(far == Approx(0.8 / (pi * 1e-4) * pi * 0.2e-3 * 0.2e-3 * std::pow(2.0 / 21.0, 2)).epsilon(0.06));
 }
 
@@ -142,13 +166,20 @@ TEST_CASE("A camera sees a symmetric state's both halves, though only one is tra
   m.body.symmetry = m.mesh.symmetry = {true, true};
   for (std::size_t k : {0u, 2u}) m.body.patches[k].shape = m.body.patches[k + 1].shape;
   m.body.emitters = {DiscEmitter{{0, 0, -0.1e-3}, -Vec3d::UnitZ(), 1e-3}};
-  const PinholeCamera camera({.position = {2e-3, 1e-3, 10e-3}, .view = {-0.2, -0.1, -1.0}, .columns = 6, .rows = 6, .aperture_m = 0.3e-3, .focus_m = 10e-3});
+  const PinholeCamera camera({.position = {2e-3, 1e-3, 10e-3},
+                              .view = {-0.2, -0.1, -1.0},
+                              .columns = 6,
+                              .rows = 6,
+                              .aperture_m = 0.3e-3,
+                              .focus_m = 10e-3});
   const Tracer<BeerLambert, PinholeCamera> tracer(few_rays<BeerLambert, PinholeCamera>(1 << 14), camera);
   const Response quarter = tracer.trace(m.body, m.mesh), full = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {});
   CHECK(total(quarter) == Approx(total(full)).epsilon(0.01));
   for (std::size_t k = 0; k < 36; ++k)
-    CHECK(quarter.power_W[k] == Approx(full.power_W[k]).margin(5.0 * std::hypot(quarter.error_W[k], full.error_W[k]) + 1e-3 * total(full)));
-  CHECK(std::abs(full.power_W[14] - full.power_W[21]) > 10.0 * full.error_W[14]);  // the picture itself is not symmetric
+    CHECK(quarter.power_W[k] ==
+          Approx(full.power_W[k]).margin(5.0 * std::hypot(quarter.error_W[k], full.error_W[k]) + 1e-3 * total(full)));
+  CHECK(std::abs(full.power_W[14] - full.power_W[21]) >
+        10.0 * full.error_W[14]);  // the picture itself is not symmetric
   CHECK(quarter.rays < full.rays);
   CHECK_FALSE(tracer.image_channels(m.body, 0).has_value());
 }

@@ -18,14 +18,17 @@ struct Pencil {
   Vec3d axis() const { return direction; }
   Vec3d point(double, double) const { return center; }
   Polar polar(double) const { return {0.0, 1.0}; }
-  Pencil mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), m.cwiseProduct(direction), power_W, channel}; }
+  Pencil mirrored(const Vec3d& m) const {
+    return {m.cwiseProduct(center), m.cwiseProduct(direction), power_W, channel};
+  }
 };
 static_assert(EmitterModel<Pencil>);
 
 // A wide slab under a beam that has just entered it; regions: top, bottom.
 Model slab(double thickness, const lumo::Medium& medium) {
   Model m = box({0.1, 0.1, 0.5 * thickness}, medium, 2);
-  m.body.emitters = {Pencil{{1e-4, 2e-4, 0.5 * thickness}}};  // off the middle: images of a path share their random numbers
+  m.body.emitters = {
+      Pencil{{1e-4, 2e-4, 0.5 * thickness}}};  // off the middle: images of a path share their random numbers
   m.body.regions = 2;
   m.body.region = [](const Vec3d&, const Vec3d& n) { return n.z() > 0.5 ? 0 : n.z() < -0.5 ? 1 : -1; };
   return m;
@@ -72,14 +75,17 @@ TEST_CASE("Without albedo a scattering medium is Beer's, to the last bit", "[sca
   const auto u = d.displacement(s, m.mesh);
   const auto phi = d.contact(s, m.mesh);
   const Response beer = Tracer<BeerLambert>(few_rays<BeerLambert, ExitPower>(1 << 10)).trace(m.body, m.mesh, u, phi);
-  const Response turbid = Tracer<ScatteringMedium>(few_rays<ScatteringMedium, ExitPower>(1 << 10)).trace(m.body, m.mesh, u, phi);
+  const Response turbid =
+      Tracer<ScatteringMedium>(few_rays<ScatteringMedium, ExitPower>(1 << 10)).trace(m.body, m.mesh, u, phi);
   CHECK((beer.replicates.array() == turbid.replicates.array()).all());
   CHECK(beer.ledger.absorbed_in_medium == turbid.ledger.absorbed_in_medium);
   CHECK(beer.segments == turbid.segments);
 }
 
-TEST_CASE("Index-matched slab, albedo 0.9, g 0.75, optical depth 2: van de Hulst's reflection and transmission", "[scattering]") {
-  // 0.09739 and 0.66096: van de Hulst, Multiple Light Scattering (1980), as quoted by Wang, Jacques & Zheng, MCML, Comput. Meth. Prog. Biomed. 47 (1995), Table 1.
+TEST_CASE("Index-matched slab, albedo 0.9, g 0.75, optical depth 2: van de Hulst's reflection and transmission",
+          "[scattering]") {
+  // 0.09739 and 0.66096: van de Hulst, Multiple Light Scattering (1980), as quoted by Wang, Jacques & Zheng, MCML,
+  // Comput. Meth. Prog. Biomed. 47 (1995), Table 1.
   const Model m = slab(0.2e-3, {1.0, 10000.0, 0.9, 0.75});
   auto c = few_rays<ScatteringMedium, ExitPower>(1 << 16);
   for (int exit_rays : {0, 1 << 10}) {  // a beam is never gathered, so that this changes nothing
@@ -95,7 +101,8 @@ TEST_CASE("Index-matched slab, albedo 0.9, g 0.75, optical depth 2: van de Hulst
 }
 
 TEST_CASE("Thick medium of index 1.5, albedo 0.9, scattering evenly: Giovanelli's reflectance", "[scattering]") {
-  // 0.2600 with what the surface reflects at once: Giovanelli, Optica Acta 2 (1955), as quoted by Wang et al. (1995), Table 2.
+  // 0.2600 with what the surface reflects at once: Giovanelli, Optica Acta 2 (1955), as quoted by Wang et al. (1995),
+  // Table 2.
   const Model m = slab(8e-3, {1.5, 10000.0, 0.9, 0.0});
   const Response r = Tracer<ScatteringMedium>(few_rays<ScatteringMedium, ExitPower>(1 << 16)).trace(m.body, m.mesh);
   const double entered = 1.0 - fresnel(1.0, 1.0 / 1.5).reflectance;
@@ -105,8 +112,8 @@ TEST_CASE("Thick medium of index 1.5, albedo 0.9, scattering evenly: Giovanelli'
 }
 
 TEST_CASE("Thin slab: single scattering in closed form", "[scattering]") {
-  // Depth τ « 1, evenly scattered, straight down: half of a τ goes up, less what is scattered or absorbed again on its slanted way:
-  // R = (a/2) ∫∫ exp(−t) exp(−t/c) dt dc to first order in a, over t in (0, τ) and cosines c in (0, 1).
+  // Depth τ « 1, evenly scattered, straight down: half of a τ goes up, less what is scattered or absorbed again on its
+  // slanted way: R = (a/2) ∫∫ exp(−t) exp(−t/c) dt dc to first order in a, over t in (0, τ) and cosines c in (0, 1).
   const double tau = 0.02, albedo = 0.05;
   const Model m = slab(tau / 1000.0, {1.0, 1000.0, albedo, 0.0});
   double exact = 0.0;
@@ -132,7 +139,8 @@ TEST_CASE("Mitsuba 3 sees the same light leave a scattering box", "[scattering]"
     lumo::Medium medium;
     std::string face;
     double power = 0.0, error = 0.0;
-    REQUIRE(in >> medium.refractive_index >> medium.extinction_per_m >> medium.scattering_albedo >> medium.anisotropy >> face >> power >> error);
+    REQUIRE(in >> medium.refractive_index >> medium.extinction_per_m >> medium.scattering_albedo >> medium.anisotropy >>
+            face >> power >> error);
     Model m = box({5e-3, 4e-3, 3e-3}, medium, 2);
     m.body.emitters = {RectangleEmitter{{-1e-3, 0.5e-3, -2.5e-3}, {1e-3, 0, 0}, {0, 1e-3, 0}, 1.0, 0}};
     m.body.regions = 1;

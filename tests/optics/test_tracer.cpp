@@ -45,14 +45,16 @@ TEST_CASE("The ledger closes and nothing is lost, for dents, contact, voids and 
       s.medium = medium;
       const Model m = pad(s);
       const Dent d{1.5e-3, 2e-3, 4e-3, 4e-3, 3e-3};
-      const Response r = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, d.displacement(s, m.mesh), d.contact(s, m.mesh));
+      const Response r =
+          Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, d.displacement(s, m.mesh), d.contact(s, m.mesh));
       CHECK(r.ledger.emitted == Approx(1.0));
       CHECK(r.ledger.imbalance() < 1e-9);
       CHECK(r.ledger.lost <= 1e-6);
       CHECK(r.ledger.to_indenter > 0.01);
       CHECK(std::abs(r.ledger.roulette) < 0.02);
       CHECK(r.power_W.size() == 11);
-      for (std::size_t b = 0; b < 11; ++b) CHECK((r.power_W[b] > 0.0 && r.error_W[b] > 0.0 && r.error_W[b] < r.power_W[b]));
+      for (std::size_t b = 0; b < 11; ++b)
+        CHECK((r.power_W[b] > 0.0 && r.error_W[b] > 0.0 && r.error_W[b] < r.power_W[b]));
     }
 }
 
@@ -121,7 +123,8 @@ TEST_CASE("The stated error covers the scatter over seeds", "[tracer]") {
       const double off = r.power_W[b] - mean[Eigen::Index(b)];
       scatter += off * off * seeds / (seeds - 1.0);
       stated += r.error_W[b] * r.error_W[b];
-      covered += std::abs(off) < 2.36 * r.error_W[b] ? 1.0 / (11.0 * seeds) : 0.0;  // Student's t, 7 degrees of freedom: 95 %
+      covered +=
+          std::abs(off) < 2.36 * r.error_W[b] ? 1.0 / (11.0 * seeds) : 0.0;  // Student's t, 7 degrees of freedom: 95 %
     }
   CHECK(scatter / stated > 0.5);
   CHECK(scatter / stated < 2.0);
@@ -165,9 +168,13 @@ TEST_CASE("Common rays: neighbouring states differ by far less noise than indepe
   const PadShape s = coarse(0.0);
   const Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
-  const auto run = [&](double depth) { return tracer.trace(m.body, m.mesh, Dent{depth, 0, 5e-3, 4e-3, 0}.displacement(s, m.mesh), {}); };
+  const auto run = [&](double depth) {
+    return tracer.trace(m.body, m.mesh, Dent{depth, 0, 5e-3, 4e-3, 0}.displacement(s, m.mesh), {});
+  };
   const Response a = run(0.2e-3), b = run(0.25e-3);
-  const auto norm = [](const std::vector<double>& v) { return Eigen::Map<const Eigen::VectorXd>(v.data(), Eigen::Index(v.size())).norm(); };
+  const auto norm = [](const std::vector<double>& v) {
+    return Eigen::Map<const Eigen::VectorXd>(v.data(), Eigen::Index(v.size())).norm();
+  };
   CHECK(norm(standard_error(a.replicates - b.replicates)) < 0.3 * norm(a.error_W));
 }
 
@@ -175,7 +182,8 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
   const PadShape s = coarse(0.0);
   const Model m = pad(s);
   std::vector<Vec3d> dent = Dent{0.3e-3, 0, 16e-3, 4e-3, 0}.displacement(s, m.mesh);
-  for (std::size_t i = 0; i < dent.size(); ++i) dent[i] *= std::exp(-std::abs(m.mesh.nodes[i].y() - 16e-3) / 4e-3);  // a bonded pad is still a thickness away
+  for (std::size_t i = 0; i < dent.size(); ++i)
+    dent[i] *= std::exp(-std::abs(m.mesh.nodes[i].y() - 16e-3) / 4e-3);  // a bonded pad is still a thickness away
   const Symmetry across{true, false};
   double noise[2] = {0.0, 0.0}, rays[2] = {0.0, 0.0};
   Eigen::VectorXd mean[2] = {Eigen::VectorXd::Zero(11), Eigen::VectorXd::Zero(11)}, square = Eigen::VectorXd::Zero(11);
@@ -186,7 +194,8 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
       c.seed = seed;
       const Tracer<BeerLambert> tracer(c);
       const RayFocus focus{16e-3, focussed ? 10e-3 : 0.0};
-      const Response rest = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, across, focus), loaded = tracer.trace(m.body, m.mesh, dent, {}, across, focus);
+      const Response rest = tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, across, focus),
+                     loaded = tracer.trace(m.body, m.mesh, dent, {}, across, focus);
       CHECK(loaded.ledger.emitted == Approx(1.0));
       CHECK(loaded.ledger.imbalance() < 1e-9);
       const Eigen::MatrixXd change = loaded.replicates - rest.replicates;
@@ -203,7 +212,8 @@ TEST_CASE("Rays focussed on a dent know its change better, and it is the same ch
 
   const Tracer<BeerLambert> tracer(quick());
   const RayFocus focus{16e-3, 10e-3};
-  CHECK(distance(tracer.trace(m.body, m.mesh, dent, {}, {}, focus).power_W, tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
+  CHECK(distance(tracer.trace(m.body, m.mesh, dent, {}, {}, focus).power_W,
+                 tracer.trace(m.body, m.mesh, dent, {}, across, focus).power_W) < 1e-6);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, std::vector<Vec3d>{}, {}, Symmetry{true, true}, focus), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {std::nan(""), 10e-3}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, dent, {}, across, {0.0, -1e-3}), InvalidArgument);
@@ -240,7 +250,8 @@ TEST_CASE("Silicone pressed into the carrier is accounted for", "[tracer]") {
     for (std::size_t i = 0; i < u.size(); ++i) {  // the roof's middle comes down through the floor
       const Vec3d& p = m.mesh.nodes[i];
       const double t = (std::abs(p.x()) - 4e-3) / 4e-3;
-      if (t > 0.0 && t < 1.0 && std::abs(p.z() - s.stem_height) < 1e-9) u[i].z() = -(s.stem_height + overlap) * 4.0 * t * (1.0 - t);
+      if (t > 0.0 && t < 1.0 && std::abs(p.z() - s.stem_height) < 1e-9)
+        u[i].z() = -(s.stem_height + overlap) * 4.0 * t * (1.0 - t);
     }
     const Response r = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, u, {});
     CHECK(r.ledger.imbalance() < 1e-9);
@@ -252,7 +263,9 @@ TEST_CASE("Contact: light that leaves inside {φ > 0} goes to the indenter", "[t
   const PadShape s = coarse(0.0);
   const Model m = pad(s);
   const Tracer<BeerLambert> tracer(quick());
-  const auto run = [&](double radius) { return tracer.trace(m.body, m.mesh, {}, Dent{0, 0, 0, 1e-3, radius}.contact(s, m.mesh)); };
+  const auto run = [&](double radius) {
+    return tracer.trace(m.body, m.mesh, {}, Dent{0, 0, 0, 1e-3, radius}.contact(s, m.mesh));
+  };
   const Response none = tracer.trace(m.body, m.mesh), small = run(3e-3), large = run(6e-3);
   CHECK(none.ledger.to_indenter == 0.0);
   CHECK(small.ledger.to_indenter > 0.0);
@@ -286,7 +299,8 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, broken, {}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {Vec3d::Zero()}, {}), InvalidArgument);
   CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, still, {1.0}), InvalidArgument);
-  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(m.body, m.mesh, {}, std::vector<double>(m.mesh.nodes.size(), std::nan(""))),
+                  InvalidArgument);
   Config c = quick();
   c.rays_per_emitter = 1000;
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
@@ -299,11 +313,14 @@ TEST_CASE("Broken arguments are refused by name", "[tracer]") {
   CHECK_THROWS_AS(Tracer<BeerLambert>(c).trace(m.body, m.mesh), InvalidArgument);
   Model lopsided = pad(s);
   lopsided.body.emitters.pop_back();
-  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}), InvalidArgument);
+  CHECK_THROWS_AS(tracer.trace(lopsided.body, lopsided.mesh, std::vector<Vec3d>{}, {}, Symmetry{false, true}),
+                  InvalidArgument);
   CHECK_NOTHROW(tracer.trace(lopsided.body, lopsided.mesh));
 }
 
-TEST_CASE("What a tool does to light where it wets the pad: black takes it, a perfect mirror keeps it, white spreads it", "[tracer]") {
+TEST_CASE(
+    "What a tool does to light where it wets the pad: black takes it, a perfect mirror keeps it, white spreads it",
+    "[tracer]") {
   PadShape s = coarse(0.0);
   s.medium.extinction_per_m = 0.0;
   Model m = pad(s);
@@ -315,11 +332,13 @@ TEST_CASE("What a tool does to light where it wets the pad: black takes it, a pe
     CHECK(r.ledger.imbalance() < 1e-9);
     return r;
   };
-  const Response film = run(Dielectric{}), black = run(Absorber{}), mirror = run(Mirror{1.0}), white = run(Lambertian{1.0}), gray = run(Lambertian{0.6});
-  CHECK(black.ledger.to_indenter > 1.2 * film.ledger.to_indenter);   // total reflection is over, too
+  const Response film = run(Dielectric{}), black = run(Absorber{}), mirror = run(Mirror{1.0}),
+                 white = run(Lambertian{1.0}), gray = run(Lambertian{0.6});
+  CHECK(black.ledger.to_indenter > 1.2 * film.ledger.to_indenter);  // total reflection is over, too
   CHECK(mirror.ledger.to_indenter == Approx(0.0).margin(1e-12));
   CHECK(white.ledger.to_indenter == Approx(0.0).margin(1e-12));
-  CHECK(gray.ledger.to_indenter > 0.4 * 0.9 * black.ledger.to_indenter);   // of what comes once; what comes back is taken again
+  CHECK(gray.ledger.to_indenter >
+        0.4 * 0.9 * black.ledger.to_indenter);  // of what comes once; what comes back is taken again
   CHECK(gray.ledger.to_indenter < black.ledger.to_indenter);
   CHECK(white.power_W[5] > black.power_W[5]);
 }
@@ -332,16 +351,21 @@ TEST_CASE("Light that a white tool throws back is found forwards and backwards a
   Config forwards = quick();
   forwards.exit_rays = 0;
   forwards.rays_per_emitter = 1 << 14, forwards.carrier_rays = 1 << 16;
-  const Response a = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, {}, touch), b = Tracer<BeerLambert>(forwards).trace(m.body, m.mesh, {}, touch);
-  for (std::size_t k = 0; k < 11; ++k) CHECK(std::abs(a.power_W[k] - b.power_W[k]) < 4.5 * std::hypot(a.error_W[k], b.error_W[k]));
+  const Response a = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, {}, touch),
+                 b = Tracer<BeerLambert>(forwards).trace(m.body, m.mesh, {}, touch);
+  for (std::size_t k = 0; k < 11; ++k)
+    CHECK(std::abs(a.power_W[k] - b.power_W[k]) < 4.5 * std::hypot(a.error_W[k], b.error_W[k]));
 }
 
-TEST_CASE("Regions in space stay where they are when the pad is moved, regions of the material go with it", "[tracer]") {
+TEST_CASE("Regions in space stay where they are when the pad is moved, regions of the material go with it",
+          "[tracer]") {
   const PadShape s = coarse(0.0);
   Model m = pad(s);
   m.body.symmetry = m.mesh.symmetry = {};
-  for (Patch& p : m.body.patches) p.shape = Plane{Vec3d::Zero(), Vec3d::UnitX()};   // all of it may lie in a region
-  m.body.region = [](const Vec3d& p, const Vec3d&) { return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3)); };
+  for (Patch& p : m.body.patches) p.shape = Plane{Vec3d::Zero(), Vec3d::UnitX()};  // all of it may lie in a region
+  m.body.region = [](const Vec3d& p, const Vec3d&) {
+    return p.y() < -27.5e-3 || p.y() > 27.5e-3 ? -1 : std::min(10, int((p.y() + 27.5e-3) / 5e-3));
+  };
   const Tracer<BeerLambert> tracer(quick());
   const Response rest = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
   std::vector<Emitter> moved;
@@ -357,9 +381,10 @@ TEST_CASE("Regions in space stay where they are when the pad is moved, regions o
   const Response space = tracer.trace(m.body, m.mesh, away, {}, Symmetry{});
   for (std::size_t k = 0; k < 11; ++k) {
     CHECK(std::abs(material.power_W[k] - rest.power_W[k]) < 5.0 * std::hypot(material.error_W[k], rest.error_W[k]));
-    if (k > 0) CHECK(std::abs(space.power_W[k] - rest.power_W[k - 1]) < 5.0 * std::hypot(space.error_W[k], rest.error_W[k - 1]));
+    if (k > 0)
+      CHECK(std::abs(space.power_W[k] - rest.power_W[k - 1]) < 5.0 * std::hypot(space.error_W[k], rest.error_W[k - 1]));
   }
-  CHECK(std::abs(space.power_W[3] - rest.power_W[3]) > 10.0 * rest.error_W[3]);   // the two are not the same thing
+  CHECK(std::abs(space.power_W[3] - rest.power_W[3]) > 10.0 * rest.error_W[3]);  // the two are not the same thing
 }
 
 TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
@@ -375,15 +400,21 @@ TEST_CASE("One side seen is half of both in a symmetric state", "[tracer]") {
   CHECK(tracer.image_channels(m.body, 1));
 }
 
-TEST_CASE("LEDs in the air of the gaps: a quarter, a half and the whole pad agree, and a gap that is pressed shut takes their air away", "[tracer]") {
+TEST_CASE(
+    "LEDs in the air of the gaps: a quarter, a half and the whole pad agree, and a gap that is pressed shut takes "
+    "their air away",
+    "[tracer]") {
   const PadShape s = coarse(2e-3);
   Model m = pad(s);
   m.body.emitters.clear();
   for (const double y : {-11e-3, 0.0, 11e-3})
     for (const double side : {1.0, -1.0})
-      m.body.emitters.push_back(RectangleEmitter{{side * (4e-3 - 10e-6), y, 2.5e-3}, {0, 0.8e-3, 0}, {0, 0, side * 0.4e-3}, 1.0 / 6.0, 0, true});
+      m.body.emitters.push_back(RectangleEmitter{
+          {side * (4e-3 - 10e-6), y, 2.5e-3}, {0, 0.8e-3, 0}, {0, 0, side * 0.4e-3}, 1.0 / 6.0, 0, true});
   const Tracer<BeerLambert> tracer(quick());
-  const Response quarter = tracer.trace(m.body, m.mesh), half = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{true, false}), whole = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
+  const Response quarter = tracer.trace(m.body, m.mesh),
+                 half = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{true, false}),
+                 whole = tracer.trace(m.body, m.mesh, {}, {}, Symmetry{});
   CHECK(quarter.ledger.emitted == Approx(1.0));
   for (const Response* r : {&quarter, &half, &whole}) {
     CHECK(r->ledger.imbalance() < 1e-9);
@@ -396,9 +427,10 @@ TEST_CASE("LEDs in the air of the gaps: a quarter, a half and the whole pad agre
   // The walls of the gaps lie 20 µm behind the stem's face, and with them all LEDs inside.
   std::vector<Vec3d> shut(m.mesh.nodes.size(), Vec3d::Zero());
   for (std::size_t n = 0; n < shut.size(); ++n)
-    if (const Vec3d& p = m.mesh.nodes[n]; std::abs(std::abs(p.x()) - 6e-3) < 1e-9 && p.z() < 5e-3 - 1e-9) shut[n].x() = p.x() > 0.0 ? -2.02e-3 : 2.02e-3;
+    if (const Vec3d& p = m.mesh.nodes[n]; std::abs(std::abs(p.x()) - 6e-3) < 1e-9 && p.z() < 5e-3 - 1e-9)
+      shut[n].x() = p.x() > 0.0 ? -2.02e-3 : 2.02e-3;
   const Response pressed = tracer.trace(m.body, m.mesh, shut, {});
   CHECK(pressed.ledger.imbalance() < 1e-9);
-  CHECK(pressed.ledger.absorbed_in_medium > whole.ledger.absorbed_in_medium);   // no wall of the gap turns light back
-  CHECK(pressed.ledger.elsewhere < 0.6);   // nor does it leave as if there were no pad
+  CHECK(pressed.ledger.absorbed_in_medium > whole.ledger.absorbed_in_medium);  // no wall of the gap turns light back
+  CHECK(pressed.ledger.elsewhere < 0.6);  // nor does it leave as if there were no pad
 }

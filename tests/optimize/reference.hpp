@@ -8,7 +8,8 @@
 
 /// What benchmarks/optimize/make_reference.py wrote.
 inline const nlohmann::json& reference() {
-  static const nlohmann::json all = nlohmann::json::parse(std::ifstream(std::filesystem::path(__FILE__).parent_path() / "reference" / "botorch.json"));
+  static const nlohmann::json all = nlohmann::json::parse(
+      std::ifstream(std::filesystem::path(__FILE__).parent_path() / "reference" / "botorch.json"));
   return all;
 }
 

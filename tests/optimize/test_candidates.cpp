@@ -48,7 +48,7 @@ TEST_CASE("fresh designs follow limits that random points hardly meet", "[candid
   equal.constraints = {{"sum", std::vector<double>(5, 1.0), 5.0, 5.0, ""}};
   for (int i = 0; i < 5; ++i) equal.variables.push_back({"x" + std::to_string(i), 0.0, 3.0, 0.1, ""});
   check_fresh(equal, 100);
-  for (const int many : {6, 9, 16}) {   // where each variable's share of one step is too little to move it
+  for (const int many : {6, 9, 16}) {  // where each variable's share of one step is too little to move it
     equal.variables.clear();
     for (int i = 0; i < many; ++i) equal.variables.push_back({"x" + std::to_string(i), 0.0, 3.0, 0.1, ""});
     equal.constraints = {{"sum", std::vector<double>(std::size_t(many), 1.0), double(many), double(many), ""}};
@@ -56,7 +56,7 @@ TEST_CASE("fresh designs follow limits that random points hardly meet", "[candid
     Eigen::VectorXd mean = Eigen::VectorXd::Zero(many);
     const auto designs = DesignSampler(equal).fresh(100, 5, {});
     for (const Design& x : designs) mean += Eigen::Map<const Eigen::VectorXd>(x.data(), many) / double(designs.size());
-    CHECK((mean.array() - 1.0).abs().maxCoeff() < 0.4);   // all share in the repair: five deviations of a mean of 100
+    CHECK((mean.array() - 1.0).abs().maxCoeff() < 0.4);  // all share in the repair: five deviations of a mean of 100
     for (int i = 0; i < many; i += 2) equal.constraints[0].coefficients[std::size_t(i)] = 2.0;
     equal.constraints.push_back({"half", std::vector<double>(std::size_t(many), 0.0), -infinite, 2.0, ""});
     equal.constraints[1].coefficients[0] = equal.constraints[1].coefficients[1] = 1.0;
@@ -79,7 +79,9 @@ TEST_CASE("a lattice is counted to its last free design", "[candidates]") {
   }
   CHECK(taken.contains(Design{0.3, 0.0}));  // written as a person would
   small.rules = {{[](std::span<const double> x) { return x[0] + x[1] <= 0.05; },
-                  [](std::span<const double> x) { return InfeasibleDesign("rule", x[0] + x[1], 0.05, "", "infeasible design: too large"); }}};
+                  [](std::span<const double> x) {
+                    return InfeasibleDesign("rule", x[0] + x[1], 0.05, "", "infeasible design: too large");
+                  }}};
   CHECK(DesignSampler(small).feasible_count() == 1u);
 }
 
@@ -130,7 +132,9 @@ TEST_CASE("local search finds the best design of a lattice where fresh candidate
   const DesignSampler sampler(lattice());
   const auto score = [](const Eigen::MatrixXd& x) {
     Eigen::VectorXd v(x.cols());
-    for (Eigen::Index i = 0; i < x.cols(); ++i) v[i] = -std::pow(x(0, i) - 11.5, 2) - std::pow(x(1, i) - 8.5, 2) - 10.0 * std::pow(x(2, i) - 1.5, 2) - 0.5 * (x(0, i) - 11.5) * (x(1, i) - 8.5);
+    for (Eigen::Index i = 0; i < x.cols(); ++i)
+      v[i] = -std::pow(x(0, i) - 11.5, 2) - std::pow(x(1, i) - 8.5, 2) - 10.0 * std::pow(x(2, i) - 1.5, 2) -
+             0.5 * (x(0, i) - 11.5) * (x(1, i) - 8.5);
     return v;
   };
   double best = -infinite;

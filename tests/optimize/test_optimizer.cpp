@@ -23,11 +23,11 @@ Problem problem(int evaluations = 24) {
 
 std::vector<double> measure(const Design& x) {
   const double a = x[0] / 10.0, b = x[1] / 10.0;
-  return {1.0 - std::pow(a - 0.3, 2) - b * b - 0.1 * x[2], std::pow(a - 0.8, 2) + std::pow(b - 0.3, 2) + 0.1 * std::pow(x[2] - 0.5, 2)};
+  return {1.0 - std::pow(a - 0.3, 2) - b * b - 0.1 * x[2],
+          std::pow(a - 0.8, 2) + std::pow(b - 0.3, 2) + 0.1 * std::pow(x[2] - 0.5, 2)};
 }
 
-template <class O>
-std::vector<Design> run(O& o) {
+template <class O> std::vector<Design> run(O& o) {
   while (auto t = o.ask()) o.tell(t->id, measure(t->x));
   std::vector<Design> out;
   for (const Trial& t : o.trials()) out.push_back(t.x);
@@ -36,7 +36,8 @@ std::vector<Design> run(O& o) {
 
 }  // namespace
 
-TEST_CASE("an optimiser asks starts, then Sobol points, then what it chooses, feasible and never twice", "[optimizer]") {
+TEST_CASE("an optimiser asks starts, then Sobol points, then what it chooses, feasible and never twice",
+          "[optimizer]") {
   Optimizer<> o(problem());
   const auto designs = run(o);
   CHECK(o.status() == OptimizerStatus::finished);
@@ -48,7 +49,8 @@ TEST_CASE("an optimiser asks starts, then Sobol points, then what it chooses, fe
   const auto front = o.front();
   for (const Outcome& one : front) {
     CHECK(one.objectives == measure(designs[std::size_t(one.id)]));
-    for (const Outcome& other : front) CHECK_FALSE((other.objectives[0] > one.objectives[0] && other.objectives[1] < one.objectives[1]));
+    for (const Outcome& other : front)
+      CHECK_FALSE((other.objectives[0] > one.objectives[0] && other.objectives[1] < one.objectives[1]));
   }
   CHECK(o.hypervolume() > 0.9 * 1.5 * 0.98);
 }
@@ -106,9 +108,11 @@ TEST_CASE("pending designs condition the choice", "[optimizer]") {
   const Eigen::VectorXd at = Eigen::Map<const Eigen::VectorXd>(first->x.data(), 3);
   for (const bool noisy : {true, false}) {
     const LogNehvi exact{.noisy = noisy};
-    CHECK(exact.prepare(models, EachOutput{}, conditioned, 1)(at)[0] < exact.prepare(models, EachOutput{}, alone, 1)(at)[0] - 1.0);
+    CHECK(exact.prepare(models, EachOutput{}, conditioned, 1)(at)[0] <
+          exact.prepare(models, EachOutput{}, alone, 1)(at)[0] - 1.0);
     const QLogNehvi sampled{.noisy = noisy};
-    CHECK(sampled.prepare(models, EachOutput{}, conditioned, 1)(at)[0] < sampled.prepare(models, EachOutput{}, alone, 1)(at)[0] - 1.0);
+    CHECK(sampled.prepare(models, EachOutput{}, conditioned, 1)(at)[0] <
+          sampled.prepare(models, EachOutput{}, alone, 1)(at)[0] - 1.0);
   }
   const auto second = o.ask();
   CHECK(second->x != first->x);
@@ -123,8 +127,10 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
   const auto pool = DesignSampler(o.problem().space).fresh(64, 9, {});
   const Eigen::MatrixXd x = columns(pool, 3);
   for (const bool noisy : {true, false}) {
-    const Eigen::VectorXd exact = LogNehvi{.draws = 256, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 1)(x);
-    const Eigen::VectorXd sampled = QLogNehvi{.draws = 4096, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
+    const Eigen::VectorXd exact =
+        LogNehvi{.draws = 256, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 1)(x);
+    const Eigen::VectorXd sampled =
+        QLogNehvi{.draws = 4096, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
     int compared = 0;
     for (Eigen::Index i = 0; i < x.cols(); ++i) {
       CHECK(std::isfinite(exact[i]));
@@ -137,7 +143,7 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
 }
 
 TEST_CASE("what a design promises is told however far the reference point lies from the outcomes", "[optimizer]") {
-  const double far = 1e11;   // of spreads of the order of 0.3
+  const double far = 1e11;  // of spreads of the order of 0.3
   Problem p = problem(60);
   p.objectives[0].reference = -far;
   p.objectives[1].reference = far;
@@ -177,14 +183,15 @@ TEST_CASE("failures are never scored, only those of the machine are asked again,
 namespace {
 
 /// Asks until the end or 200 trials, fails where `fails` says so; how many failed.
-template <class O, class Fails, class Value>
-int run_with_failures(O& o, const Fails& fails, const Value& value) {
+template <class O, class Fails, class Value> int run_with_failures(O& o, const Fails& fails, const Value& value) {
   int failed = 0;
   for (int asked = 0; asked < 200; ++asked) {
     const auto t = o.ask();
     if (!t) break;
-    if (fails(t->x)) ++failed, o.fail(t->id, false, "no value there");
-    else o.tell(t->id, {value(t->x)});
+    if (fails(t->x))
+      ++failed, o.fail(t->id, false, "no value there");
+    else
+      o.tell(t->id, {value(t->x)});
   }
   return failed;
 }
@@ -196,31 +203,36 @@ TEST_CASE("where a design fails for good the search learns to stay away", "[opti
   line.space.variables = {{"x", 0.0, 1.0, 0.0, ""}};
   line.objectives = {{"x", true, 0.0}};
   line.evaluations = 20;
-  Problem corner;   // the best designs of the lattice lie along the edge of what fails
+  Problem corner;  // the best designs of the lattice lie along the edge of what fails
   corner.space.variables = {{"a", 0.0, 10.0, 0.5, ""}, {"b", 0.0, 10.0, 0.5, ""}};
   corner.objectives = {{"f", true, -10.0}};
   corner.evaluations = 30;
   for (const std::uint64_t seed : {1u, 2u, 3u}) {
     line.seed = corner.seed = seed;
     Optimizer<> one(line);
-    const int beyond = run_with_failures(one, [](const Design& x) { return x[0] > 0.8; }, [](const Design& x) { return x[0]; });
+    const int beyond = run_with_failures(
+        one, [](const Design& x) { return x[0] > 0.8; }, [](const Design& x) { return x[0]; });
     CHECK(one.status() == OptimizerStatus::finished);
     CHECK(one.hypervolume() > 0.79);
     CHECK(beyond <= 15);
 
     Optimizer<> two(corner);
-    const int cut = run_with_failures(two, [](const Design& x) { return x[0] + x[1] > 14.0 && x[0] > 5.0; }, [](const Design& x) { return x[0] + 0.9 * x[1]; });
+    const int cut = run_with_failures(
+        two, [](const Design& x) { return x[0] + x[1] > 14.0 && x[0] > 5.0; },
+        [](const Design& x) { return x[0] + 0.9 * x[1]; });
     CHECK(two.status() == OptimizerStatus::finished);
-    CHECK(two.hypervolume() > 10.0 + 13.9);   // the best is 14 at (5, 10): 5 + 9
-    CHECK(cut <= 30);   // of 75 that a search without a model of success asks
+    CHECK(two.hypervolume() > 10.0 + 13.9);  // the best is 14 at (5, 10): 5 + 9
+    CHECK(cut <= 30);                        // of 75 that a search without a model of success asks
   }
 }
 
 TEST_CASE("choices after failures are a function of the trials, too", "[optimizer]") {
   const auto fails = [](const Design& x) { return x[0] + x[1] > 9.0; };
   const auto answer = [&](Optimizer<>& o, const Trial& t) {
-    if (fails(t.x)) o.fail(t.id, false, "");
-    else o.tell(t.id, measure(t.x));
+    if (fails(t.x))
+      o.fail(t.id, false, "");
+    else
+      o.tell(t.id, measure(t.x));
   };
   Optimizer<> whole(problem(16)), retried(problem(16));
   while (const auto t = whole.ask()) answer(whole, *t);
@@ -252,13 +264,14 @@ TEST_CASE("what the machine failed at is tried three times and teaches nothing a
         told.push_back(t->x);
       }
     }
-    CHECK(std::count_if(o.trials().begin(), o.trials().end(), [&](const Trial& t) { return t.x == starved; }) == (hungry ? 3 : 0));
+    CHECK(std::count_if(o.trials().begin(), o.trials().end(), [&](const Trial& t) { return t.x == starved; }) ==
+          (hungry ? 3 : 0));
     CHECK(std::find(told.begin(), told.end(), starved) == told.end());
     return told;
   };
   const auto fed = search(false), hungry = search(true);
   REQUIRE(hungry.size() == 16);
-  CHECK(hungry[0] == fed[1]);   // the next start takes the place of the one that was given up
+  CHECK(hungry[0] == fed[1]);  // the next start takes the place of the one that was given up
 }
 
 TEST_CASE("a model of success is sure of what it saw, unsure between, and bounded", "[optimizer]") {
@@ -267,7 +280,8 @@ TEST_CASE("a model of success is sure of what it saw, unsure between, and bounde
   failed << 0.76, 0.84, 0.92, 1.0;
   const Eigen::VectorXd low = Eigen::VectorXd::Zero(1), high = Eigen::VectorXd::Ones(1);
   const SuccessModel<> model(succeeded, failed, low, high);
-  const Eigen::VectorXd p = model.log_probability(succeeded).array().exp(), q = model.log_probability(failed).array().exp();
+  const Eigen::VectorXd p = model.log_probability(succeeded).array().exp(),
+                        q = model.log_probability(failed).array().exp();
   CHECK(p.minCoeff() > 0.8);
   CHECK(q.maxCoeff() < 0.2);
   CHECK(std::exp(model.log_probability(Eigen::MatrixXd::Constant(1, 1, 0.72))[0]) == Approx(0.5).margin(0.2));
@@ -289,8 +303,10 @@ TEST_CASE("an exhausted lattice is a clear end", "[optimizer]") {
   std::optional<Trial> held;
   while (auto t = o.ask()) {
     ++asked;
-    if (asked == 3) held = t;
-    else o.tell(t->id, {t->x[0], t->x[1]});
+    if (asked == 3)
+      held = t;
+    else
+      o.tell(t->id, {t->x[0], t->x[1]});
   }
   CHECK(asked == 6);
   CHECK(o.status() == OptimizerStatus::waiting);
@@ -348,7 +364,8 @@ TEST_CASE("extreme scales, constants and repeats do not break a run", "[optimize
   }
 }
 
-TEST_CASE("one or three objectives, Matern and sampled acquisition, composite surrogates: policies combine", "[optimizer]") {
+TEST_CASE("one or three objectives, Matern and sampled acquisition, composite surrogates: policies combine",
+          "[optimizer]") {
   Problem p = problem(14);
   p.objectives = {{"one", true, -5.0}};
   Optimizer<Matern52Kernel> single(p);

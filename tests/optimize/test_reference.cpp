@@ -7,8 +7,7 @@ using namespace lumo;
 
 namespace {
 
-template <CovarianceKernel Kernel>
-void check_regression(const nlohmann::json& c) {
+template <CovarianceKernel Kernel> void check_regression(const nlohmann::json& c) {
   const Eigen::Index d = Eigen::Index(c["x"][0].size());
   const TrainingData data{columns(c["x"], d), vector(c["y"]), Eigen::VectorXd::Zero(d), Eigen::VectorXd::Ones(d)};
   const Hyperparameters h{vector(c["length_scale"]), c["noise"], c["mean"]};
@@ -26,7 +25,8 @@ void check_regression(const nlohmann::json& c) {
   const auto p = gp.predict(test);
   const double scale = gp.output_scale();
   CHECK((p.mean - vector(c["posterior_mean"])).norm() < 1e-9 * scale);
-  CHECK((p.variance - columns(c["posterior_covariance"], test.cols()).diagonal()).norm() < 1e-9 * scale * scale);  // where the peer does not clamp at 1e-10
+  CHECK((p.variance - columns(c["posterior_covariance"], test.cols()).diagonal()).norm() <
+        1e-9 * scale * scale);  // where the peer does not clamp at 1e-10
   CHECK((gp.mean(test) - p.mean).norm() < 1e-9 * scale);
   CHECK((gp.covariance(test, test) - columns(c["posterior_covariance"], test.cols())).norm() < 1e-8 * scale * scale);
 
@@ -37,7 +37,8 @@ void check_regression(const nlohmann::json& c) {
   CHECK(fitted.objective() >= peer["objective"].get<double>() - 1e-6);
   if (fitted.objective() < peer["objective"].get<double>() + 1e-5) {
     for (Eigen::Index j = 0; j < d; ++j)
-      CHECK(std::log(fitted.hyperparameters().length_scale[j]) == Approx(std::log(peer["length_scale"][std::size_t(j)].get<double>())).margin(0.02));
+      CHECK(std::log(fitted.hyperparameters().length_scale[j]) ==
+            Approx(std::log(peer["length_scale"][std::size_t(j)].get<double>())).margin(0.02));
     CHECK(std::log(fitted.hyperparameters().noise) == Approx(std::log(peer["noise"].get<double>())).margin(0.05));
     CHECK((fitted.mean(test) - vector(peer["posterior_mean"])).norm() < 0.01 * scale);
   }
@@ -48,8 +49,10 @@ void check_regression(const nlohmann::json& c) {
 TEST_CASE("regression agrees with BoTorch", "[reference]") {
   for (const auto& c : reference()["regression"]) {
     INFO(c["name"].get<std::string>());
-    if (c["kernel"] == "rbf") check_regression<RbfKernel>(c);
-    else check_regression<Matern52Kernel>(c);
+    if (c["kernel"] == "rbf")
+      check_regression<RbfKernel>(c);
+    else
+      check_regression<Matern52Kernel>(c);
   }
 }
 
@@ -72,7 +75,9 @@ TEST_CASE("qLogEHVI and qLogNEHVI agree with BoTorch on the same base samples", 
     e.reference = vector(c["reference"]);
     std::vector<GaussianProcess<RbfKernel>> models;
     for (int j = 0; j < 2; ++j)
-      models.emplace_back(TrainingData{e.x, e.outputs.row(j).transpose(), e.lower, e.upper}, Hyperparameters{vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)], c["mean"][std::size_t(j)]});
+      models.emplace_back(TrainingData{e.x, e.outputs.row(j).transpose(), e.lower, e.upper},
+                          Hyperparameters{vector(c["length_scale"][std::size_t(j)]), c["noise"][std::size_t(j)],
+                                          c["mean"][std::size_t(j)]});
 
     const auto& normals = c["normals"];  // draws × (base points, then the candidate) × outputs
     const std::size_t draws = normals.size(), base = normals[0].size() - 1;

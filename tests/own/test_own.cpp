@@ -23,11 +23,13 @@ TEST_CASE("a user's material obeys the laws of a hyperelastic material") {
 TEST_CASE("a user's material has its closed form in tension, and is Neo-Hookean where it does not stiffen") {
   const own::Demiray skin{.mu = 1.0e5, .b = 0.7, .lambda = 0.0};
   for (const double stretch : {0.7, 1.2, 1.6}) {
-    // Volume is kept, and the sides are free: what pressure adds at the sides is taken off along the axis (Demiray 1972).
+    // Volume is kept, and the sides are free: what pressure adds at the sides is taken off along the axis (Demiray
+    // 1972).
     const double side = 1.0 / std::sqrt(stretch);
     const Mat3d F = Vec3d(stretch, side, side).asDiagonal(), P = skin.distortion_stress(F);
     const double nominal = P(0, 0) - P(1, 1) * side / stretch;
-    const double closed = 1.0e5 * std::exp(0.7 * (stretch * stretch + 2.0 / stretch - 3.0)) * (stretch - 1.0 / (stretch * stretch));
+    const double closed =
+        1.0e5 * std::exp(0.7 * (stretch * stretch + 2.0 / stretch - 3.0)) * (stretch - 1.0 / (stretch * stretch));
     CHECK(nominal == Approx(closed).epsilon(1e-12));
   }
   const own::Demiray plain{.mu = 1.0e5, .b = 1e-6, .lambda = 1.0e6};
@@ -54,7 +56,7 @@ TEST_CASE("a user's emitter sends all of its power, as densely as it draws direc
   for (int k = 1; k < 100; ++k) {
     const double u = 0.01 * k, cosine = led.polar(u).cosine;
     CHECK(cosine < before);
-    CHECK(1.0 - std::pow(cosine, 4.0) == Approx(u).epsilon(1e-12));   // ∫ of 4 c³ from the cosine to 1
+    CHECK(1.0 - std::pow(cosine, 4.0) == Approx(u).epsilon(1e-12));  // ∫ of 4 c³ from the cosine to 1
     CHECK(led.polar(u).sine == Approx(std::sqrt(1.0 - cosine * cosine)).epsilon(1e-12));
     before = cosine;
   }
@@ -68,7 +70,7 @@ TEST_CASE("a user's objective is the ratio that it names, and nothing where ther
     ScenarioRecord s;
     StateRecord state;
     state.load_N = 2.0;
-    state.change.resize(4, 2);   // replicates × channels: (3, 4) size, and noise that has no mean
+    state.change.resize(4, 2);  // replicates × channels: (3, 4) size, and noise that has no mean
     for (int r = 0; r < 4; ++r) state.change.row(r) << size * 3.0 + (r % 2 ? noise : -noise), size * 4.0;
     s.states = {state};
     return s;
@@ -81,7 +83,8 @@ TEST_CASE("a user's objective is the ratio that it names, and nothing where ther
   CHECK(even->error < 1e-12);
   all.scenarios[1] = scenario(0.5, 0.1);
   const auto noisy = own::EvenSight{.load_N = 2.0}(all);
-  // Along (3, 4)/5 the replicates differ from their mean by 0.06; two standard errors of the mean of four, over the largest change, 10.
+  // Along (3, 4)/5 the replicates differ from their mean by 0.06; two standard errors of the mean of four, over the
+  // largest change, 10.
   CHECK(noisy->error == Approx(2.0 * std::sqrt(4 * 0.06 * 0.06 / 12.0) / 10.0).epsilon(0.01));
   CHECK(!own::EvenSight{.load_N = 5.0}(all));
   CHECK(!own::EvenSight{.load_N = 2.0}(Observations{}));
@@ -91,7 +94,9 @@ TEST_CASE("a user's objective is the ratio that it names, and nothing where ther
 
 TEST_CASE("a user's camera gives each picture once, ends, and fails on what is no picture") {
   const TemporaryFolder folder;
-  const auto write = [&](int number, const std::string& bytes) { folder.write(std::to_string(number) + ".pgm", bytes); };
+  const auto write = [&](int number, const std::string& bytes) {
+    folder.write(std::to_string(number) + ".pgm", bytes);
+  };
   write(0, "P5\n3 2\n255\nabcdef");
   write(1, "P5\n3 2\n255\nghijkl");
   own::PgmCamera camera(folder.path.string(), 0.5);

@@ -1,14 +1,16 @@
 #pragma once
 
-#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tetgen.hpp"
 
 using CoarseLight = lumo::Tracer<lumo::BeerLambert, lumo::ExitPower, lumo::Embree>;
-using CoarsePipeline = lumo::Pipeline<lumo::TetgenMesher, lumo::Simulator<lumo::NeoHookean, lumo::SDFContact, lumo::QuadraticTet, lumo::Cholmod>, CoarseLight>;
+using CoarsePipeline =
+    lumo::Pipeline<lumo::TetgenMesher,
+                   lumo::Simulator<lumo::NeoHookean, lumo::SDFContact, lumo::QuadraticTet, lumo::Cholmod>, CoarseLight>;
 
 /// Coarse in every respect: for contracts between stages.
 inline CoarsePipeline coarse_pipeline() {

@@ -5,7 +5,8 @@
 
 using namespace lumo;
 
-TEST_CASE("the paper's ensembles have 28 and 140 scenarios: without mirror images 16 and 48 solves on 4 and 12 meshes") {
+TEST_CASE(
+    "the paper's ensembles have 28 and 140 scenarios: without mirror images 16 and 48 solves on 4 and 12 meshes") {
   const auto count = [](const Ensemble& e, Symmetry s) {
     const auto scenarios = e.scenarios();
     const ContactPlan p = plan_contacts(scenarios, s);
@@ -34,7 +35,7 @@ TEST_CASE("contacts tilted along the finger are mirrored together with their pla
   e.places_m = {-22e-3, 0.0, 22e-3};
   const auto scenarios = e.scenarios();
   const ContactPlan p = plan_contacts(scenarios, {true, true});
-  CHECK(p.solves.size() == 5);   // −0.5 at 22 mm is no image of 0.5 there
+  CHECK(p.solves.size() == 5);  // −0.5 at 22 mm is no image of 0.5 there
   CHECK(p.places.size() == 5);
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     CHECK_FALSE(p.images[k].mirror.x);

@@ -1,6 +1,6 @@
 #include "catch.hpp"
-#include "pipeline/coarse_pipeline.hpp"
 #include "lumo/support/tbb.hpp"
+#include "pipeline/coarse_pipeline.hpp"
 
 using namespace lumo;
 
@@ -16,12 +16,15 @@ Ensemble small_ensemble() {
 }
 
 bool same_bits(const Evaluation& a, const Evaluation& b) {
-  if (a.J_contact.has_value() != b.J_contact.has_value() || (a.J_contact && a.J_contact->value != b.J_contact->value)) return false;
+  if (a.J_contact.has_value() != b.J_contact.has_value() || (a.J_contact && a.J_contact->value != b.J_contact->value))
+    return false;
   if (a.J_obs->value != b.J_obs->value || a.J_obs->error != b.J_obs->error) return false;
   for (std::size_t k = 0; k < a.observations.scenarios.size(); ++k)
     for (std::size_t s = 0; s < a.observations.scenarios[k].states.size(); ++s) {
       const StateRecord &x = a.observations.scenarios[k].states[s], &y = b.observations.scenarios[k].states[s];
-      if (x.depth_m != y.depth_m || x.response != y.response || x.residual_N != y.residual_N || x.contact_area_m2 != y.contact_area_m2) return false;
+      if (x.depth_m != y.depth_m || x.response != y.response || x.residual_N != y.residual_N ||
+          x.contact_area_m2 != y.contact_area_m2)
+        return false;
     }
   return true;
 }
@@ -30,12 +33,14 @@ bool same_bits(const Evaluation& a, const Evaluation& b) {
 
 TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror images are what solving both gives") {
   const FingerDesign design{8, 4, 6, 4, 2};
-  const Evaluation one = evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), Serial{});
+  const Evaluation one =
+      evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), Serial{});
   REQUIRE(one.J_contact);
   REQUIRE(one.J_obs);
   CHECK(one.J_contact->value > 0.0);
   CHECK(one.observations.scenarios.size() == 6);
-  const Evaluation two = evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), TbbExecutor{2});
+  const Evaluation two =
+      evaluate(design, dragon_skin(), small_ensemble(), coarse_pipeline(), coarse_finger(), TbbExecutor{2});
   CHECK(same_bits(one, two));
 
   CoarsePipeline both = coarse_pipeline();
@@ -48,7 +53,8 @@ TEST_CASE("an evaluation is bit-identical for any number of threads, and mirror 
     CHECK(a.angle_rad == b.angle_rad);
     for (std::size_t s = 0; s < 4; ++s) {
       CHECK(a.states[s].depth_m == Approx(b.states[s].depth_m).epsilon(1e-6));
-      for (std::size_t r = 0; r < 11; ++r) CHECK(a.states[s].response[r] == Approx(b.states[s].response[r]).margin(1e-6));
+      for (std::size_t r = 0; r < 11; ++r)
+        CHECK(a.states[s].response[r] == Approx(b.states[s].response[r]).margin(1e-6));
     }
   }
 }
@@ -61,7 +67,8 @@ TEST_CASE("states that decide J_obs are traced again until its error is small, a
   const Evaluation once = evaluate(design, solaris(), e, coarse_pipeline(), coarse_finger(), Serial{});
   CoarsePipeline p = coarse_pipeline();
   p.rays = {.tolerance = 0.15, .rounds = 48};
-  const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}), two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
+  const Evaluation one = evaluate(design, solaris(), e, p, coarse_finger(), Serial{}),
+                   two = evaluate(design, solaris(), e, p, coarse_finger(), TbbExecutor{2});
   REQUIRE(one.J_obs);
   CHECK(same_bits(one, two));
   CHECK_FALSE(undecided_states(once.observed, p.rays.tolerance).empty());
@@ -86,10 +93,13 @@ TEST_CASE("a scenario that fails leaves no score, and says which") {
 }
 
 TEST_CASE("an infeasible design is refused before anything is spent") {
-  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse_pipeline(), {}, Serial{}), InfeasibleDesign);
+  CHECK_THROWS_AS(evaluate({2, 1, 8, 5, 0}, dragon_skin(), small_ensemble(), coarse_pipeline(), {}, Serial{}),
+                  InfeasibleDesign);
 }
 
-TEST_CASE("what was pressed once can be lit again, and light whose channels have no mirror image asks for presses of its own") {
+TEST_CASE(
+    "what was pressed once can be lit again, and light whose channels have no mirror image asks for presses of its "
+    "own") {
   const FingerDesign design{8, 4, 6, 4, 2};
   Ensemble e = small_ensemble();
   e.places_m = {0.0, 11e-3};
@@ -111,7 +121,7 @@ TEST_CASE("what was pressed once can be lit again, and light whose channels have
   CHECK(other.J_obs->value != whole.J_obs->value);
   const Body half_seen = finger(design, dragon_skin(), one_side);
   CHECK(lights(body, pressed, p));
-  CHECK_FALSE(lights(half_seen, pressed, p));   // −15° was not pressed
+  CHECK_FALSE(lights(half_seen, pressed, p));  // −15° was not pressed
   CHECK_THROWS_AS(observe(half_seen, pressed, p, Serial{}), InvalidArgument);
   CHECK(evaluate(design, dragon_skin(), e, p, one_side, Serial{}).J_obs);
 }

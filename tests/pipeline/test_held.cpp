@@ -1,8 +1,8 @@
 #include "catch.hpp"
-#include "pipeline/coarse_pipeline.hpp"
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
+#include "pipeline/coarse_pipeline.hpp"
 
 using namespace lumo;
 
@@ -52,9 +52,13 @@ TEST_CASE("held states are observed but not scored, unless the problem accepts t
     const ScenarioRecord &a = refused.observations.scenarios[k], &b = accepted.observations.scenarios[k];
     CHECK(a.status == Status::held);
     REQUIRE(b.states.size() == 4);
-    for (std::size_t s = 0; s < 4; ++s) CHECK(a.states[s].force_N == b.states[s].force_N);   // accepting changes no state
+    for (std::size_t s = 0; s < 4; ++s)
+      CHECK(a.states[s].force_N == b.states[s].force_N);  // accepting changes no state
     // From the forces that were reached, which are not the loads.
-    const auto kappa = [&](std::size_t from) { return (b.states[from + 1].force_N - b.states[from].force_N) / (b.states[from + 1].depth_m - b.states[from].depth_m); };
+    const auto kappa = [&](std::size_t from) {
+      return (b.states[from + 1].force_N - b.states[from].force_N) /
+             (b.states[from + 1].depth_m - b.states[from].depth_m);
+    };
     CHECK(b.states[1].force_N != b.states[1].load_N);
     REQUIRE(b.terms.stiff);
     CHECK(b.terms.stiff->value == Approx(std::clamp(1.0 - kappa(0) / kappa(2), 0.0, 1.0)));

@@ -1,17 +1,17 @@
 #include "catch.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/indenters/mesh_indenter.hpp"
+#include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/mechanics/materials/mooney_rivlin.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/materials/ogden.hpp"
-#include "lumo/mechanics/indenters/oriented.hpp"
-#include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
-#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/materials/yeoh.hpp"
+#include "lumo/mechanics/simulator.hpp"
+#include "lumo/mechanics/solvers/vertex_block_descent.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/morphology/finger.hpp"
 #include "lumo/support/cholmod.hpp"
@@ -19,7 +19,8 @@
 
 #include <map>
 
-// Every material with every element and solver, every contact with every element and solver, on a finger of few elements.
+// Every material with every element and solver, every contact with every element and solver, on a finger of few
+// elements.
 using namespace lumo;
 
 namespace {
@@ -41,8 +42,7 @@ const SmallFinger& small_finger() {
   return finger;
 }
 
-template <class Element>
-const TetMesh& mesh_for() {
+template <class Element> const TetMesh& mesh_for() {
   return Element::order == 1 ? small_finger().linear : small_finger().quadratic;
 }
 
@@ -59,14 +59,15 @@ MechanicalState press(const Contact& contact, const Element& element) {
   return sim.press(small_finger().body, mesh_for<Element>(), Scenario<Sphere>{Sphere{20e-3}, 0.0, 0.0, {0.2}}).front();
 }
 
-template <class Element>
-bool is_cured(const Element& e) { return e.mean_dilatation; }
+template <class Element> bool is_cured(const Element& e) { return e.mean_dilatation; }
 
-/// Contact at vertices with two of the materials: contact knows nothing of them, and each combination compiles for seconds.
+/// Contact at vertices with two of the materials: contact knows nothing of them, and each combination compiles for
+/// seconds.
 template <class Contact, class Element, class Method>
 void every_material(const std::string& name, const Contact& contact, const Element& element) {
-  std::map<std::string, MechanicalState> states = {{"NeoHookean", press<NeoHookean, Contact, Element, Method>(contact, element)},
-                                                   {"Ogden", press<Ogden, Contact, Element, Method>(contact, element)}};
+  std::map<std::string, MechanicalState> states = {
+      {"NeoHookean", press<NeoHookean, Contact, Element, Method>(contact, element)},
+      {"Ogden", press<Ogden, Contact, Element, Method>(contact, element)}};
   if constexpr (std::same_as<Contact, SDFContact>) {
     states["StableNeoHookean"] = press<StableNeoHookean, Contact, Element, Method>(contact, element);
     states["MooneyRivlin"] = press<MooneyRivlin, Contact, Element, Method>(contact, element);
@@ -74,15 +75,18 @@ void every_material(const std::string& name, const Contact& contact, const Eleme
   }
   const MechanicalState first = states.at("NeoHookean");
   for (const auto& [material, s] : states) {
-    INFO(name << " " << material << ": " << to_string(s.status) << ", " << s.force_N << " N at " << s.depth_m * 1e3 << " mm, residual " << s.residual_N);
+    INFO(name << " " << material << ": " << to_string(s.status) << ", " << s.force_N << " N at " << s.depth_m * 1e3
+              << " mm, residual " << s.residual_N);
     CHECK(s.status == (std::same_as<Method, VertexBlockDescent> ? Status::held : Status::converged));
     CHECK(s.certified == (s.status == Status::converged));
     // Descent stops at whole steps of 50 µm. A few nodes of quadratic faces can bear the load in more than one way.
     const double step = std::same_as<Method, VertexBlockDescent> ? 6e-5 : 0.0;
-    // The cure leaves volume changes inside an element to the rest of the law, which holds them back in one and not in another: on elements
-    // as wide as the dent is deep this is seen (StableNeoHookean 35 % softer), without the cure and on linear elements it is not.
+    // The cure leaves volume changes inside an element to the rest of the law, which holds them back in one and not in
+    // another: on elements as wide as the dent is deep this is seen (StableNeoHookean 35 % softer), without the cure
+    // and on linear elements it is not.
     const double alike = is_cured(element) ? 0.4 : 0.03;
-    if (Element::order == 1 || contact_points<Contact>() == ContactPoints::surface) CHECK(s.depth_m == Approx(first.depth_m).epsilon(alike).margin(step));
+    if (Element::order == 1 || contact_points<Contact>() == ContactPoints::surface)
+      CHECK(s.depth_m == Approx(first.depth_m).epsilon(alike).margin(step));
     CHECK(s.force_N > 0.0);
     if (s.status == Status::held) CHECK(s.met_force_N >= 0.2);
     CHECK(std::isfinite(s.residual_N));
@@ -90,8 +94,7 @@ void every_material(const std::string& name, const Contact& contact, const Eleme
   }
 }
 
-template <class Method>
-void every_contact_and_element(const std::string& solver) {
+template <class Method> void every_contact_and_element(const std::string& solver) {
   const SDFContact smooth{1e10}, rough{1e10, 0.5};
   const VertexContact vertices{.stiffness_N_per_m3 = 1e10, .friction = 0.0}, rough_vertices{.stiffness_N_per_m3 = 1e10};
   every_material<SDFContact, LinearTet, Method>(solver + ", surface, linear", smooth, {});
@@ -108,9 +111,13 @@ void every_contact_and_element(const std::string& solver) {
 
 }  // namespace
 
-TEST_CASE("the quasi-static solver takes every material, contact and element") { every_contact_and_element<Cholmod>("quasi-static"); }
+TEST_CASE("the quasi-static solver takes every material, contact and element") {
+  every_contact_and_element<Cholmod>("quasi-static");
+}
 
-TEST_CASE("vertex block descent takes every material, contact and element") { every_contact_and_element<VertexBlockDescent>("descent"); }
+TEST_CASE("vertex block descent takes every material, contact and element") {
+  every_contact_and_element<VertexBlockDescent>("descent");
+}
 
 TEMPLATE_TEST_CASE("every indenter presses with either solver", "", Cholmod, VertexBlockDescent) {
   Simulator<StableNeoHookean, SDFContact, LinearTet, TestType> sim;
@@ -129,8 +136,10 @@ TEMPLATE_TEST_CASE("every indenter presses with either solver", "", Cholmod, Ver
   presses("box", Box{{8e-3, 8e-3, 8e-3}, 1e-3});
   presses("cylinder", Cylinder{8e-3, 10e-3, 1e-3});
   presses("bar", lying_along_x(Capsule{8e-3, 20e-3}));
-  TriangleSurface cube;   // a mesh: the box without its rounding
-  for (int k = 0; k < 8; ++k) cube.vertices.emplace_back(k & 1 ? 4e-3 : -4e-3, k & 2 ? 4e-3 : -4e-3, k & 4 ? 4e-3 : -4e-3);
-  cube.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  TriangleSurface cube;  // a mesh: the box without its rounding
+  for (int k = 0; k < 8; ++k)
+    cube.vertices.emplace_back(k & 1 ? 4e-3 : -4e-3, k & 2 ? 4e-3 : -4e-3, k & 4 ? 4e-3 : -4e-3);
+  cube.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                    {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   presses("mesh", MeshIndenter(cube, 32));
 }

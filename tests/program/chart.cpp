@@ -15,7 +15,8 @@ TEST_CASE("shades run from light to dark") {
 }
 
 TEST_CASE("charts escape their words and survive missing values") {
-  BarChart bars{"a < b & c", "", "x", "y", {"1", "2"}, {{"s", "#000000", {1.0, std::numeric_limits<double>::quiet_NaN()}, {0.1}}}};
+  BarChart bars{"a < b & c", "",         "x",
+                "y",         {"1", "2"}, {{"s", "#000000", {1.0, std::numeric_limits<double>::quiet_NaN()}, {0.1}}}};
   const std::string svg = draw(bars);
   CHECK(svg.find("a &lt; b &amp; c") != std::string::npos);
   CHECK(svg.find("nan") == std::string::npos);
@@ -31,5 +32,6 @@ TEST_CASE("a triangle is clipped where its field is zero") {
   CHECK(tip[1] == Point{1, 0});
   CHECK(tip[2] == Point{0, 2});
   const double untouchable = -std::numeric_limits<double>::infinity();
-  for (const Point& p : program::detail::clip_positive(corner, {1, 1, untouchable})) CHECK((std::isfinite(p[0]) && std::isfinite(p[1])));
+  for (const Point& p : program::detail::clip_positive(corner, {1, 1, untouchable}))
+    CHECK((std::isfinite(p[0]) && std::isfinite(p[1])));
 }

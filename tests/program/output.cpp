@@ -68,7 +68,7 @@ TEST_CASE("a file in the way of the directory is refused before any work") {
 
 TEST_CASE("when one file cannot be written none is left") {
   const TemporaryFolder scratch;
-  fs::create_directories(scratch.path / "out" / "y.txt" / "full");   // a directory where the second file should go
+  fs::create_directories(scratch.path / "out" / "y.txt" / "full");  // a directory where the second file should go
   Output files((scratch.path / "out").string());
   files.add("x.txt", "x");
   files.add("y.txt", "y");

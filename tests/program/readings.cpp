@@ -19,7 +19,8 @@ using namespace lumo;
 using namespace lumo::sense;
 using namespace lumo::program;
 
-/// Objectives in closed form; the first departure loses every other design, the second turns the ranking by J_contact round.
+/// Objectives in closed form; the first departure loses every other design, the second turns the ranking by J_contact
+/// round.
 Json made_up(const Design& x, int reading) {
   const double contact = 0.3 + 0.01 * x[0] + 0.003 * x[3], light = 1e-6 * (x[1] + 0.1 * x[2]);
   const bool lost = reading == 1 && int(2.0 * x[0]) % 2 != 0;
@@ -30,8 +31,12 @@ Json made_up(const Design& x, int reading) {
   };
   add("J_contact", reading == 2 ? 1.0 - contact : contact + 0.001 * reading, 0.004);
   add("J_obs", light * (1.0 - 0.02 * reading), 0.1 * light);
-  j["worst_contact"] = lost ? Json(nullptr) : Json{{"diameter_mm", reading == 3 ? 30.0 : 10.0}, {"angle_deg", 0.0}, {"y_mm", 0.0}, {"value", contact}};
-  j["worst_observation"] = lost ? Json(nullptr) : Json{{"diameter_mm", 10.0}, {"angle_deg", 0.0}, {"load_N", 1.0}, {"y_mm", {0.0, 5.5}}, {"value", light}};
+  j["worst_contact"] =
+      lost ? Json(nullptr)
+           : Json{{"diameter_mm", reading == 3 ? 30.0 : 10.0}, {"angle_deg", 0.0}, {"y_mm", 0.0}, {"value", contact}};
+  j["worst_observation"] =
+      lost ? Json(nullptr)
+           : Json{{"diameter_mm", 10.0}, {"angle_deg", 0.0}, {"load_N", 1.0}, {"y_mm", {0.0, 5.5}}, {"value", light}};
   return j;
 }
 
@@ -69,13 +74,13 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
   o.designs = 8;
   o.store = (scratch.path / "readings.db").string();
   const std::string text = run(o, scratch.path / "out");
-  CHECK(run(o, scratch.path / "again") == text);   // from the store
+  CHECK(run(o, scratch.path / "again") == text);  // from the store
   for (const Departure& d : departures()) CHECK(text.find(d.name()) != std::string::npos);
   CHECK(text.find("end faces: held, clear, ranking by J_contact (τ -1.00)") != std::string::npos);
   CHECK(text.find("ranking by J_obs") == std::string::npos);
-  CHECK(text.find("carrier albedo: 0.95") < text.find("carrier albedo: 0.5"));   // 36 % before 34 %
+  CHECK(text.find("carrier albedo: 0.95") < text.find("carrier albedo: 0.5"));  // 36 % before 34 %
 
-  const auto shape = [&](const char* name) {   // lines, and how many fields they have
+  const auto shape = [&](const char* name) {  // lines, and how many fields they have
     std::istringstream table(scratch.read(std::string("out/") + name));
     std::string line;
     std::set<std::size_t> fields;
@@ -99,7 +104,7 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
   }
   o.json = true;
   const Json whole = Json::parse(run(o, scratch.path / "json"));
-  REQUIRE(whole["designs"].size() == 13);   // five references first
+  REQUIRE(whole["designs"].size() == 13);  // five references first
   CHECK(whole["designs"][0]["theta_mm"] == Json({6, 6, 8, 5, 0}));
   REQUIRE(whole["readings"].size() == departures().size());
   const Json& narrow = whole["readings"][0];
@@ -110,7 +115,7 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
   CHECK(whole["readings"][4]["relative_delta_J_obs"]["median"].get<double>() == Approx(-0.1));
   CHECK(whole["readings"][5]["tau_J_obs"] == 1.0);
 
-  o.designs = 3;   // a store may hold more than are asked for
+  o.designs = 3;  // a store may hold more than are asked for
   CHECK(Json::parse(run(o, scratch.path / "fewer"))["designs"].size() == 8);
   o.material = "Sol";
   CHECK_THROWS_AS(run(o, scratch.path / "other"), StoreError);

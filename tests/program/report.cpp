@@ -13,7 +13,8 @@ using namespace lumo::program;
 
 namespace {
 
-/// The square [−10, 10]² mm in the plane z = 0 with 2 n² triangles, or half as many per edge with their edge middles: the same sub-triangles.
+/// The square [−10, 10]² mm in the plane z = 0 with 2 n² triangles, or half as many per edge with their edge middles:
+/// the same sub-triangles.
 TetMesh square(int n, int order) {
   TetMesh mesh;
   mesh.order = order;
@@ -22,13 +23,17 @@ TetMesh square(int n, int order) {
   const auto node = [n](int i, int k) { return i * (n + 1) + k; };
   for (int i = 0; i < n; i += order)
     for (int k = 0; k < n; k += order) {
-      const int a = order, h = 1;   // a facet's edge, and half of a curved one's
+      const int a = order, h = 1;  // a facet's edge, and half of a curved one's
       if (order == 1) {
         mesh.faces.push_back({{node(i, k), node(i + a, k), node(i + a, k + a), -1, -1, -1}, 0});
         mesh.faces.push_back({{node(i, k), node(i + a, k + a), node(i, k + a), -1, -1, -1}, 0});
       } else {
-        mesh.faces.push_back({{node(i, k), node(i + a, k), node(i + a, k + a), node(i + h, k), node(i + a, k + h), node(i + h, k + h)}, 0});
-        mesh.faces.push_back({{node(i, k), node(i + a, k + a), node(i, k + a), node(i + h, k + h), node(i + h, k + a), node(i, k + h)}, 0});
+        mesh.faces.push_back(
+            {{node(i, k), node(i + a, k), node(i + a, k + a), node(i + h, k), node(i + a, k + h), node(i + h, k + h)},
+             0});
+        mesh.faces.push_back(
+            {{node(i, k), node(i + a, k + a), node(i, k + a), node(i + h, k + h), node(i + h, k + a), node(i, k + h)},
+             0});
       }
     }
   return mesh;
@@ -37,7 +42,8 @@ TetMesh square(int n, int order) {
 /// Distance [m] inside two discs of radius 4 and 2 mm about (x, y) = (0, −5) and (0, 5) mm.
 std::vector<double> two_discs(const TetMesh& mesh) {
   std::vector<double> field;
-  for (const Vec3d& p : mesh.nodes) field.push_back(std::max(4e-3 - (p - Vec3d(0, -5e-3, 0)).norm(), 2e-3 - (p - Vec3d(0, 5e-3, 0)).norm()));
+  for (const Vec3d& p : mesh.nodes)
+    field.push_back(std::max(4e-3 - (p - Vec3d(0, -5e-3, 0)).norm(), 2e-3 - (p - Vec3d(0, 5e-3, 0)).norm()));
   return field;
 }
 
@@ -77,12 +83,13 @@ TEST_CASE("edges of contact are closed loops with the area of the set") {
   REQUIRE(loops.size() == 2);
   for (const auto& loop : loops) {
     CHECK(loop.front() == loop.back());
-    const bool large = loop.front()[0] < 0.0;   // (y, x)
+    const bool large = loop.front()[0] < 0.0;  // (y, x)
     CHECK(std::abs(area(loop)) == Approx(std::numbers::pi * (large ? 16.0 : 4.0)).epsilon(0.02));
     CHECK(area(loop) * area(loops.front()) > 0.0);
-    for (const Point& p : loop) CHECK(std::hypot(p[0] - (large ? -5.0 : 5.0), p[1]) == Approx(large ? 4.0 : 2.0).epsilon(0.02));
+    for (const Point& p : loop)
+      CHECK(std::hypot(p[0] - (large ? -5.0 : 5.0), p[1]) == Approx(large ? 4.0 : 2.0).epsilon(0.02));
   }
-  CHECK(error_of_area(80) < 0.4 * error_of_area(40));   // of second order
+  CHECK(error_of_area(80) < 0.4 * error_of_area(40));  // of second order
 }
 
 TEST_CASE("the edge of contact of curved faces runs through their sub-facets") {
@@ -91,7 +98,7 @@ TEST_CASE("the edge of contact of curved faces runs through their sub-facets") {
   double of_flat = 0.0, of_curved = 0.0;
   for (const auto& loop : contact_outline(flat, field)) of_flat += area(loop);
   for (const auto& loop : contact_outline(curved, field)) of_curved += area(loop);
-  CHECK(of_curved == Approx(of_flat).epsilon(0.005));   // the diagonals of some squares differ
+  CHECK(of_curved == Approx(of_flat).epsilon(0.005));  // the diagonals of some squares differ
 }
 
 TEST_CASE("where nothing can touch, the edge of contact is at the last node that can") {
@@ -112,7 +119,7 @@ TEST_CASE("a press in the page: whole micrometres, four triangles a face, the sp
   s.status = Status::converged, s.load_N = 2.0, s.depth_m = 1.5e-3;
   const Json j = press_model(request, press_of({s}));
   CHECK(j["note"] == "");
-  CHECK(j["triangles"].size() == 3 * 4 * 8);   // 2 × 2 squares of two curved faces
+  CHECK(j["triangles"].size() == 3 * 4 * 8);  // 2 × 2 squares of two curved faces
   CHECK(j["rest_um"].size() == 3 * 25);
   REQUIRE(j["states"].size() == 1);
   CHECK(j["states"][0]["displacement_um"][0] == 1);

@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/sobol.hpp"
-#include "lumo/sense/profile/axis_map.hpp"
 #include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/profile/axis_map.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -12,7 +12,7 @@
 /// Pictures and noise for tests: smooth, known in closed form, and nothing that an estimator is tuned to.
 namespace synthetic {
 
-inline constexpr std::int64_t ms = 1'000'000;   // in nanoseconds
+inline constexpr std::int64_t ms = 1'000'000;  // in nanoseconds
 
 /// Standard normal numbers from a counter: the same on every machine.
 class Normal {
@@ -28,7 +28,8 @@ class Normal {
   std::uint64_t seed_, count_ = 0;
 };
 
-/// How a finger lies in the image: the finger's y axis along `direction` from `origin`, `px_per_m` there, perspective `c` as in AxisMap.
+/// How a finger lies in the image: the finger's y axis along `direction` from `origin`, `px_per_m` there, perspective
+/// `c` as in AxisMap.
 struct View {
   int width = 640, height = 480;
   Eigen::Vector2d origin{320.0, 240.0};
@@ -44,7 +45,8 @@ struct View {
 
 /// Green [DN] of `light(y, across in m)` seen through the view, plus Gaussian noise.
 template <class Light>
-lumo::sense::Image paint(const View& view, Light light, double noise, std::uint64_t seed, lumo::sense::PixelFormat format = lumo::sense::PixelFormat::bgr) {
+lumo::sense::Image paint(const View& view, Light light, double noise, std::uint64_t seed,
+                         lumo::sense::PixelFormat format = lumo::sense::PixelFormat::bgr) {
   lumo::sense::Image image = lumo::sense::Image::black(view.width, view.height, format);
   Normal normal(seed);
   const Eigen::Vector2d d = view.direction();
@@ -68,7 +70,8 @@ lumo::sense::Image paint(const View& view, Light light, double noise, std::uint6
 /// Five LEDs 11 mm apart on a dim finger.
 inline double leds(double y, double across, double peak = 120.0, double sigma = 1.2e-3) {
   double sum = std::abs(across) < 9e-3 && std::abs(y) < 29e-3 ? 40.0 : 8.0;
-  for (int k = -2; k <= 2; ++k) sum += peak * std::exp(-0.5 * (std::pow(y - 11e-3 * k, 2) + across * across) / (sigma * sigma));
+  for (int k = -2; k <= 2; ++k)
+    sum += peak * std::exp(-0.5 * (std::pow(y - 11e-3 * k, 2) + across * across) / (sigma * sigma));
   return sum;
 }
 

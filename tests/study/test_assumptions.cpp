@@ -1,7 +1,7 @@
 #include "catch.hpp"
-#include "pipeline/coarse_pipeline.hpp"
 #include "lumo/study/assumptions.hpp"
 #include "lumo/support/tbb.hpp"
+#include "pipeline/coarse_pipeline.hpp"
 
 #include <cmath>
 #include <set>
@@ -21,9 +21,16 @@ TEST_CASE("Kendall's tau: order, opposite order, one exchange, ties") {
 }
 
 TEST_CASE("The effect of a reading: differences, ranks, what decides, and the choice, over designs that both score") {
-  const auto score = [](double contact, double observation, std::string where) { return ReadingScore{Estimate{contact, 0.01}, Estimate{observation, 0.1}, where, where}; };
-  const std::vector<ReadingScore> usual = {score(0.5, 4.0, "a"), score(0.4, 8.0, "a"), score(0.3, 2.0, "b"), score(0.9, 9.0, "a"), {}};
-  std::vector<ReadingScore> departed = {score(0.6, 2.0, "a"), score(0.5, 4.0, "b"), score(0.2, 3.0, "b"), {std::nullopt, std::nullopt, "", ""}, score(1, 1, "")};
+  const auto score = [](double contact, double observation, std::string where) {
+    return ReadingScore{Estimate{contact, 0.01}, Estimate{observation, 0.1}, where, where};
+  };
+  const std::vector<ReadingScore> usual = {
+      score(0.5, 4.0, "a"), score(0.4, 8.0, "a"), score(0.3, 2.0, "b"), score(0.9, 9.0, "a"), {}};
+  std::vector<ReadingScore> departed = {score(0.6, 2.0, "a"),
+                                        score(0.5, 4.0, "b"),
+                                        score(0.2, 3.0, "b"),
+                                        {std::nullopt, std::nullopt, "", ""},
+                                        score(1, 1, "")};
   const ReadingEffect e = effect_of(usual, departed);
   CHECK(e.compared == 3);
   CHECK(e.lost == 1);
@@ -35,7 +42,7 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   CHECK(*e.tau_obs == Approx(1.0 / 3.0));
   CHECK(e.worst_contact_moved == 1);
   CHECK(e.worst_observation_moved == 1);
-  CHECK(e.usual_choice == std::optional<std::size_t>(1));   // min(0.8, 1) against min(1, 0.5)
+  CHECK(e.usual_choice == std::optional<std::size_t>(1));  // min(0.8, 1) against min(1, 0.5)
   CHECK(e.choice == std::optional<std::size_t>(1));
   departed[0] = score(0.6, 4.5, "a");
   CHECK(effect_of(usual, departed).choice == std::optional<std::size_t>(0));
@@ -43,7 +50,9 @@ TEST_CASE("The effect of a reading: differences, ranks, what decides, and the ch
   CHECK(!effect_of({}, {}).J_contact);
 }
 
-TEST_CASE("Every reading departs from the usual one, has a name of its own, and says by what it changes whether equilibria move") {
+TEST_CASE(
+    "Every reading departs from the usual one, has a name of its own, and says by what it changes whether equilibria "
+    "move") {
   const FingerReading usual{dragon_skin(), {}};
   std::set<std::string> names, lit;
   for (const Departure& d : departures()) {
@@ -56,14 +65,18 @@ TEST_CASE("Every reading departs from the usual one, has a name of its own, and 
   }
   CHECK(departures().size() == 18);
   CHECK(names.size() == 18);
-  CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter", "carrier albedo"});
+  CHECK(lit == std::set<std::string>{"LEDs", "visible normal", "visible side", "bins", "scattering albedo", "indenter",
+                                     "carrier albedo"});
 }
 
-TEST_CASE("Readings that move no equilibrium share the presses, to the bit, the others press anew, and what fails leaves the rest whole") {
+TEST_CASE(
+    "Readings that move no equilibrium share the presses, to the bit, the others press anew, and what fails leaves the "
+    "rest whole") {
   const FingerDesign design{8, 4, 6, 4, 2};
   const std::vector<Scenario<Sphere>> contacts = [] {
     std::vector<Scenario<Sphere>> list;
-    for (const auto& [angle, y] : {std::pair(0.0, 0.0), {0.3, 0.0}, {0.0, 5.5e-3}}) list.push_back({Sphere{20e-3}, angle, y, {1.0, 2.0, 5.0, 10.0}});
+    for (const auto& [angle, y] : {std::pair(0.0, 0.0), {0.3, 0.0}, {0.0, 5.5e-3}})
+      list.push_back({Sphere{20e-3}, angle, y, {1.0, 2.0, 5.0, 10.0}});
     return list;
   }();
   int simulators = 0;
@@ -82,7 +95,7 @@ TEST_CASE("Readings that move no equilibrium share the presses, to the bit, the 
   REQUIRE(rows.size() == 4);
   const auto results = evaluate_readings(design, usual, rows, contacts, tools_for, TbbExecutor{2});
   REQUIRE(results.size() == 5);
-  CHECK(simulators == 4);   // none for what is not feasible
+  CHECK(simulators == 4);  // none for what is not feasible
   for (std::size_t k = 0; k < 4; ++k) {
     INFO(k << " " << results[k].why);
     REQUIRE(results[k].why.empty());
@@ -95,7 +108,9 @@ TEST_CASE("Readings that move no equilibrium share the presses, to the bit, the 
     const CoarsePipeline p = tools_for(r);
     return score(observe(finger(design, r.silicone, r.finger), turned, p, Serial{}), p);
   };
-  const auto depth = [](const Evaluation& e, std::size_t scenario) { return e.observations.scenarios[scenario].states[3].depth_m; };
+  const auto depth = [](const Evaluation& e, std::size_t scenario) {
+    return e.observations.scenarios[scenario].states[3].depth_m;
+  };
   const Evaluation own = alone(usual, TiltPlane::xz);
   CHECK(results[0].evaluation.J_obs->value == own.J_obs->value);
   for (std::size_t k = 1; k < 4; ++k) {

@@ -1,9 +1,9 @@
 #include "catch.hpp"
-#include "pipeline/coarse_pipeline.hpp"
 #include "lumo/study/choice_stability.hpp"
 #include "lumo/study/matched_study.hpp"
 #include "lumo/study/paired_differences.hpp"
 #include "lumo/support/tbb.hpp"
+#include "pipeline/coarse_pipeline.hpp"
 
 #include <atomic>
 #include <cmath>
@@ -17,7 +17,8 @@ TEST_CASE("Differences are summed up by their signs and a distribution-free inte
     for (int k = n; k >= 1; --k) list.push_back({double(k), 0.0});
     return list;
   };
-  // Ranks of the 95 % interval from tables of the sign test: 1 and 6 of 6, 2 and 9 of 10, 6 and 15 of 20, 14 and 27 of 40.
+  // Ranks of the 95 % interval from tables of the sign test: 1 and 6 of 6, 2 and 9 of 10, 6 and 15 of 20, 14 and 27
+  // of 40.
   CHECK(!summarize(numbered(5))->median_95);
   for (const auto& [n, low] : {std::pair(6, 1), {10, 2}, {20, 6}, {40, 14}}) {
     const auto s = summarize(numbered(n));
@@ -60,8 +61,10 @@ TEST_CASE("D is the median over scenarios of the norm of the change at its load"
 TEST_CASE("A study draws the same designs however many it compares, and no more than it can draw evenly") {
   Optimizer<> few(study_problem(finger_space(), 3, 1)), most(study_problem(finger_space(), largest_study, 1));
   for (int k = 0; k < 3; ++k) CHECK(few.ask()->x == most.ask()->x);
-  CHECK(study_problem(finger_space(), largest_study, 1).sobol >= 2 * largest_study + CampaignConfig{}.failures_at_least);   // never a search, even if half fail
-  for (const int designs : {0, largest_study + 1}) CHECK_THROWS_AS(study_problem(finger_space(), designs, 1), InvalidArgument);
+  CHECK(study_problem(finger_space(), largest_study, 1).sobol >=
+        2 * largest_study + CampaignConfig{}.failures_at_least);  // never a search, even if half fail
+  for (const int designs : {0, largest_study + 1})
+    CHECK_THROWS_AS(study_problem(finger_space(), designs, 1), InvalidArgument);
 }
 
 TEST_CASE("Variants of a design: softer without a carrier, and the design without gaps is its own variant") {
@@ -69,7 +72,9 @@ TEST_CASE("Variants of a design: softer without a carrier, and the design withou
   contacts.diameters_m = {20e-3};
   contacts.loads_N = {1.0, 2.0, 5.0, 10.0};
   const FingerDesign design{5, 10, 10, 6, 3};
-  const auto run = [&](const FingerDesign& d, const MatchedStudy& study) { return compare_variants(d, dragon_skin(), contacts, study, coarse_pipeline(), coarse_finger(), TbbExecutor{2}); };
+  const auto run = [&](const FingerDesign& d, const MatchedStudy& study) {
+    return compare_variants(d, dragon_skin(), contacts, study, coarse_pipeline(), coarse_finger(), TbbExecutor{2});
+  };
 
   const auto carrier = run(design, {{Twin::bonded_base, Twin::unsupported_base}, false});
   REQUIRE(carrier.size() == 3);
@@ -79,9 +84,10 @@ TEST_CASE("Variants of a design: softer without a carrier, and the design withou
     REQUIRE(v.J_contact);
     CHECK(!v.change);
   }
-  for (std::size_t k = 0; k < 4; ++k)   // each takes a constraint away
+  for (std::size_t k = 0; k < 4; ++k)  // each takes a constraint away
     for (std::size_t v = 1; v < 3; ++v)
-      CHECK(carrier[v].observations.scenarios[0].states[k].depth_m > carrier[v - 1].observations.scenarios[0].states[k].depth_m);
+      CHECK(carrier[v].observations.scenarios[0].states[k].depth_m >
+            carrier[v - 1].observations.scenarios[0].states[k].depth_m);
 
   const auto gaps = run(design, {{Twin::no_void}, true});
   FingerDesign closed = design;
@@ -92,7 +98,7 @@ TEST_CASE("Variants of a design: softer without a carrier, and the design withou
   CHECK(gaps[1].change->value == same[0].change->value);
   CHECK(same[1].J_contact->value == same[0].J_contact->value);
   CHECK(gaps[0].J_contact->value != gaps[1].J_contact->value);
-  CHECK(gaps[0].J_contact->value == carrier[0].J_contact->value);   // light changes nothing in mechanics
+  CHECK(gaps[0].J_contact->value == carrier[0].J_contact->value);  // light changes nothing in mechanics
 }
 
 namespace {
@@ -100,7 +106,7 @@ namespace {
 /// Gives the meshes of one body (as the design gave it, and finer at the contact), then fails.
 struct TiringMesher {
   MeshError::Reason reason;
-  int *fills;
+  int* fills;
   LinearTets fill(const MeshInput& input) const {
     if (++*fills > 2) throw MeshError(reason, "tired");
     return TetgenMesher{}.fill(input);
@@ -109,15 +115,18 @@ struct TiringMesher {
 
 }  // namespace
 
-TEST_CASE("A variant that cannot be meshed leaves the design whole, one that the machine failed at is left to another try") {
+TEST_CASE(
+    "A variant that cannot be meshed leaves the design whole, one that the machine failed at is left to another try") {
   Ensemble contacts = middle_contacts();
   contacts.diameters_m = {20e-3};
   contacts.loads_N = {1.0};
   const auto run = [&](MeshError::Reason reason) {
     int fills = 0;
     const CoarsePipeline usual = coarse_pipeline();
-    const Pipeline<TiringMesher, decltype(usual.simulator), CoarseLight> pipeline{TiringMesher{reason, &fills}, usual.simulator, usual.tracer, usual.focus};
-    return compare_variants({5, 10, 10, 6, 3}, dragon_skin(), contacts, {{Twin::bonded_base}, false}, pipeline, coarse_finger(), Serial{});
+    const Pipeline<TiringMesher, decltype(usual.simulator), CoarseLight> pipeline{
+        TiringMesher{reason, &fills}, usual.simulator, usual.tracer, usual.focus};
+    return compare_variants({5, 10, 10, 6, 3}, dragon_skin(), contacts, {{Twin::bonded_base}, false}, pipeline,
+                            coarse_finger(), Serial{});
   };
   const auto broken = run(MeshError::Reason::self_intersecting);
   REQUIRE(broken.size() == 2);
@@ -134,7 +143,9 @@ TEST_CASE("Searches that see the whole lattice all make the same choice, that of
   p.space.variables = {{"a", 0.0, 10.0, 0.5, ""}};
   p.objectives = {{"f", true, 0.0}, {"g", true, 0.0}};
   p.sobol = 3;
-  const auto outputs = [](double a) { return std::pair(2.0 + std::sin(0.5 * a), std::exp(-0.02 * (a - 8.0) * (a - 8.0))); };
+  const auto outputs = [](double a) {
+    return std::pair(2.0 + std::sin(0.5 * a), std::exp(-0.02 * (a - 8.0) * (a - 8.0)));
+  };
   std::vector<Trial> trials;
   std::vector<std::pair<double, double>> all;
   for (int k = 0; k <= 20; ++k) {
@@ -151,6 +162,7 @@ TEST_CASE("Searches that see the whole lattice all make the same choice, that of
     REQUIRE(c);
     CHECK((*c)[0] == trials[*balanced_choice(all)].x[0]);
   }
-  CHECK(choices_over_seeds(p, trials, 5, 6, make, Serial{}, [] {}) == choices_over_seeds(p, trials, 5, 6, make, TbbExecutor{2}, [] {}));
+  CHECK(choices_over_seeds(p, trials, 5, 6, make, Serial{}, [] {}) ==
+        choices_over_seeds(p, trials, 5, 6, make, TbbExecutor{2}, [] {}));
   CHECK_THROWS_AS(choices_over_seeds(p, {trials[0], trials[21]}, 5, 6, make, Serial{}, [] {}), InvalidArgument);
 }

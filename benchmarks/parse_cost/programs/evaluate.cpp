@@ -2,10 +2,11 @@
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 
-template <lumo::Mesher M>
-lumo::Evaluation evaluate_with() {
-  const lumo::Pipeline<M, lumo::Simulator<lumo::NeoHookean, lumo::SDFContact>, lumo::Tracer<lumo::BeerLambert>> pipeline{{}, {lumo::NeoHookean{}}, {}};
-  return lumo::evaluate(lumo::baseline_design(), lumo::dragon_skin(), lumo::flat_ensemble(), pipeline, {}, lumo::Serial{});
+template <lumo::Mesher M> lumo::Evaluation evaluate_with() {
+  const lumo::Pipeline<M, lumo::Simulator<lumo::NeoHookean, lumo::SDFContact>, lumo::Tracer<lumo::BeerLambert>>
+      pipeline{{}, {lumo::NeoHookean{}}, {}};
+  return lumo::evaluate(lumo::baseline_design(), lumo::dragon_skin(), lumo::flat_ensemble(), pipeline, {},
+                        lumo::Serial{});
 }
 
 struct Filler {  // somewhere else

@@ -1,5 +1,5 @@
-#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
+#include "lumo/mechanics/materials/neo_hookean.hpp"
 
 std::vector<lumo::MechanicalState> press(const lumo::Body& body, const lumo::TetMesh& mesh) {
   const lumo::Simulator<lumo::NeoHookean, lumo::SDFContact> simulator;

@@ -10,7 +10,8 @@
 
 namespace lumo {
 
-/// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs. Source: paper §III-D.
+/// The paper's search: J_contact and J_obs as large as can be over θ, from five reference and eight Sobol designs.
+/// Source: paper §III-D.
 inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
   Problem p;
   p.space = finger_space();
@@ -29,8 +30,8 @@ inline Problem finger_problem(int evaluations = 160, std::uint64_t seed = 1) {
 inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bool accept_held = false) {
   for (const ScenarioRecord& s : scenarios)
     if (!is_scored(s.status, accept_held))
-      return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ", 1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi,
-                          " deg, y = ", 1e3 * s.y_m, " mm");
+      return message("press: ", to_string(s.status), " at ", s.states.back().load_N, " N, sphere of ",
+                     1e3 * s.diameter_m, " mm at ", s.angle_rad * 180.0 / pi, " deg, y = ", 1e3 * s.y_m, " mm");
   return "";
 }
 
@@ -38,15 +39,19 @@ inline std::string failed_press(const std::vector<ScenarioRecord>& scenarios, bo
 inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
   if (e.J_contact && e.J_obs) return "";
   if (std::string why = failed_press(e.observations.scenarios, accept_held); !why.empty()) return why;
-  return !e.J_contact ? "objective: the loads do not define the terms of J_contact" : "objective: no two states can be compared for J_obs";
+  return !e.J_contact ? "objective: the loads do not define the terms of J_contact"
+                      : "objective: no two states can be compared for J_obs";
 }
 
 /// Was it the machine's limits, not the body's, that ended a solve?
 inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
-  return std::any_of(scenarios.begin(), scenarios.end(), [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
+  return std::any_of(scenarios.begin(), scenarios.end(),
+                     [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
 /// The same of a body that was left without a mesh.
-inline bool of_the_machine(const MeshError& e) { return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory; }
+inline bool of_the_machine(const MeshError& e) {
+  return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory;
+}
 
 /// What a campaign keeps of an evaluation; what the machine ended may be tried again.
 inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {

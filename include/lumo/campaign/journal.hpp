@@ -12,13 +12,13 @@
 
 namespace lumo {
 
-/// One entry of a campaign's log. Entries are only ever added; `notes` is what may differ between two runs of the same campaign (times,
-/// process numbers), everything else is the same to the last bit.
+/// One entry of a campaign's log. Entries are only ever added; `notes` is what may differ between two runs of the same
+/// campaign (times, process numbers), everything else is the same to the last bit.
 struct LogEntry {
-  std::int64_t number = 0;   ///< from 0, without gaps
-  std::string kind;          ///< what happened
-  std::string content;       ///< what a resumed campaign needs of it
-  std::string record;        ///< the whole result
+  std::int64_t number = 0;  ///< from 0, without gaps
+  std::string kind;         ///< what happened
+  std::string content;      ///< what a resumed campaign needs of it
+  std::string record;       ///< the whole result
   std::string notes;
 };
 
@@ -26,11 +26,11 @@ struct LogEntry {
 class StoreError : public Error {
  public:
   enum class Reason {
-    corrupt,      ///< what is there is not what was written
-    full,         ///< no space left
-    busy,         ///< another process holds it for too long
-    different,    ///< it belongs to another problem
-    unusable      ///< no such folder, no permission, a defect disk, not a store
+    corrupt,    ///< what is there is not what was written
+    full,       ///< no space left
+    busy,       ///< another process holds it for too long
+    different,  ///< it belongs to another problem
+    unusable    ///< no such folder, no permission, a defect disk, not a store
   };
   StoreError(Reason reason, const std::string& text) : Error(text), reason_(reason) {}
   Reason reason() const { return reason_; }
@@ -39,10 +39,13 @@ class StoreError : public Error {
   Reason reason_;
 };
 
-/// Where a campaign is kept. Entry 0 is the problem. Laws: what `append` returned is there after any crash; two processes never append at once;
-/// `next` sees all entries, without their records, and nothing is added between its look and its entry.
+/// Where a campaign is kept. Entry 0 is the problem. Laws: what `append` returned is there after any crash; two
+/// processes never append at once; `next` sees all entries, without their records, and nothing is added between its
+/// look and its entry.
 template <class L>
-concept CampaignLog = requires(L& log, const L& view, std::function<std::optional<LogEntry>(const std::vector<LogEntry>&)> next, std::int64_t number) {
+concept CampaignLog = requires(L& log, const L& view,
+                               std::function<std::optional<LogEntry>(const std::vector<LogEntry>&)> next,
+                               std::int64_t number) {
   { view.entries() } -> std::same_as<std::vector<LogEntry>>;
   { view.record(number) } -> std::same_as<std::string>;
   { log.append(next) } -> std::same_as<std::optional<LogEntry>>;
@@ -63,8 +66,7 @@ class MemoryLog {
   std::string record(std::int64_t number) const { return entries_.at(std::size_t(number)).record; }
 
   /// Adds what `next` makes of the entries so far, if anything; returns it with its number.
-  template <class Next>
-  std::optional<LogEntry> append(Next&& next) {
+  template <class Next> std::optional<LogEntry> append(Next&& next) {
     std::optional<LogEntry> entry = next(entries());
     if (!entry) return std::nullopt;
     entry->number = std::int64_t(entries_.size());

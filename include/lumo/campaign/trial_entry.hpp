@@ -16,7 +16,7 @@ struct TrialEntry {
   enum class Kind { ask, tell, fail };
   Kind kind = Kind::ask;
   int id = 0;
-  std::vector<double> values;   ///< design or outputs
+  std::vector<double> values;  ///< design or outputs
   bool retry = false;
   std::string why;
 };
@@ -33,15 +33,22 @@ inline std::string trial_text(int id, const std::vector<double>& values) {
   return s;
 }
 
-inline LogEntry ask_entry(int id, const std::vector<double>& design) { return {0, "ask", trial_text(id, design), "", ""}; }
-inline LogEntry tell_entry(int id, const std::vector<double>& outputs) { return {0, "tell", trial_text(id, outputs), "", ""}; }
+inline LogEntry ask_entry(int id, const std::vector<double>& design) {
+  return {0, "ask", trial_text(id, design), "", ""};
+}
+inline LogEntry tell_entry(int id, const std::vector<double>& outputs) {
+  return {0, "tell", trial_text(id, outputs), "", ""};
+}
 inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, "fail", std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
 }
 
 /// Throws StoreError for an entry that is none of these.
 inline TrialEntry parse_trial(const LogEntry& entry) {
-  const auto refuse = [&] { throw StoreError(StoreError::Reason::corrupt, message("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content)); };
+  const auto refuse = [&] {
+    throw StoreError(StoreError::Reason::corrupt,
+                     message("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content));
+  };
   std::string_view rest = entry.content;
   const auto take = [&](auto& value) {
     const auto [end, error] = std::from_chars(rest.data(), rest.data() + rest.size(), value);

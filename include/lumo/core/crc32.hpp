@@ -26,8 +26,8 @@ inline constexpr auto crc32_tables = make_crc32_tables();
 
 }  // namespace detail
 
-/// Cyclic redundancy check of 32 bits, fed piece by piece: of zip, PNG and MCAP. Reflected polynomial 0xEDB88320, all ones before and after (ISO 3309).
-/// Eight bytes at a time by as many tables (Kounavis and Berry 2005).
+/// Cyclic redundancy check of 32 bits, fed piece by piece: of zip, PNG and MCAP. Reflected polynomial 0xEDB88320, all
+/// ones before and after (ISO 3309). Eight bytes at a time by as many tables (Kounavis and Berry 2005).
 class Crc32 {
  public:
   void add(std::span<const std::uint8_t> bytes) {
@@ -37,7 +37,8 @@ class Crc32 {
     for (; i + 8 <= bytes.size(); i += 8) {
       const std::uint8_t* b = bytes.data() + i;
       s ^= std::uint32_t(b[0]) | std::uint32_t(b[1]) << 8 | std::uint32_t(b[2]) << 16 | std::uint32_t(b[3]) << 24;
-      s = t[7][s & 255] ^ t[6][s >> 8 & 255] ^ t[5][s >> 16 & 255] ^ t[4][s >> 24] ^ t[3][b[4]] ^ t[2][b[5]] ^ t[1][b[6]] ^ t[0][b[7]];
+      s = t[7][s & 255] ^ t[6][s >> 8 & 255] ^ t[5][s >> 16 & 255] ^ t[4][s >> 24] ^ t[3][b[4]] ^ t[2][b[5]] ^
+          t[1][b[6]] ^ t[0][b[7]];
     }
     for (; i < bytes.size(); ++i) s = s >> 8 ^ t[0][(s ^ bytes[i]) & 255];
     state_ = s;

@@ -25,7 +25,8 @@ struct Variable {
   double nearest_node(double x) const { return origin + std::round((x - origin) / step) * step; }
   /// Is `x` a node, but for rounding?
   bool on_lattice(double x) const {
-    return std::abs(x - nearest_node(x)) <= 4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
+    return std::abs(x - nearest_node(x)) <=
+           4.0 * std::numeric_limits<double>::epsilon() * std::max(std::abs(x), std::abs(origin));
   }
 };
 
@@ -76,31 +77,41 @@ inline void DesignSpace::check(std::span<const double> x) const {
     const Variable& v = variables[i];
     const std::string unit = v.unit.empty() ? "" : " " + v.unit;
     if (!std::isfinite(x[i]))
-      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit, message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [", v.lower, ", ", v.upper, "]", unit));
+      throw InfeasibleDesign(v.name + " finite", x[i], v.upper, v.unit,
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, ", must lie in [",
+                                     v.lower, ", ", v.upper, "]", unit));
     if (x[i] < v.lower)
       throw InfeasibleDesign(v.name + " lower bound", x[i], v.lower, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is below its lower bound ", v.lower, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
+                                     " is below its lower bound ", v.lower, unit));
     if (x[i] > v.upper)
       throw InfeasibleDesign(v.name + " upper bound", x[i], v.upper, v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is above its upper bound ", v.upper, unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit,
+                                     " is above its upper bound ", v.upper, unit));
     if (v.step > 0.0 && !v.on_lattice(x[i]))
       throw InfeasibleDesign(v.name + " lattice", x[i], v.nearest_node(x[i]), v.unit,
-                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step, unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
+                             message("infeasible design: ", v.name, " = ", exact(x[i]), unit, " is off the ", v.step,
+                                     unit, " lattice; nearest is ", v.nearest_node(x[i]), unit));
   }
   for (const LinearConstraint& c : constraints) {
     const double sum = c.sum(x), rounding = c.rounding(x);
     const std::string unit = c.unit.empty() ? "" : " " + c.unit;
     if (sum > c.upper + rounding)
-      throw InfeasibleDesign(c.name, sum, c.upper, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
+      throw InfeasibleDesign(
+          c.name, sum, c.upper, c.unit,
+          message("infeasible design: ", c.name, " = ", sum, unit, " exceeds its limit ", c.upper, unit));
     if (sum < c.lower - rounding)
-      throw InfeasibleDesign(c.name, sum, c.lower, c.unit, message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
+      throw InfeasibleDesign(
+          c.name, sum, c.lower, c.unit,
+          message("infeasible design: ", c.name, " = ", sum, unit, " is below its limit ", c.lower, unit));
   }
   for (const DesignRule& r : rules)
     if (!r.holds(x)) throw r.refusal(x);
 }
 
 inline bool DesignSpace::contains(std::span<const double> x) const {
-  if (x.size() != variables.size()) throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
+  if (x.size() != variables.size())
+    throw InvalidArgument(message("design has ", x.size(), " values, the space has ", variables.size(), " variables"));
   for (std::size_t i = 0; i < x.size(); ++i) {
     const Variable& v = variables[i];
     if (!(x[i] >= v.lower && x[i] <= v.upper) || (v.step > 0.0 && !v.on_lattice(x[i]))) return false;

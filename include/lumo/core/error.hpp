@@ -84,7 +84,8 @@ class InputError : public Error {
   using Error::Error;
 };
 
-/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it breaks. NaN has no sign.
+/// The shortest spelling that reads back as the same number: a message must not round a value onto the limit that it
+/// breaks. NaN has no sign.
 inline std::string exact(double value) {
   if (std::isnan(value)) return "nan";
   char digits[32];
@@ -99,8 +100,7 @@ inline std::string printable(std::string_view s, std::size_t most = 40) {
 }
 
 /// Joins its arguments into one line of text.
-template <class... Args>
-std::string message(const Args&... args) {
+template <class... Args> std::string message(const Args&... args) {
   std::ostringstream out;
   out.precision(10);
   (out << ... << args);
@@ -118,7 +118,9 @@ struct Limits {
   double low, high;
 };
 
-inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) { require_in_range(what, value, limits.low, limits.high, unit); }
+inline void require_in_range(const char* what, double value, const Limits& limits, const char* unit) {
+  require_in_range(what, value, limits.low, limits.high, unit);
+}
 
 /// Throws InvalidArgument unless `value` is finite and positive.
 inline void require_positive(const char* what, double value, const char* unit) {

@@ -15,8 +15,7 @@ concept Executor = requires(const E& executor, std::size_t count) {
 
 /// Everything on the calling thread, in order.
 struct Serial {
-  template <std::invocable<std::size_t> Task>
-  void for_each(std::size_t count, Task&& task) const {
+  template <std::invocable<std::size_t> Task> void for_each(std::size_t count, Task&& task) const {
     for (std::size_t i = 0; i < count; ++i) task(i);
   }
 };

@@ -17,13 +17,17 @@ constexpr std::uint64_t mix64(std::uint64_t x) {
 }
 
 /// A key for the pair (key, label): counter-based, so that no draw depends on how many came before it.
-constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) { return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1)); }
+constexpr std::uint64_t combine(std::uint64_t key, std::uint64_t label) {
+  return mix64(key + 0x9e3779b97f4a7c15ull * (label + 1));
+}
 
 /// A number in (0, 1) from a key.
 constexpr double uniform(std::uint64_t key) { return (double(key >> 11) + 0.5) * 0x1p-53; }
 
 /// By ratio, of `wish` ≤ 2²⁴; counts of points that fill evenly. 1 for less than 1.
-inline std::uint32_t nearest_power_of_two(double wish) { return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish)))); }
+inline std::uint32_t nearest_power_of_two(double wish) {
+  return std::max(1u, std::bit_floor(std::uint32_t(std::min(double(1 << 24), 1.4142 * wish))));
+}
 
 constexpr std::uint32_t reverse_bits(std::uint32_t x) {
   x = ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
@@ -34,8 +38,8 @@ constexpr std::uint32_t reverse_bits(std::uint32_t x) {
 }
 
 /// Owen's nested uniform scramble by hashing: every bit is flipped by a hash of the higher bits.
-/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011) with
-/// the constants that Vegdahl found (2021), which are better mixed than the first ones.
+/// Source: Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020; the permutation of Laine & Karras (2011)
+/// with the constants that Vegdahl found (2021), which are better mixed than the first ones.
 constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
   x = reverse_bits(x);
   x ^= x * 0x3d20adeau;

@@ -26,7 +26,8 @@ inline double median(std::vector<double> v) {
   return v.size() % 2 ? *half : 0.5 * (*half + *std::max_element(v.begin(), half));
 }
 
-/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for none.
+/// Quantile by linear interpolation between order statistics (type 7 of Hyndman & Fan 1996). Throws InvalidArgument for
+/// none.
 inline double quantile(std::vector<double> v, double p) {
   if (v.empty()) throw InvalidArgument("quantile of no numbers");
   require_in_range("quantile", p, 0.0, 1.0, "");
@@ -37,7 +38,9 @@ inline double quantile(std::vector<double> v, double p) {
 }
 
 /// Root mean square of the entries.
-inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) { return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0; }
+inline double rms(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  return v.size() ? v.norm() / std::sqrt(double(v.size())) : 0.0;
+}
 
 /// Median of each row.
 inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
@@ -51,7 +54,8 @@ inline Eigen::VectorXd pointwise_median(const Eigen::MatrixXd& m) {
 
 /// Wilson's score interval of a share, `right` of `all`; z = 1.96 for 95 %. Source: Wilson 1927.
 inline Interval wilson_interval(int right, int all, double z = 1.959963984540054) {
-  if (all < 1 || right < 0 || right > all) throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
+  if (all < 1 || right < 0 || right > all)
+    throw InvalidArgument(message("share is ", right, " of ", all, ", must have 0 <= right <= all, all >= 1"));
   const double n = all, p = right / n, z2 = z * z, middle = (p + 0.5 * z2 / n) / (1.0 + z2 / n);
   const double half = z * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / (n * n)) / (1.0 + z2 / n);
   return {p, std::max(0.0, middle - half), std::min(1.0, middle + half)};
@@ -62,7 +66,8 @@ class CountedNormals {
  public:
   explicit CountedNormals(std::uint64_t seed) : seed_(seed) {}
   double operator()() {
-    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))), turn = uniform(combine(seed_, count_ + 1));
+    const double radius = std::sqrt(-2.0 * std::log(uniform(combine(seed_, count_)))),
+                 turn = uniform(combine(seed_, count_ + 1));
     count_ += 2;
     return radius * std::cos(6.2831853071795864769 * turn);
   }

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <cstdint>
 
-// By the system's calls: <chrono> and <thread>, with their calendars and stop tokens, would add a twenty-fifth to what it costs to include lumo.
+// By the system's calls: <chrono> and <thread>, with their calendars and stop tokens, would add a twenty-fifth to what
+// it costs to include lumo.
 
 namespace lumo {
 

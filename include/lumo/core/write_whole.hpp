@@ -12,8 +12,8 @@
 
 namespace lumo {
 
-/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one is replaced. Throws InputError of one
-/// line, and leaves what was there.
+/// The whole file or none: written beside its place under a name that no other writer takes, then renamed; an older one
+/// is replaced. Throws InputError of one line, and leaves what was there.
 inline void write_whole(const std::string& path, std::string_view bytes) {
   // Two programs, or threads, may write the same file at once; the time and a place on the stack tell them apart.
   const std::string part = message(path, ".part-", steady_ns(), '-', static_cast<const void*>(&bytes));

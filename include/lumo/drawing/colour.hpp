@@ -17,8 +17,7 @@ inline std::string hex_colour(const std::array<int, 3>& rgb) {
 }
 
 /// "#rrggbb" at `part`, 0 … 1, of the way through evenly spaced stops: red, green and blue, each 0 … 255.
-template <std::size_t N>
-std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
+template <std::size_t N> std::string colour_between(const std::array<std::array<double, 3>, N>& stops, double part) {
   const double t = double(N - 1) * std::clamp(part, 0.0, 1.0);
   const std::size_t low = std::min(N - 2, std::size_t(t));
   std::array<int, 3> rgb{};

@@ -9,9 +9,9 @@
 
 namespace lumo {
 
-/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for its wires through the plate.
-/// The ridge is a clearance shorter than the pad, so that it goes between the mould's ends. Stands on z = −plate.
-/// Throws InvalidArgument, MeshError.
+/// The rigid carrier: a plate with mounting holes, and on it the ridge with a pocket for the LED strip and a duct for
+/// its wires through the plate. The ridge is a clearance shorter than the pad, so that it goes between the mould's
+/// ends. Stands on z = −plate. Throws InvalidArgument, MeshError.
 inline TriangleSurface carrier_solid(const CastSection& section, const CastingOptions& options = {});
 
 namespace detail {
@@ -19,7 +19,8 @@ namespace detail {
 /// Corners of a regular polygon in a circle, in the plane of u and v, counter-clockwise seen from u × v.
 inline std::vector<Vec3d> ring(const Vec3d& center, const Vec3d& u, const Vec3d& v, double radius, int corners = 32) {
   std::vector<Vec3d> loop;
-  for (int k = 0; k < corners; ++k) loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
+  for (int k = 0; k < corners; ++k)
+    loop.push_back(center + radius * (std::cos(2.0 * pi * k / corners) * u + std::sin(2.0 * pi * k / corners) * v));
   return loop;
 }
 
@@ -37,14 +38,20 @@ inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions&
   FacetedSolid solid;
   const auto plate = [&](double z) { return detail::rectangle(-at.plate_x, at.plate_x, -at.plate_y, at.plate_y, z); };
   const auto ridge = [&](double z) { return detail::rectangle(-ridge_x, ridge_x, -ridge_y, ridge_y, z); };
-  const auto pocket = [&](double z) { return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z); };
-  const auto duct = [&](double z) { return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y, CastingLayout::duct_length - at.strip_y, z); };
+  const auto pocket = [&](double z) {
+    return detail::rectangle(-at.pocket_x, at.pocket_x, -at.pocket_y, at.pocket_y, z);
+  };
+  const auto duct = [&](double z) {
+    return detail::rectangle(-0.5 * o.strip_width, 0.5 * o.strip_width, -at.strip_y,
+                             CastingLayout::duct_length - at.strip_y, z);
+  };
   const auto holes = [&](double z) {
     std::vector<std::vector<Vec3d>> loops;
     for (const double x : {-1.0, 1.0})
       for (const double y : {-1.0, 1.0})
-        loops.push_back(reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z), Vec3d::UnitX(), Vec3d::UnitY(),
-                                              0.5 * o.hole_diameter)));
+        loops.push_back(
+            reversed(detail::ring(Vec3d(x * (at.half_width - 5.0e-3), y * (at.half_length + 0.5 * o.tab), z),
+                                  Vec3d::UnitX(), Vec3d::UnitY(), 0.5 * o.hole_diameter)));
     return loops;
   };
   auto below = holes(bottom), above = holes(0.0);
@@ -54,7 +61,7 @@ inline TriangleSurface carrier_solid(const CastSection& s, const CastingOptions&
   solid.band(reversed(duct(bottom)), reversed(duct(at.pocket_floor)));
   solid.band(reversed(pocket(at.pocket_floor)), reversed(pocket(s.ridge_height)));
 
-  std::vector<std::vector<Vec3d>> openings;   // seen from below
+  std::vector<std::vector<Vec3d>> openings;  // seen from below
   for (const auto& loop : below) openings.push_back(reversed(loop));
   openings.push_back(duct(bottom));
   solid.face(reversed(plate(bottom)), openings);

@@ -8,20 +8,20 @@
 
 namespace lumo {
 
-/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within what the sources in
-/// docs/fabrication.md advise.
+/// What may be chosen about the parts that a pad is cast with; lengths in m. Every default is our own choice, within
+/// what the sources in docs/fabrication.md advise.
 struct CastingOptions {
-  double clearance = 0.2e-3;       ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
-  double plate = 4.0e-3;           ///< thickness of the carrier's plate
-  double flange = 3.0e-3;          ///< of the plate beyond the pad's long sides: the mould seals on it
-  double tab = 7.0e-3;             ///< of the plate beyond the pad's ends, with the mounting holes
-  double hole_diameter = 3.4e-3;   ///< of the mounting holes: M3, ISO 273 medium
-  double strip_width = 2.0e-3;     ///< of the LED strip
-  double strip_height = 0.9e-3;    ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
-  double wall = 8.0e-3;            ///< of the mould about the pad
-  double rim = 3.0e-3;             ///< how far the mould reaches down the plate's edge, which it is centred by
-  double gate_diameter = 4.0e-3;   ///< at the pad; a Luer tip fits
-  double vent_diameter = 2.0e-3;   ///< at the pad: the smallest hole that FDM prints well
+  double clearance = 0.2e-3;      ///< on each side between printed parts that are put together: FDM 0.2 mm, SLA 0.1 mm
+  double plate = 4.0e-3;          ///< thickness of the carrier's plate
+  double flange = 3.0e-3;         ///< of the plate beyond the pad's long sides: the mould seals on it
+  double tab = 7.0e-3;            ///< of the plate beyond the pad's ends, with the mounting holes
+  double hole_diameter = 3.4e-3;  ///< of the mounting holes: M3, ISO 273 medium
+  double strip_width = 2.0e-3;    ///< of the LED strip
+  double strip_height = 0.9e-3;   ///< of the LED strip with its LEDs: 0.3 mm flexible circuit and 0.6 mm LED
+  double wall = 8.0e-3;           ///< of the mould about the pad
+  double rim = 3.0e-3;            ///< how far the mould reaches down the plate's edge, which it is centred by
+  double gate_diameter = 4.0e-3;  ///< at the pad; a Luer tip fits
+  double vent_diameter = 2.0e-3;  ///< at the pad: the smallest hole that FDM prints well
 
   /// Of the smallest wall that is printed: two lines of a 0.4 mm nozzle.
   static constexpr double thinnest_wall = 0.8e-3;
@@ -29,22 +29,23 @@ struct CastingOptions {
 
 /// Limits of the options in mm, as they are checked and as they are told.
 namespace casting_limits {
-inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0}, strip_height_mm{0.2, 1.5};
+inline constexpr Limits clearance_mm{0.05, 0.4}, plate_mm{3.0, 20.0}, wall_mm{7.0, 30.0}, strip_width_mm{0.8, 10.0},
+    strip_height_mm{0.2, 1.5};
 inline constexpr Limits gate_mm{2.0, 4.0}, vent_mm{0.8, 2.0};
-}
+}  // namespace casting_limits
 
 /// Throws InvalidArgument for an option that is out of range, or does not fit the section.
 inline void validate(const CastingOptions& options, const CastSection& section);
 
 /// The lengths that all parts share, so that they fit each other in every bit; in m, the pad's frame.
 struct CastingLayout {
-  double half_width, top, half_length;            ///< of the pad; half_length is that of the cavity, too
-  double plate_x, plate_y;                        ///< half the plate
-  double rim_x, rim_y;                            ///< where the mould's rim begins: the plate with its clearance
-  double mould_x, mould_y, mould_top;             ///< half the mould, and its height above the plate
-  double notch_inner, notch_outer, notch_roof;    ///< of the openings for the cores, from the middle out
-  double pocket_x, pocket_y, pocket_floor;        ///< half the pocket for the LED strip, and its floor's height
-  double strip_y;                                 ///< half the LED strip
+  double half_width, top, half_length;          ///< of the pad; half_length is that of the cavity, too
+  double plate_x, plate_y;                      ///< half the plate
+  double rim_x, rim_y;                          ///< where the mould's rim begins: the plate with its clearance
+  double mould_x, mould_y, mould_top;           ///< half the mould, and its height above the plate
+  double notch_inner, notch_outer, notch_roof;  ///< of the openings for the cores, from the middle out
+  double pocket_x, pocket_y, pocket_floor;      ///< half the pocket for the LED strip, and its floor's height
+  double strip_y;                               ///< half the LED strip
 
   CastingLayout(const CastSection& s, const CastingOptions& o) {
     const double c = o.clearance;
@@ -52,7 +53,8 @@ struct CastingLayout {
     plate_x = half_width + o.flange, plate_y = half_length + o.tab;
     rim_x = plate_x + c, rim_y = plate_y + c;
     mould_x = half_width + o.wall, mould_y = rim_y + (mould_x - rim_x), mould_top = top + o.wall;
-    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c, notch_roof = s.ridge_height + c;
+    notch_inner = 0.5 * s.ridge_width - c, notch_outer = 0.5 * s.ridge_width + s.gap_width + c,
+    notch_roof = s.ridge_height + c;
     strip_y = 0.5 * ((s.leds.count - 1) * s.leds.pitch + strip_margin);
     pocket_x = 0.5 * o.strip_width + c, pocket_y = strip_y + c, pocket_floor = s.ridge_height - o.strip_height;
   }
@@ -80,12 +82,13 @@ inline void validate(const CastingOptions& o, const CastSection& s) {
   const double widest = 1e3 * (s.ridge_width - 2.0 * o.clearance - 1.2e-3);
   if (o.strip_width * 1e3 > widest + 1e-9)
     throw InvalidArgument(message("LED strip width is ", exact(o.strip_width * 1e3), " mm, must be at most ", widest,
-                                       " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
+                                  " mm: 0.6 mm of wall on each side of it in a ridge of ", s.ridge_width * 1e3, " mm"));
   if (at.pocket_y > at.half_length - 1.0e-3)
-    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ", 2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
+    throw InvalidArgument(message("LED strip is ", 2e3 * at.strip_y, " mm long, must be at most ",
+                                  2e3 * (at.half_length - o.clearance - 1.0e-3), " mm"));
   if (at.notch_outer > at.half_width - 4.55e-3)
-    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance), " mm thick beside its gaps, must be at least ",
-                                       4.55 + 1e3 * o.clearance, " mm"));
+    throw InvalidArgument(message("the pad is ", 1e3 * (at.half_width - at.notch_outer + o.clearance),
+                                  " mm thick beside its gaps, must be at least ", 4.55 + 1e3 * o.clearance, " mm"));
 }
 
 }  // namespace lumo

@@ -23,9 +23,9 @@ struct Drawing {
   };
   struct Label {
     int layer;
-    Point at;            ///< left end of its baseline
-    double height;       ///< of capitals
-    std::string words;   ///< ASCII
+    Point at;           ///< left end of its baseline
+    double height;      ///< of capitals
+    std::string words;  ///< ASCII
   };
 
   std::string title;
@@ -38,7 +38,9 @@ struct Drawing {
     constexpr double far = std::numeric_limits<double>::infinity();
     Point low{far, far}, high{-far, -far};
     for (const Line& line : lines)
-      for (const Point& p : line.points) low = {std::min(low[0], p[0]), std::min(low[1], p[1])}, high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+      for (const Point& p : line.points)
+        low = {std::min(low[0], p[0]), std::min(low[1], p[1])},
+        high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
     return {low, high};
   }
 };

@@ -11,17 +11,18 @@
 
 namespace lumo {
 
-/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every bit) are one vertex, and an edge along
-/// an axis takes up the corners of its neighbours that lie on it, so that faces meet edge to edge however they are cut. No boolean operations: what is
-/// told is what is made, and surface() checks that it bounds a solid.
+/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every
+/// bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that faces
+/// meet edge to edge however they are cut. No boolean operations: what is told is what is made, and surface() checks
+/// that it bounds a solid.
 class FacetedSolid {
  public:
   using Loop = std::vector<Vec3d>;
 
   /// A flat face; outline counter-clockwise seen from outside, holes clockwise.
   void face(const Loop& outline, const std::vector<Loop>& holes = {});
-  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With `closed` the last joins the first.
-  /// Outward for a loop that is counter-clockwise seen from the side of `to`.
+  /// Quadrilaterals between two chains of corners: from[i], from[i+1], to[i+1], to[i], which must be flat. With
+  /// `closed` the last joins the first. Outward for a loop that is counter-clockwise seen from the side of `to`.
   void band(const Loop& from, const Loop& to, bool closed = true);
 
   /// The solid's triangles. Throws MeshError unless they bound a solid (see validate_surface).
@@ -49,7 +50,8 @@ inline std::vector<Vec3d> reversed(std::type_identity_t<std::vector<Vec3d>> loop
 }
 
 inline int FacetedSolid::vertex(const Vec3d& p) {
-  const auto [place, fresh] = known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));   // −0 is 0
+  const auto [place, fresh] =
+      known_.try_emplace({p.x() + 0.0, p.y() + 0.0, p.z() + 0.0}, int(vertices_.size()));  // −0 is 0
   if (fresh) vertices_.push_back(p);
   return place->second;
 }
@@ -71,7 +73,8 @@ inline void FacetedSolid::band(const Loop& from, const Loop& to, bool closed) {
   for (std::size_t i = 0; i + (closed ? 0 : 1) < n; ++i) face({from[i], from[(i + 1) % n], to[(i + 1) % n], to[i]});
 }
 
-/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same there.
+/// The loop with all vertices of the solid that lie on its edges along an axis; exact, for two coordinates are the same
+/// there.
 inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int>& loop) const {
   std::vector<int> full;
   for (std::size_t i = 0; i < loop.size(); ++i) {
@@ -89,7 +92,8 @@ inline std::vector<int> FacetedSolid::with_corners_between(const std::vector<int
       std::vector<Corner> between;
       for (std::size_t k = 0; k < vertices_.size(); ++k) {
         const Vec3d& p = vertices_[k];
-        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0) between.push_back({std::abs(p[axis] - a[axis]), int(k)});
+        if (p[u] == a[u] && p[v] == a[v] && (p[axis] - a[axis]) * (p[axis] - b[axis]) < 0.0)
+          between.push_back({std::abs(p[axis] - a[axis]), int(k)});
       }
       std::sort(between.begin(), between.end());
       for (const auto& corner : between) full.push_back(corner.vertex);
@@ -119,8 +123,11 @@ inline auto FacetedSolid::surface() const -> TriangleSurface {
     std::vector<std::vector<int>> local_holes;
     for (const auto& hole : holes) local_holes.push_back(local(hole));
     const auto triangles = PolygonTriangles(corners, normal).cut(local(outline), std::move(local_holes));
-    if (!triangles) throw MeshError(MeshError::Reason::self_intersecting, "solid: a face's outline crosses or touches itself or its holes");
-    for (const auto& t : *triangles) s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
+    if (!triangles)
+      throw MeshError(MeshError::Reason::self_intersecting,
+                      "solid: a face's outline crosses or touches itself or its holes");
+    for (const auto& t : *triangles)
+      s.triangles.push_back({of[std::size_t(t[0])], of[std::size_t(t[1])], of[std::size_t(t[2])]});
   }
   validate_surface(s);
   return s;

@@ -10,9 +10,10 @@
 
 namespace lumo {
 
-/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y; lengths in m, places in (x, z).
+/// An opening through the wall of mould half A at the end at which the pad is poured: the frustum of a cone along y;
+/// lengths in m, places in (x, z).
 struct Opening {
-  std::array<double, 2> at_pad, outside;   ///< centres at the pad's end and at the mould's outer face
+  std::array<double, 2> at_pad, outside;  ///< centres at the pad's end and at the mould's outer face
   double radius, outer_radius;
 
   /// Volume of the opening, which is cut as a frustum over a regular polygon [m³].
@@ -22,13 +23,15 @@ struct Opening {
   }
 };
 
-/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the end face is the highest place of the cavity.
+/// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the
+/// end face is the highest place of the cavity.
 inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
 
-/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half B is the other side and the other end.
-/// The parting runs along the crown (x = 0) and round the ends, so that no face of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends
-/// draw at β and the crown at its own slope. A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate.
-/// Throws InvalidArgument, MeshError.
+/// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half
+/// B is the other side and the other end. The parting runs along the crown (x = 0) and round the ends, so that no face
+/// of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope.
+/// A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate. Throws
+/// InvalidArgument, MeshError.
 inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
 inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
 
@@ -37,20 +40,26 @@ inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOpt
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
   // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
   const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
-  const double funnel = std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
+  const double funnel =
+      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
   const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
-  for (const double side : {-1.0, 1.0}) list.push_back({{side * corner_x, corner_z}, {side * corner_x, corner_z}, vent, std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+  for (const double side : {-1.0, 1.0})
+    list.push_back({{side * corner_x, corner_z},
+                    {side * corner_x, corner_z},
+                    vent,
+                    std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
   return list;
 }
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left out.
+/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
+/// out.
 class MouldHalf {
  public:
-
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured) : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
+      : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
     if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
@@ -71,7 +80,7 @@ class MouldHalf {
   using Corners = decltype(CastSection::outline);
 
   struct Notch {
-    double from, to;   ///< along x
+    double from, to;  ///< along x
   };
 
   /// Of corners (x, z), in a plane of constant y.
@@ -112,7 +121,7 @@ class MouldHalf {
   CastingLayout at_;
   std::vector<Opening> openings_;
   std::vector<Notch> notches_;
-  double near_, end_, rim_;   ///< y of the cavity's ends, z of the rim's foot
+  double near_, end_, rim_;  ///< y of the cavity's ends, z of the rim's foot
   FacetedSolid solid_;
 };
 
@@ -120,7 +129,8 @@ class MouldHalf {
 inline void MouldHalf::cavity() {
   solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
   const Corners crown(s_.outline.rbegin(), s_.outline.rend());
-  Corners face{{at_.half_width, 0.0}, {at_.rim_x, 0.0}, {at_.rim_x, rim_}, {at_.mould_x, rim_}, {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
+  Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
+               {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
@@ -129,15 +139,20 @@ inline void MouldHalf::cavity() {
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   for (const Opening& opening : openings_)
-    holes.push_back(reversed(ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
+    holes.push_back(reversed(
+        ring(Vec3d(opening.at_pad[0], end_, opening.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.radius)));
   solid_.face(upright(wall, end_), holes);
 }
 
-/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go along any opening direction up to that.
+/// The face on the crown with a cone towards +y and a socket for the other half's towards −y. Their 20° let them go
+/// along any opening direction up to that.
 inline void MouldHalf::parting() {
   constexpr double radius = 2.5e-3, height = 3.0e-3;
-  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall, y = 0.67 * at_.half_length;
-  const auto around = [&](double x, double place, double r) { return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r); };   // seen from −x
+  const double tip = radius - height * std::tan(20.0_deg), c = o_.clearance, z = at_.top + 0.5 * o_.wall,
+               y = 0.67 * at_.half_length;
+  const auto around = [&](double x, double place, double r) {
+    return ring(Vec3d(x, place, z), Vec3d::UnitZ(), Vec3d::UnitY(), r);
+  };  // seen from −x
   solid_.face(lengthwise({{near_, at_.top}, {near_, at_.mould_top}, {end_, at_.mould_top}, {end_, at_.top}}, 0.0),
               {reversed(around(0.0, y, radius)), reversed(around(0.0, -y, radius + c))});
   solid_.band(around(0.0, y, radius), around(-height, y, tip));
@@ -149,14 +164,25 @@ inline void MouldHalf::parting() {
 /// The ledge that lies on the carrier's plate, and the rim round it.
 inline void MouldHalf::underside() {
   const double left = -at_.mould_x, from = notches_.empty() ? left : at_.notch_outer;
-  solid_.face(reversed(level({{at_.half_width, near_}, {at_.rim_x, near_}, {at_.rim_x, at_.rim_y}, {from, at_.rim_y}, {from, end_}, {at_.half_width, end_}}, 0.0)));
+  solid_.face(reversed(level({{at_.half_width, near_},
+                              {at_.rim_x, near_},
+                              {at_.rim_x, at_.rim_y},
+                              {from, at_.rim_y},
+                              {from, end_},
+                              {at_.half_width, end_}},
+                             0.0)));
   if (!notches_.empty())
     for (const auto& [a, b] : {std::pair{left, -at_.notch_outer}, std::pair{-at_.notch_inner, at_.notch_inner}})
       solid_.face(reversed(rectangle(a, b, end_, at_.rim_y, 0.0)));
-  solid_.face(reversed(level({{at_.rim_x, near_}, {at_.mould_x, near_}, {at_.mould_x, at_.mould_y}, {left, at_.mould_y}, {left, at_.rim_y},
-                               {at_.rim_x, at_.rim_y}}, rim_)));
+  solid_.face(reversed(level({{at_.rim_x, near_},
+                              {at_.mould_x, near_},
+                              {at_.mould_x, at_.mould_y},
+                              {left, at_.mould_y},
+                              {left, at_.rim_y},
+                              {at_.rim_x, at_.rim_y}},
+                             rim_)));
   solid_.face(reversed(lengthwise({{near_, rim_}, {at_.rim_y, rim_}, {at_.rim_y, 0.0}, {near_, 0.0}}, at_.rim_x)));
-  Corners inner = stepped(0.0, -o_.clearance);   // along its top
+  Corners inner = stepped(0.0, -o_.clearance);  // along its top
   std::reverse(inner.begin(), inner.end());
   inner.insert(inner.end(), {{left, rim_}, {at_.rim_x, rim_}, {at_.rim_x, 0.0}});
   solid_.face(upright(inner, at_.rim_y));
@@ -166,11 +192,14 @@ inline void MouldHalf::outside() {
   const double right = at_.mould_x, top = at_.mould_top, far = at_.mould_y;
   solid_.face(level({{0.0, near_}, {right, near_}, {right, far}, {-right, far}, {-right, end_}, {0.0, end_}}, top));
   solid_.face(lengthwise({{near_, rim_}, {far, rim_}, {far, top}, {near_, top}}, right));
-  solid_.face(reversed(lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
+  solid_.face(reversed(
+      lengthwise({{end_, 0.0}, {at_.rim_y, 0.0}, {at_.rim_y, rim_}, {far, rim_}, {far, top}, {end_, top}}, -right)));
   std::vector<Loop> holes;
-  for (const auto& [a, b] : notches_) holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
+  for (const auto& [a, b] : notches_)
+    holes.push_back(upright({{a, -o_.clearance}, {b, -o_.clearance}, {b, at_.notch_roof}, {a, at_.notch_roof}}, far));
   for (const Opening& opening : openings_)
-    holes.push_back(ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
+    holes.push_back(
+        ring(Vec3d(opening.outside[0], far, opening.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), opening.outer_radius));
   solid_.face(reversed(upright({{-right, rim_}, {right, rim_}, {right, top}, {-right, top}}, far)), holes);
 }
 
@@ -189,7 +218,8 @@ inline void MouldHalf::notches() {
 inline void MouldHalf::openings() {
   for (const Opening& o : openings_) {
     const Loop inner = ring(Vec3d(o.at_pad[0], end_, o.at_pad[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.radius);
-    const Loop outer = ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
+    const Loop outer =
+        ring(Vec3d(o.outside[0], at_.mould_y, o.outside[1]), Vec3d::UnitX(), Vec3d::UnitZ(), o.outer_radius);
     solid_.band(reversed(outer), reversed(inner));
   }
 }

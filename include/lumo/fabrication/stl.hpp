@@ -12,9 +12,10 @@
 namespace lumo {
 
 /// The surface as a binary .stl file in mm, the format's unit by habit. Throws InputError when the stream fails.
-/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50 bytes each, little-endian.
+/// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50
+/// bytes each, little-endian.
 inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
-  std::string bytes = "binary STL, mm, by lumo";   // not "solid", by which texts are told
+  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are told
   bytes.resize(80, ' ');
   const auto word = [&bytes](std::uint32_t value) {
     for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);
@@ -24,7 +25,9 @@ inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
   };
   word(std::uint32_t(surface.triangles.size()));
   for (const auto& t : surface.triangles) {
-    const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])], 1e3 * surface.vertices[std::size_t(t[1])], 1e3 * surface.vertices[std::size_t(t[2])]};
+    const std::array<Vec3d, 3> corner{1e3 * surface.vertices[std::size_t(t[0])],
+                                      1e3 * surface.vertices[std::size_t(t[1])],
+                                      1e3 * surface.vertices[std::size_t(t[2])]};
     point((corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized());
     for (const Vec3d& p : corner) point(p);
     bytes.append(2, '\0');

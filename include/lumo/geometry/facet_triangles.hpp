@@ -23,7 +23,8 @@ inline Vec3d polygon_normal(const std::vector<Vec3d>& vertices, const std::vecto
   const Vec3d& origin = vertices[static_cast<std::size_t>(loop[0])];
   Vec3d sum = Vec3d::Zero();
   for (std::size_t i = 1; i + 1 < loop.size(); ++i)
-    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin).cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
+    sum += (vertices[static_cast<std::size_t>(loop[i])] - origin)
+               .cross(vertices[static_cast<std::size_t>(loop[i + 1])] - origin);
   return sum;
 }
 
@@ -39,7 +40,9 @@ struct Projection {
     second = static_cast<std::size_t>((axis + 2) % 3);
     if (normal[axis] < 0.0) std::swap(first, second);
   }
-  Point2 operator()(const Vec3d& p) const { return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]}; }
+  Point2 operator()(const Vec3d& p) const {
+    return {p[static_cast<Eigen::Index>(first)], p[static_cast<Eigen::Index>(second)]};
+  }
 };
 
 /// Whether p, known to be on the line through a and b, is between them or at an end.
@@ -55,10 +58,12 @@ inline bool segments_meet(const Point2& a, const Point2& b, const Point2& c, con
   const int ca = orient2d(c, d, a);
   const int cb = orient2d(c, d, b);
   if (ac * ad < 0 && ca * cb < 0) return true;
-  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) || (cb == 0 && within(c, d, b));
+  return (ac == 0 && within(a, b, c)) || (ad == 0 && within(a, b, d)) || (ca == 0 && within(c, d, a)) ||
+         (cb == 0 && within(c, d, b));
 }
 
-/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the number of corners.
+/// Whether the outline of a polygon meets itself anywhere but at its corners, or turns back on itself. Quadratic in the
+/// number of corners.
 inline bool outline_crosses(const std::vector<Point2>& points) {
   const std::size_t n = points.size();
   for (std::size_t i = 0; i < n; ++i) {
@@ -80,10 +85,11 @@ inline double height_over(const Point2& a, const Point2& b, const Point2& p) {
   return (x * (p[1] - a[1]) - y * (p[0] - a[0])) / std::hypot(x, y);
 }
 
-/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and no others.
-/// Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
+/// Cuts a flat, simple, perhaps concave polygon with corners on straight edges into triangles that use all corners and
+/// no others. Exact, by cutting off ears; first choice are ears to which no other corner comes closer than `slack`.
 /// Empty result: the outline is not simple or not counter-clockwise about `normal`.
-inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices, const std::vector<int>& loop, const Vec3d& normal,
+inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::vector<Vec3d>& vertices,
+                                                                   const std::vector<int>& loop, const Vec3d& normal,
                                                                    int facet, double slack) {
   std::vector<SurfaceTriangle> triangles;
   if (loop.size() == 3) {
@@ -108,7 +114,8 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     return std::none_of(left.begin(), left.end(), [&](std::size_t other) {
       if (other == before || other == here || other == after) return false;
       const Point2& p = points[other];
-      if (careful) return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
+      if (careful)
+        return height_over(a, b, p) > -slack && height_over(b, c, p) > -slack && height_over(c, a, p) > -slack;
       return orient2d(a, b, p) >= 0 && orient2d(b, c, p) >= 0 && orient2d(c, a, p) >= 0;
     });
   };
@@ -120,7 +127,9 @@ inline std::optional<std::vector<SurfaceTriangle>> facet_triangles(const std::ve
     }
     if (tried == 2 * left.size()) return std::nullopt;
     at %= left.size();
-    triangles.push_back({{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]}, facet});
+    triangles.push_back(
+        {{loop[left[(at + left.size() - 1) % left.size()]], loop[left[at]], loop[left[(at + 1) % left.size()]]},
+         facet});
     left.erase(left.begin() + static_cast<std::ptrdiff_t>(at));
     ++at;  // the next corner but one: fewer slender triangles than a fan
   }

@@ -15,25 +15,28 @@
 
 namespace lumo {
 
-/// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of areas are exact, so that every state is
-/// a valid triangulation; whether a circle holds a point is rounded, which costs at most quality. Same input, same bits.
+/// A simple polygon filled with well-shaped triangles of wanted size: Delaunay refinement after Ruppert 1995. Signs of
+/// areas are exact, so that every state is a valid triangulation; whether a circle holds a point is rounded, which
+/// costs at most quality. Same input, same bits.
 class PolygonRefinement {
  public:
   static constexpr std::size_t most_points = 200'000;
   struct Triangle {
-    std::array<int, 3> corners;   ///< counter-clockwise
-    std::array<int, 3> across;    ///< the triangle on the other side of the edge opposite to each corner, or −1
+    std::array<int, 3> corners;  ///< counter-clockwise
+    std::array<int, 3> across;   ///< the triangle on the other side of the edge opposite to each corner, or −1
   };
   /// A piece of the outline from one point to the next, and the edge of the polygon that it is part of.
   struct Piece {
     int from, to, edge;
   };
 
-  /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where it is not simple.
+  /// The polygon counter-clockwise, its corners the first points; edge i runs from corner i to the next. Nothing where
+  /// it is not simple.
   static std::optional<PolygonRefinement> of(const std::vector<Point2>& polygon);
 
-  /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length, nor above √2 times its shortest edge, as
-  /// far as points do not come closer than a tenth of both the wanted length and the polygon's shortest edge. False: there would be too many.
+  /// Adds points until no triangle's circumradius is above that of an equilateral triangle of the wanted edge length,
+  /// nor above √2 times its shortest edge, as far as points do not come closer than a tenth of both the wanted length
+  /// and the polygon's shortest edge. False: there would be too many.
   bool refine(const std::function<double(const Point2&)>& edge_length);
 
   const std::vector<Point2>& points() const { return points_; }
@@ -47,7 +50,7 @@ class PolygonRefinement {
   };
   struct Place {
     int triangle;
-    bool beyond;   ///< the outline is in between, at `side`
+    bool beyond;  ///< the outline is in between, at `side`
     int side;
   };
 
@@ -56,9 +59,13 @@ class PolygonRefinement {
   const Triangle& triangle(int t) const { return triangles_[std::size_t(t)]; }
   static double distance(const Point2& a, const Point2& b) { return std::hypot(b[0] - a[0], b[1] - a[1]); }
   static std::pair<int, int> key(int a, int b) { return std::minmax(a, b); }
-  static int corner_of(const Triangle& t, int neighbour) { return int(std::find(t.across.begin(), t.across.end(), neighbour) - t.across.begin()); }
+  static int corner_of(const Triangle& t, int neighbour) {
+    return int(std::find(t.across.begin(), t.across.end(), neighbour) - t.across.begin());
+  }
 
-  std::pair<int, int> ends(int t, int k) const { return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]}; }   // of the edge opposite to corner k
+  std::pair<int, int> ends(int t, int k) const {
+    return {triangle(t).corners[std::size_t(k + 1) % 3], triangle(t).corners[std::size_t(k + 2) % 3]};
+  }  // of the edge opposite to corner k
   Circle circle(const Triangle& t) const;
   bool in_circle(const Triangle& t, const Point2& p) const;
   Place walk(int from, const Point2& p) const;
@@ -73,7 +80,7 @@ class PolygonRefinement {
 
   std::vector<Point2> points_;
   std::vector<Triangle> triangles_;
-  std::map<std::pair<int, int>, int> edge_of_;   // pieces of the outline
+  std::map<std::pair<int, int>, int> edge_of_;  // pieces of the outline
   double shortest_given_ = 0.0;
 };
 
@@ -93,7 +100,7 @@ inline auto PolygonRefinement::of(const std::vector<Point2>& polygon) -> std::op
   for (const Point2& p : polygon) corners.emplace_back(p[0], p[1], 0.0);
   const auto cut = PolygonTriangles(corners, Vec3d(0, 0, 1)).cut(loop, {});
   if (!cut) return std::nullopt;
-  std::map<std::pair<int, int>, std::pair<int, int>> waiting;   // directed edge → triangle and corner opposite
+  std::map<std::pair<int, int>, std::pair<int, int>> waiting;  // directed edge → triangle and corner opposite
   for (const auto& ear : *cut) {
     const int t = int(r.triangles_.size());
     r.triangles_.push_back({ear, {-1, -1, -1}});
@@ -106,7 +113,7 @@ inline auto PolygonRefinement::of(const std::vector<Point2>& polygon) -> std::op
       waiting[{a, b}] = {t, k};
     }
   }
-  for (bool again = true; again;) {   // ears are cut as they come; a flip makes the least angle larger, so this ends
+  for (bool again = true; again;) {  // ears are cut as they come; a flip makes the least angle larger, so this ends
     again = false;
     for (int t = 0; t < int(r.triangles_.size()); ++t)
       for (int k = 0; k < 3; ++k) again = r.flip(t, k) || again;
@@ -140,12 +147,13 @@ inline auto PolygonRefinement::walk(int t, const Point2& p) const -> Place {
   for (std::size_t steps = 0; steps <= 4 * triangles_.size(); ++steps) {
     int next = -2, side = 0;
     for (int k = 0; k < 3 && next == -2; ++k)
-      if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) < 0) next = triangle(t).across[std::size_t(k)], side = k;
+      if (const auto [a, b] = ends(t, k); orient2d(at(a), at(b), p) < 0)
+        next = triangle(t).across[std::size_t(k)], side = k;
     if (next == -2) return {t, false, 0};
     if (next == -1) return {t, true, side};
     t = next;
   }
-  return {-1, false, 0};   // rounded circles may let a walk turn about
+  return {-1, false, 0};  // rounded circles may let a walk turn about
 }
 
 inline void PolygonRefinement::reconnect(int neighbour, int before, int now) {
@@ -162,9 +170,12 @@ inline bool PolygonRefinement::flip(int t, int k) {
   const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
   const auto beyond = [&](int of, int i) { return triangle(of).across[std::size_t(i % 3)]; };
   const int apex = corner(t, k), a = corner(t, k + 1), b = corner(t, k + 2), far = corner(other, j);
-  if (!in_circle(triangle(t), at(far)) || orient2d(at(apex), at(a), at(far)) <= 0 || orient2d(at(apex), at(far), at(b)) <= 0) return false;
+  if (!in_circle(triangle(t), at(far)) || orient2d(at(apex), at(a), at(far)) <= 0 ||
+      orient2d(at(apex), at(far), at(b)) <= 0)
+    return false;
   // What lies across the four other edges; in `other` the common edge runs from b to a.
-  const int b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2), a_far = beyond(other, j + 1), far_b = beyond(other, j + 2);
+  const int b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2), a_far = beyond(other, j + 1),
+            far_b = beyond(other, j + 2);
   triangle(t) = {{apex, a, far}, {a_far, other, apex_a}};
   triangle(other) = {{apex, far, b}, {far_b, b_apex, t}};
   reconnect(a_far, other, t);
@@ -205,12 +216,14 @@ inline void PolygonRefinement::split_edge(int t, int k, const Point2& p, std::ve
   points_.push_back(p);
   const auto corner = [&](int of, int i) { return triangle(of).corners[std::size_t(i % 3)]; };
   const auto beyond = [&](int of, int i) { return triangle(of).across[std::size_t(i % 3)]; };
-  const int other = beyond(t, k), apex = corner(t, k), a = corner(t, k + 1), b = corner(t, k + 2), b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2);
+  const int other = beyond(t, k), apex = corner(t, k), a = corner(t, k + 1), b = corner(t, k + 2),
+            b_apex = beyond(t, k + 1), apex_a = beyond(t, k + 2);
   const int new_other = other < 0 ? -1 : new_t + 1;
   triangles_.push_back({{apex, point, b}, {other, b_apex, t}});
   reconnect(b_apex, t, new_t);
   if (other >= 0) {
-    const int j = corner_of(triangle(other), t), far = corner(other, j), a_far = beyond(other, j + 1), far_b = beyond(other, j + 2);
+    const int j = corner_of(triangle(other), t), far = corner(other, j), a_far = beyond(other, j + 1),
+              far_b = beyond(other, j + 2);
     // `other` keeps the side of b, which lies against the new triangle.
     triangles_.push_back({{far, point, a}, {t, a_far, other}});
     reconnect(a_far, other, new_other);
@@ -239,8 +252,9 @@ inline bool PolygonRefinement::split_outline(int t, int k, double closest, std::
   return true;
 }
 
-/// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the point would leave a flat triangle. Looked
-/// for among the triangles that have the point in their circles, which hang together about triangle t, where it lies.
+/// The side of a triangle, if any, that is a piece of the outline and has the point in the circle about it: there the
+/// point would leave a flat triangle. Looked for among the triangles that have the point in their circles, which hang
+/// together about triangle t, where it lies.
 inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, const Point2& p) const {
   std::vector<int> reached{t};
   for (std::size_t i = 0; i < reached.size(); ++i)
@@ -248,7 +262,8 @@ inline std::optional<std::pair<int, int>> PolygonRefinement::encroached(int t, c
       const auto [a, b] = ends(reached[i], k);
       const int next = triangle(reached[i]).across[std::size_t(k)];
       if (next < 0) {
-        if ((at(a)[0] - p[0]) * (at(b)[0] - p[0]) + (at(a)[1] - p[1]) * (at(b)[1] - p[1]) < 0.0) return std::pair(reached[i], k);
+        if ((at(a)[0] - p[0]) * (at(b)[0] - p[0]) + (at(a)[1] - p[1]) * (at(b)[1] - p[1]) < 0.0)
+          return std::pair(reached[i], k);
       } else if (in_circle(triangle(next), p) && std::find(reached.begin(), reached.end(), next) == reached.end()) {
         reached.push_back(next);
       }
@@ -274,7 +289,8 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
     Point2 middle{};
     for (const int corner : triangle(t).corners) middle[0] += at(corner)[0] / 3.0, middle[1] += at(corner)[1] / 3.0;
     const double wanted = edge_length(middle);
-    if (round.radius <= wanted / std::numbers::sqrt3 * 1.1 && round.radius <= std::numbers::sqrt2 * round.shortest_edge) continue;
+    if (round.radius <= wanted / std::numbers::sqrt3 * 1.1 && round.radius <= std::numbers::sqrt2 * round.shortest_edge)
+      continue;
     if (points_.size() >= most_points) return false;
     const double closest = 0.1 * std::min(wanted, shortest_given_);
     changed.clear();
@@ -283,10 +299,12 @@ inline bool PolygonRefinement::refine(const std::function<double(const Point2&)>
     if (place.beyond) {
       split_outline(place.triangle, place.side, closest, changed);
     } else {
-      if (const auto side = encroached(place.triangle, round.center)) split_outline(side->first, side->second, closest, changed);
-      else if (round.radius >= closest) insert(place.triangle, round.center, changed);
+      if (const auto side = encroached(place.triangle, round.center))
+        split_outline(side->first, side->second, closest, changed);
+      else if (round.radius >= closest)
+        insert(place.triangle, round.center, changed);
     }
-    if (changed.empty()) continue;   // as good as the outline allows
+    if (changed.empty()) continue;  // as good as the outline allows
     todo.push_back(t);
     todo.insert(todo.end(), changed.begin(), changed.end());
   }
@@ -297,7 +315,8 @@ inline auto PolygonRefinement::outline() const -> std::vector<Piece> {
   std::vector<Piece> pieces;
   for (int t = 0; t < int(triangles_.size()); ++t)
     for (int k = 0; k < 3; ++k)
-      if (const auto [a, b] = ends(t, k); triangle(t).across[std::size_t(k)] < 0) pieces.push_back({a, b, edge_of_.at(key(a, b))});
+      if (const auto [a, b] = ends(t, k); triangle(t).across[std::size_t(k)] < 0)
+        pieces.push_back({a, b, edge_of_.at(key(a, b))});
   return pieces;
 }
 

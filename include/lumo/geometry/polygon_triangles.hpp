@@ -12,8 +12,8 @@
 namespace lumo {
 
 /// Cuts a flat polygon with holes into triangles that use all of its corners and no others.
-/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut off, the best shaped first. All decisions
-/// are exact. Corners on straight edges are allowed.
+/// Each hole is joined to the outline by a bridge to a corner that it sees (Held 2001, section 4), then ears are cut
+/// off, the best shaped first. All decisions are exact. Corners on straight edges are allowed.
 class PolygonTriangles {
  public:
   using Triangle = std::array<int, 3>;
@@ -24,7 +24,8 @@ class PolygonTriangles {
     for (const Vec3d& v : vertices) points_.push_back(project(v));
   }
 
-  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and holes cross or touch.
+  /// By vertex numbers; the outline counter-clockwise about the normal, the holes clockwise. Nothing, where outline and
+  /// holes cross or touch.
   std::optional<std::vector<Triangle>> cut(std::vector<int> outline, std::vector<std::vector<int>> holes) const;
 
  private:
@@ -50,13 +51,16 @@ inline bool PolygonTriangles::crosses(int a, int b, const std::vector<int>& loop
 
 /// Whether `to` is seen from the inside of the loop's corner: bridges make a vertex a corner more than once.
 inline bool PolygonTriangles::opens_to(const std::vector<int>& loop, std::size_t corner, int to) const {
-  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner], after = loop[(corner + 1) % loop.size()];
+  const int before = loop[(corner + loop.size() - 1) % loop.size()], here = loop[corner],
+            after = loop[(corner + 1) % loop.size()];
   const bool left_of_in = turn(before, here, to) > 0, left_of_out = turn(here, after, to) > 0;
   return turn(before, here, after) > 0 ? left_of_in && left_of_out : left_of_in || left_of_out;
 }
 
-inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, const std::vector<std::vector<int>>& others) const {
-  const auto start = std::size_t(std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
+inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole,
+                                     const std::vector<std::vector<int>>& others) const {
+  const auto start = std::size_t(
+      std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }) - hole.begin());
   const int from = hole[start];
   struct Candidate {
     double distance2;
@@ -72,8 +76,12 @@ inline bool PolygonTriangles::bridge(Loop& loop, const std::vector<int>& hole, c
   for (const auto& candidate : nearest) {
     const std::size_t corner = candidate.corner;
     const int to = loop[corner];
-    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) || crosses(from, to, hole)) continue;
-    if (std::any_of(others.begin(), others.end(), [&](const std::vector<int>& other) { return crosses(from, to, other); })) continue;
+    if (!opens_to(loop, corner, from) || !opens_to(hole, start, to) || crosses(from, to, loop) ||
+        crosses(from, to, hole))
+      continue;
+    if (std::any_of(others.begin(), others.end(),
+                    [&](const std::vector<int>& other) { return crosses(from, to, other); }))
+      continue;
     std::vector<int> detour{to};
     for (std::size_t k = 0; k <= hole.size(); ++k) detour.push_back(hole[(start + k) % hole.size()]);
     loop.insert(loop.begin() + std::ptrdiff_t(corner), detour.begin(), detour.end());
@@ -88,13 +96,19 @@ inline double PolygonTriangles::shape_of_ear(const std::vector<int>& loop, std::
   if (a == c || turn(a, b, c) <= 0) return 0.0;
   for (const int p : loop)
     if (p != a && p != b && p != c && turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return 0.0;
-  const auto squared = [&](int p, int q) { return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]); };
-  const double twice_area = (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
+  const auto squared = [&](int p, int q) {
+    return (at(q)[0] - at(p)[0]) * (at(q)[0] - at(p)[0]) + (at(q)[1] - at(p)[1]) * (at(q)[1] - at(p)[1]);
+  };
+  const double twice_area =
+      (at(b)[0] - at(a)[0]) * (at(c)[1] - at(a)[1]) - (at(b)[1] - at(a)[1]) * (at(c)[0] - at(a)[0]);
   return twice_area / std::max({squared(a, b), squared(b, c), squared(c, a)});
 }
 
-inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const -> std::optional<std::vector<Triangle>> {
-  const auto farthest = [&](const std::vector<int>& hole) { return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); })); };
+inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector<int>> holes) const
+    -> std::optional<std::vector<Triangle>> {
+  const auto farthest = [&](const std::vector<int>& hole) {
+    return at(*std::max_element(hole.begin(), hole.end(), [&](int p, int q) { return at(p) < at(q); }));
+  };
   std::sort(holes.begin(), holes.end(), [&](const auto& a, const auto& b) { return farthest(a) < farthest(b); });
   while (!holes.empty()) {
     const std::vector<int> hole = std::move(holes.back());
@@ -102,7 +116,7 @@ inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector
     if (!bridge(loop, hole, holes)) return std::nullopt;
   }
   std::vector<Triangle> triangles;
-  std::vector<double> shape;   // of the ear at each corner
+  std::vector<double> shape;  // of the ear at each corner
   for (std::size_t i = 0; i < loop.size(); ++i) shape.push_back(shape_of_ear(loop, i));
   while (loop.size() > 3) {
     const auto ear = std::size_t(std::max_element(shape.begin(), shape.end()) - shape.begin());
@@ -113,7 +127,8 @@ inline auto PolygonTriangles::cut(std::vector<int> loop, std::vector<std::vector
     shape.erase(shape.begin() + std::ptrdiff_t(ear));
     // Only its neighbours change, for what was free of corners stays free; what was not may have become so.
     for (std::size_t i = 0; i < loop.size(); ++i)
-      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size()) shape[i] = shape_of_ear(loop, i);
+      if (shape[i] == 0.0 || i == ear % loop.size() || (i + 1) % loop.size() == ear % loop.size())
+        shape[i] = shape_of_ear(loop, i);
   }
   if (turn(loop[0], loop[1], loop[2]) <= 0) return std::nullopt;
   triangles.push_back({loop[0], loop[1], loop[2]});

@@ -1,9 +1,10 @@
 #pragma once
 
-// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close to call is
-// computed without error as an unevaluated sum of doubles of falling size. Source: Shewchuk 1997, Adaptive precision floating-point
-// arithmetic and fast robust geometric predicates; his error bounds, his expansions, without his intermediate stages.
-// Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows or underflows (lengths 1e-60 … 1e60).
+// Exact signs of orientation determinants. A rounded value with an error bound decides nearly always; what is too close
+// to call is computed without error as an unevaluated sum of doubles of falling size. Source: Shewchuk 1997, Adaptive
+// precision floating-point arithmetic and fast robust geometric predicates; his error bounds, his expansions, without
+// his intermediate stages. Needs IEEE doubles rounded to nearest (no -ffast-math); exact as long as nothing overflows
+// or underflows (lengths 1e-60 … 1e60).
 
 #include "lumo/core/types.hpp"
 
@@ -19,7 +20,8 @@ using Point2 = std::array<double, 2>;
 /// Sign of (b − a) × (c − a): +1 if a, b, c turn left, −1 right, 0 if they are exactly on a line.
 int orient2d(const Point2& a, const Point2& b, const Point2& c);
 
-/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly in the plane.
+/// Sign of (b − a) × (c − a) · (d − a): +1 if d is on the side from which a, b, c run counter-clockwise, 0 if exactly
+/// in the plane.
 inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 
 inline constexpr double half_ulp = 0.5 * std::numeric_limits<double>::epsilon();
@@ -119,7 +121,9 @@ inline Expansion operator*(const Expansion& e, const Expansion& f) {  // f is a 
 }
 
 /// a d − b c of differences.
-inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) { return a * d + (b * c) * -1.0; }
+inline Expansion minor(const Expansion& a, const Expansion& b, const Expansion& c, const Expansion& d) {
+  return a * d + (b * c) * -1.0;
+}
 
 inline int orient2d(const Point2& a, const Point2& b, const Point2& c) {
   if (const int sure = sure_orient2d(a, b, c); sure != 0) return sure;

@@ -14,13 +14,15 @@
 namespace lumo {
 
 /// Two triangles that meet elsewhere than in corners that they share, or come closer than `gap` without sharing any.
-/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the candidates.
+/// First what is certain in rounded numbers, then exact predicates; a sweep along the longest axis finds the
+/// candidates.
 class SelfIntersection {
  public:
   SelfIntersection(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, double gap)
       : vertices_(vertices), triangles_(triangles), gap_(gap) {}
 
-  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made them disjoint.
+  /// The first offending pair of triangle numbers, if any. Triangles of one facet are not compared: cutting it up made
+  /// them disjoint.
   std::optional<std::pair<int, int>> find() const;
 
  private:
@@ -59,7 +61,8 @@ inline double segment_distance2(const Vec3d& p1, const Vec3d& q1, const Vec3d& p
   return (r + s * d1 - t * d2).squaredNorm();
 }
 
-/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b exchanged.
+/// All vertices of b strictly on one side of the plane of a, but those that are also a's; or the same with a and b
+/// exchanged.
 inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) const {
   int side = 0;
   for (int vertex : b) {
@@ -71,8 +74,8 @@ inline bool SelfIntersection::surely_apart(const Corners& a, const Corners& b) c
   return true;
 }
 
-/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is disjoint in a
-/// projection is disjoint in space.
+/// Seen along one axis, an edge of a has a on one side and b, but shared corners, strictly on the other. What is
+/// disjoint in a projection is disjoint in space.
 inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, const Projection& project) const {
   for (std::size_t i = 0; i < 3; ++i) {
     const int p = a[i];
@@ -81,7 +84,9 @@ inline bool SelfIntersection::surely_beside(const Corners& a, const Corners& b, 
     const Point2 to = project(at(q));
     const int side = sure_orient2d(from, to, project(at(a[(i + 2) % 3])));
     if (side == 0) continue;
-    const auto beyond = [&](int vertex) { return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side; };
+    const auto beyond = [&](int vertex) {
+      return vertex == p || vertex == q || sure_orient2d(from, to, project(at(vertex))) == -side;
+    };
     if (std::all_of(b.begin(), b.end(), beyond)) return true;
   }
   return false;
@@ -93,8 +98,10 @@ inline bool SelfIntersection::folded(const Corners& a, const Corners& b) const {
   std::array<int, 2> edge{};
   std::size_t shared = 0;
   for (int vertex : a) {
-    if (has(b, vertex)) edge[shared++] = vertex;
-    else apex_a = vertex;
+    if (has(b, vertex))
+      edge[shared++] = vertex;
+    else
+      apex_a = vertex;
   }
   for (int vertex : b)
     if (!has(a, vertex)) apex_b = vertex;
@@ -186,17 +193,20 @@ inline std::optional<std::pair<int, int>> SelfIntersection::find() const {
   for (std::size_t i = 0; i < triangles_.size(); ++i) {
     const Corners& t = triangles_[i].corners;
     const Vec3d &a = at(t[0]), &b = at(t[1]), &c = at(t[2]);
-    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin, elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
+    boxes.push_back({elementwise_min(elementwise_min(a, b), c) - margin,
+                     elementwise_max(elementwise_max(a, b), c) + margin, static_cast<int>(i)});
     low = elementwise_min(low, boxes.back().low);
     high = elementwise_max(high, boxes.back().high);
   }
   int axis = 0;
   (high - low).maxCoeff(&axis);
-  std::sort(boxes.begin(), boxes.end(),
-            [axis](const TriangleBox& a, const TriangleBox& b) { return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle; });
+  std::sort(boxes.begin(), boxes.end(), [axis](const TriangleBox& a, const TriangleBox& b) {
+    return a.low[axis] != b.low[axis] ? a.low[axis] < b.low[axis] : a.triangle < b.triangle;
+  });
   for (std::size_t i = 0; i < boxes.size(); ++i)
     for (std::size_t j = i + 1; j < boxes.size() && boxes[j].low[axis] <= boxes[i].high[axis]; ++j) {
-      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any()) continue;
+      if ((boxes[i].low.array() > boxes[j].high.array()).any() || (boxes[j].low.array() > boxes[i].high.array()).any())
+        continue;
       const SurfaceTriangle& a = triangles_[static_cast<std::size_t>(boxes[i].triangle)];
       const SurfaceTriangle& b = triangles_[static_cast<std::size_t>(boxes[j].triangle)];
       if (a.facet != b.facet && clash(a.corners, b.corners)) return std::pair{boxes[i].triangle, boxes[j].triangle};

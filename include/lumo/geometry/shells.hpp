@@ -44,9 +44,9 @@ inline void check_edges(const MeshInput& input) {
   using Reason = MeshError::Reason;
   struct Side {
     int low, high;
-    bool up;           // runs from the lower vertex number to the higher
+    bool up;  // runs from the lower vertex number to the higher
     int facet;
-    int from, to;      // corners, numbered through all facets
+    int from, to;  // corners, numbered through all facets
   };
   std::vector<Side> sides;
   std::vector<int> vertex_of;
@@ -61,17 +61,23 @@ inline void check_edges(const MeshInput& input) {
       vertex_of.push_back(a);
     }
   }
-  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) { return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from); });
+  std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+    return std::tie(a.low, a.high, a.from) < std::tie(b.low, b.high, b.from);
+  });
   Groups fans(vertex_of.size());
   for (std::size_t i = 0; i < sides.size();) {
     std::size_t end = i + 1;
     while (end < sides.size() && sides[end].low == sides[i].low && sides[end].high == sides[i].high) ++end;
-    const auto edge = message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
+    const auto edge =
+        message("the edge from vertex ", sides[i].low, " to ", sides[i].high, " of facet ", sides[i].facet);
     if (end - i == 1) throw MeshError(Reason::open, message("surface: ", edge, " has 1 facet, must have 2"));
-    if (end - i > 2) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
+    if (end - i > 2)
+      throw MeshError(Reason::not_manifold, message("surface: ", edge, " has ", end - i, " facets, must have 2"));
     const Side& a = sides[i];
     const Side& b = sides[i + 1];
-    if (a.up == b.up) throw MeshError(Reason::not_manifold, message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
+    if (a.up == b.up)
+      throw MeshError(Reason::not_manifold,
+                      message("surface: ", edge, " has a facet of opposite orientation, ", b.facet));
     fans.join(a.from, b.to);
     fans.join(a.to, b.from);
     i = end;
@@ -81,7 +87,8 @@ inline void check_edges(const MeshInput& input) {
     int& known = fan_of[static_cast<std::size_t>(vertex_of[corner])];
     const int fan = fans.find(static_cast<int>(corner));
     if (known >= 0 && known != fan)
-      throw MeshError(Reason::not_manifold, message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
+      throw MeshError(Reason::not_manifold,
+                      message("surface: vertex ", vertex_of[corner], " joins more than 1 fan of facets, must be 1"));
     known = fan;
   }
 }
@@ -124,7 +131,8 @@ inline double solid_angle(const Vec3d& from_a, const Vec3d& from_b, const Vec3d&
 }
 
 /// How often a shell winds around a point: 1 inside, 0 outside.
-inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const Shell& shell, const Vec3d& point) {
+inline double winding(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles,
+                      const Shell& shell, const Vec3d& point) {
   double angle = 0.0;
   for (int i : shell.triangles) {
     const auto& corners = triangles[static_cast<std::size_t>(i)].corners;
@@ -136,7 +144,8 @@ inline double winding(const std::vector<Vec3d>& vertices, const std::vector<Surf
 
 /// Solids lie outside each other, cavities in a solid, interior points in the material.
 /// Throws MeshError (not_manifold for shells, bad_index for points).
-inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriangle>& triangles,
+                         const std::vector<Shell>& shells) {
   const auto total = [&](const Vec3d& point, const Shell* without) {
     double sum = 0.0;
     for (const Shell& shell : shells)
@@ -148,19 +157,23 @@ inline void check_inside(const MeshInput& input, const std::vector<SurfaceTriang
     const double around = total(input.vertices[static_cast<std::size_t>(first.corners[0])], &shells[i]);
     const double wanted = shells[i].volume > 0.0 ? 0.0 : 1.0;
     if (std::abs(around - wanted) > 0.25)
-      throw MeshError(MeshError::Reason::not_manifold, message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume, " is wound by other shells ",
-                                                            around, " times, must be ", wanted));
+      throw MeshError(MeshError::Reason::not_manifold,
+                      message("surface: the shell of facet ", first.facet, " with volume ", shells[i].volume,
+                              " is wound by other shells ", around, " times, must be ", wanted));
   }
   std::vector<char> used(input.vertices.size(), 0);
   for (const SurfaceTriangle& t : triangles)
     for (int vertex : t.corners) used[static_cast<std::size_t>(vertex)] = 1;
   for (std::size_t i = 0; i < used.size(); ++i)
     if (!used[i] && total(input.vertices[i], nullptr) < 0.75)
-      throw MeshError(MeshError::Reason::bad_index, message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
+      throw MeshError(MeshError::Reason::bad_index,
+                      message("surface: vertex ", i, " belongs to no facet and is not inside the body"));
 }
 
 /// A point inside each cavity: half way from one of its triangles to what faces it.
-inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices, const std::vector<SurfaceTriangle>& triangles, const std::vector<Shell>& shells) {
+inline std::vector<Vec3d> cavity_points(const std::vector<Vec3d>& vertices,
+                                        const std::vector<SurfaceTriangle>& triangles,
+                                        const std::vector<Shell>& shells) {
   std::vector<Vec3d> points;
   const auto at = [&](int vertex) -> const Vec3d& { return vertices[static_cast<std::size_t>(vertex)]; };
   for (const Shell& shell : shells) {

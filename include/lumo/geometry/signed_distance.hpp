@@ -12,11 +12,13 @@
 
 namespace lumo {
 
-/// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction at the nearest place, with the normals
-/// of the triangles that meet there weighted by their angles. Source: Bærentzen & Aanæs 2005. The surface must outlive it and be valid (unchecked).
+/// Exact signed distance to a closed surface of triangles, negative inside. The sign is that of the outward direction
+/// at the nearest place, with the normals of the triangles that meet there weighted by their angles. Source: Bærentzen
+/// & Aanæs 2005. The surface must outlive it and be valid (unchecked).
 class SignedDistance {
  public:
-  explicit SignedDistance(const TriangleSurface& surface) : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3d::Zero()) {
+  explicit SignedDistance(const TriangleSurface& surface)
+      : surface_(&surface), tree_(surface), at_corner_(surface.vertices.size(), Vec3d::Zero()) {
     for (const auto& t : surface.triangles) {
       const Vec3d n = (corner(t, 1) - corner(t, 0)).cross(corner(t, 2) - corner(t, 0)).normalized();
       normal_.push_back(n);
@@ -32,15 +34,19 @@ class SignedDistance {
   struct Sample {
     double distance;
     Vec3d gradient;
-    Mat3d hessian;   ///< [1/m]
+    Mat3d hessian;  ///< [1/m]
   };
   Sample sample(const Vec3d& p) const {
     const TriangleTree::Nearest n = tree_.nearest(p);
     const Vec3d out = outward(n), way = p - n.at.point;
     const double sign = way.dot(out) < 0.0 ? -1.0 : 1.0;
-    Sample s{sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()), Mat3d::Zero()};
+    Sample s{sign * n.distance, n.distance > 0.0 ? Vec3d(sign / n.distance * way) : Vec3d(out.normalized()),
+             Mat3d::Zero()};
     if (n.at.feature == TrianglePoint::inside || !(n.distance > 0.0)) return s;
-    Mat3d turning = Mat3d::Identity() - s.gradient * s.gradient.transpose();   // a plane's distance is straight, an edge's bends across it, a corner's all around
+    Mat3d turning =
+        Mat3d::Identity() -
+        s.gradient *
+            s.gradient.transpose();  // a plane's distance is straight, an edge's bends across it, a corner's all around
     if (n.at.feature > 2) {
       const auto& t = surface_->triangles[std::size_t(n.triangle)];
       const std::size_t k = std::size_t(n.at.feature) - 3;
@@ -58,8 +64,12 @@ class SignedDistance {
   }
 
  private:
-  const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const { return surface_->vertices[std::size_t(t[k])]; }
-  static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) { return std::minmax(int(t[k]), int(t[(k + 1) % 3])); }
+  const Vec3d& corner(const std::array<int, 3>& t, std::size_t k) const {
+    return surface_->vertices[std::size_t(t[k])];
+  }
+  static std::pair<int, int> key(const std::array<int, 3>& t, std::size_t k) {
+    return std::minmax(int(t[k]), int(t[(k + 1) % 3]));
+  }
 
   Vec3d outward(const TriangleTree::Nearest& n) const {
     const auto& t = surface_->triangles[std::size_t(n.triangle)];

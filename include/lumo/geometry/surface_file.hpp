@@ -19,9 +19,10 @@
 
 namespace lumo {
 
-/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m` [m]; by default mm, as
-/// CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of an .obj, concave ones too, are cut into triangles.
-/// Throws InputError when the file is none, cannot be read or breaks its format (with the line), MeshError when its surface does not bound a solid.
+/// Reads a closed surface from a Wavefront .obj or a .stl file (text or binary), whose numbers are in units of `unit_m`
+/// [m]; by default mm, as CAD writes them; the ending may be in capitals. Vertices at one place become one. Polygons of
+/// an .obj, concave ones too, are cut into triangles. Throws InputError when the file is none, cannot be read or breaks
+/// its format (with the line), MeshError when its surface does not bound a solid.
 inline TriangleSurface read_surface(const std::string& path, double unit_m = 1e-3);
 
 // Words of a text, line by line.
@@ -50,14 +51,16 @@ class SurfaceText {
     return words;
   }
 
-  [[noreturn]] void refuse(const std::string& what) const { throw InputError(message("surface file '", name_, "', line ", line_, ": ", what)); }
+  [[noreturn]] void refuse(const std::string& what) const {
+    throw InputError(message("surface file '", name_, "', line ", line_, ": ", what));
+  }
 
-  template <class Number>
-  Number number(std::string_view word) const {
+  template <class Number> Number number(std::string_view word) const {
     Number value{};
     if (!word.empty() && word.front() == '+') word.remove_prefix(1);
     const auto [end, fault] = std::from_chars(word.data(), word.data() + word.size(), value);
-    if (fault != std::errc{} || end != word.data() + word.size()) refuse(message("'", printable(word), "' is no number"));
+    if (fault != std::errc{} || end != word.data() + word.size())
+      refuse(message("'", printable(word), "' is no number"));
     return value;
   }
   Vec3d point(const std::vector<std::string_view>& words, std::size_t first) const {
@@ -84,25 +87,29 @@ inline void add_polygon(TriangleSurface& surface, const std::vector<int>& loop) 
     triangles.emplace();
     for (std::size_t k = 1; k + 1 < order.size(); ++k) triangles->push_back({0, order[k], order[k + 1]});
   }
-  for (const auto& t : *triangles) surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
+  for (const auto& t : *triangles)
+    surface.triangles.push_back({loop[std::size_t(t[0])], loop[std::size_t(t[1])], loop[std::size_t(t[2])]});
 }
 
 inline TriangleSurface read_obj(SurfaceText text) {
   TriangleSurface s;
   for (auto words = text.next(); !words.empty(); words = text.next()) {
     if (words[0] == "v") {
-      if (words.size() != 4 && words.size() != 5 && words.size() != 7) text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
+      if (words.size() != 4 && words.size() != 5 && words.size() != 7)
+        text.refuse("a vertex has 3 coordinates, and perhaps a weight or a colour");
       s.vertices.push_back(text.point(words, 1));
     } else if (words[0] == "f") {
       if (words.size() < 4) text.refuse("a face needs at least 3 corners");
       std::vector<int> loop;
       for (std::size_t k = 1; k < words.size(); ++k) {
-        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()), at = n < 0 ? count + n : n - 1;
+        const int n = text.number<int>(words[k].substr(0, words[k].find('/'))), count = int(s.vertices.size()),
+                  at = n < 0 ? count + n : n - 1;
         if (n == 0 || at < 0 || at >= count) text.refuse(message("a face names vertex ", n, " of ", count));
         loop.push_back(at);
       }
       add_polygon(s, loop);
-    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" && words[0] != "usemtl" && words[0] != "mtllib") {
+    } else if (words[0] != "vn" && words[0] != "vt" && words[0] != "o" && words[0] != "g" && words[0] != "s" &&
+               words[0] != "usemtl" && words[0] != "mtllib") {
       text.refuse(message("'", printable(words[0]), "' is no statement of a polygon surface"));
     }
   }
@@ -137,14 +144,17 @@ inline TriangleSurface read_stl_text(SurfaceText text) {
   return s;
 }
 
-// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2 bytes of anything.
+// 80 bytes of anything, the number of triangles, then 50 bytes each: normal, three corners (little-endian float32), 2
+// bytes of anything.
 inline TriangleSurface read_stl_binary(std::string_view bytes) {
   TriangleSurface s;
   for (std::size_t at = 84; at + 50 <= bytes.size(); at += 50) {
     const int first = int(s.vertices.size());
     for (std::size_t k = 0; k < 3; ++k) {
       Vec3d p;
-      for (int i = 0; i < 3; ++i) p[i] = double(std::bit_cast<float>(number_at<std::uint32_t>(&bytes[at + 12 + 12 * k + 4 * std::size_t(i)], ByteOrder::little)));
+      for (int i = 0; i < 3; ++i)
+        p[i] = double(std::bit_cast<float>(
+            number_at<std::uint32_t>(&bytes[at + 12 + 12 * k + 4 * std::size_t(i)], ByteOrder::little)));
       s.vertices.push_back(p);
     }
     s.triangles.push_back({first, first + 1, first + 2});
@@ -159,28 +169,36 @@ inline TriangleSurface welded(const TriangleSurface& loose) {
   std::map<Place, int> known;
   std::vector<int> number;
   for (const Vec3d& v : loose.vertices) {
-    const auto [it, fresh] = known.try_emplace(Place{v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));   // −0 is 0
+    const auto [it, fresh] =
+        known.try_emplace(Place{v.x() + 0.0, v.y() + 0.0, v.z() + 0.0}, int(s.vertices.size()));  // −0 is 0
     if (fresh) s.vertices.push_back(v);
     number.push_back(it->second);
   }
-  for (const auto& t : loose.triangles) s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
+  for (const auto& t : loose.triangles)
+    s.triangles.push_back({number[std::size_t(t[0])], number[std::size_t(t[1])], number[std::size_t(t[2])]});
   return s;
 }
 
 /// `kind`: ".obj" or ".stl".
-inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name, double unit_m) {
+inline TriangleSurface surface_of(std::string_view kind, const std::string& bytes, const std::string& name,
+                                  double unit_m) {
   TriangleSurface s;
   if (kind == ".obj") {
     s = read_obj({bytes, name});
   } else {
     // A text, too, may begin with any 80 bytes; only the length tells.
     const std::uint64_t count = bytes.size() >= 84 ? number_at<std::uint32_t>(&bytes[80], ByteOrder::little) : 0;
-    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count) s = read_stl_binary(bytes);
-    else if (bytes.rfind("solid", 0) == 0) s = read_stl_text({bytes, name});
-    else throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count, " triangles has ", 84 + 50 * count));
+    if (bytes.size() >= 84 && bytes.size() == 84 + 50 * count)
+      s = read_stl_binary(bytes);
+    else if (bytes.rfind("solid", 0) == 0)
+      s = read_stl_text({bytes, name});
+    else
+      throw InputError(message("surface file '", name, "' has ", bytes.size(), " bytes, a binary .stl of ", count,
+                               " triangles has ", 84 + 50 * count));
   }
   for (Vec3d& v : s.vertices) {
-    if (!v.allFinite()) throw InputError(message("surface file '", name, "': a coordinate is not finite"));   // before they are sorted
+    if (!v.allFinite())
+      throw InputError(message("surface file '", name, "': a coordinate is not finite"));  // before they are sorted
     v *= unit_m;
   }
   s = welded(s);
@@ -193,7 +211,8 @@ inline TriangleSurface read_surface(const std::string& path, double unit_m) {
   const std::size_t dot = std::min(path.find_last_of("./"), path.size());
   std::string kind = path.substr(dot);
   for (char& c : kind) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
-  if (kind != ".obj" && kind != ".stl") throw InputError(message("surface file '", path, "': its name must end in .obj or .stl"));
+  if (kind != ".obj" && kind != ".stl")
+    throw InputError(message("surface file '", path, "': its name must end in .obj or .stl"));
   const auto size = file_size(path);
   if (!size) throw InputError(message("cannot read surface file '", path, "': there is no such file"));
   constexpr std::uintmax_t most = 500'000'000;

@@ -10,11 +10,12 @@ namespace lumo {
 
 /// A surface of triangles, counter-clockwise seen from outside.
 struct TriangleSurface {
-  std::vector<Vec3d> vertices;                  ///< [m]
+  std::vector<Vec3d> vertices;  ///< [m]
   std::vector<std::array<int, 3>> triangles;
 };
 
-/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see validate_surface.
+/// Throws MeshError unless the surface is closed, manifold, faces outwards and does not cross itself; see
+/// validate_surface.
 inline SurfaceReport validate_surface(const TriangleSurface& surface) {
   MeshInput input;
   input.vertices = surface.vertices;

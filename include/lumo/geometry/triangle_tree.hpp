@@ -14,7 +14,7 @@ namespace lumo {
 /// Where on a triangle abc a point is nearest to another, and on what of it.
 struct TrianglePoint {
   Vec3d point{0.0, 0.0, 0.0};
-  int feature = inside;   ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
+  int feature = inside;  ///< corner a, b, c: 0, 1, 2; edge ab, bc, ca: 3, 4, 5; or
   static constexpr int inside = 6;
 };
 
@@ -39,7 +39,9 @@ inline TrianglePoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& 
   return {a + vb * scale * ab + vc * scale * ac, TrianglePoint::inside};
 }
 
-inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) { return closest_point(p, a, b, c).point; }
+inline Vec3d closest_on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+  return closest_point(p, a, b, c).point;
+}
 
 /// Boxes about the triangles of a surface, for the distance to it. The surface must outlive the tree.
 class TriangleTree {
@@ -51,9 +53,9 @@ class TriangleTree {
 
   /// The place on the surface that is nearest to a point.
   struct Nearest {
-    int triangle = -1;   ///< −1: there is none so near
+    int triangle = -1;  ///< −1: there is none so near
     TrianglePoint at;
-    double distance = std::numeric_limits<double>::infinity();   ///< unsigned [m]
+    double distance = std::numeric_limits<double>::infinity();  ///< unsigned [m]
   };
 
   /// Looks no farther than `near` [m] from p.
@@ -66,16 +68,20 @@ class TriangleTree {
   }
 
   /// Unsigned distance [m] from p to the surface; `near` or more when it is farther than that.
-  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const { return nearest(p, near).distance; }
+  double distance(const Vec3d& p, double near = std::numeric_limits<double>::infinity()) const {
+    return nearest(p, near).distance;
+  }
 
  private:
   struct Node {
-    Vec3d low, high;     ///< corners of its box
-    int first, count;   ///< triangles of a leaf; count 0: the children are at `first` and `second`
+    Vec3d low, high;   ///< corners of its box
+    int first, count;  ///< triangles of a leaf; count 0: the children are at `first` and `second`
     int second;
   };
 
-  const Vec3d& corner(int triangle, std::size_t k) const { return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])]; }
+  const Vec3d& corner(int triangle, std::size_t k) const {
+    return surface_->vertices[std::size_t(surface_->triangles[std::size_t(triangle)][k])];
+  }
 
   int build(int begin, int end) {
     const int self = int(nodes_.size());
@@ -106,12 +112,15 @@ class TriangleTree {
       for (int i = n.first; i < n.first + n.count; ++i) {
         const int t = order_[std::size_t(i)];
         const TrianglePoint on = closest_point(p, corner(t, 0), corner(t, 1), corner(t, 2));
-        if (const double squared = (on.point - p).squaredNorm(); squared < least) least = squared, best.triangle = t, best.at = on;
+        if (const double squared = (on.point - p).squaredNorm(); squared < least)
+          least = squared, best.triangle = t, best.at = on;
       }
       return;
     }
     int near = n.first, far = n.second;
-    const auto away = [&](const Node& child) { return Eigen::AlignedBox3d(child.low, child.high).squaredExteriorDistance(p); };
+    const auto away = [&](const Node& child) {
+      return Eigen::AlignedBox3d(child.low, child.high).squaredExteriorDistance(p);
+    };
     double to_near = away(nodes_[std::size_t(near)]), to_far = away(nodes_[std::size_t(far)]);
     if (to_far < to_near) std::swap(near, far), std::swap(to_near, to_far);
     if (to_near < least) search(near, p, least, best);

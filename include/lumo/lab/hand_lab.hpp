@@ -2,15 +2,15 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/hand_plan.hpp"
 #include "lumo/lab/pad_responses.hpp"
+#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_geometry.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/recording/tables.hpp"
+#include "lumo/sense/hand/hand_link.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <Eigen/Core>
 
@@ -24,27 +24,30 @@
 
 namespace lumo {
 
-/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along their joints. Every number is assumed. The distance
-/// of the fingers and the range of their joints were changed once after the first pictures, in which the fingers ran into each other; all else was fixed before.
+/// Two fingers of two links each that bend in the plane of the picture, towards each other; the camera looks along
+/// their joints. Every number is assumed. The distance of the fingers and the range of their joints were changed once
+/// after the first pictures, in which the fingers ran into each other; all else was fixed before.
 struct HandRig {
-  int width = 640, height = 480;                     ///< of the picture [px]
+  int width = 640, height = 480;  ///< of the picture [px]
   double scale_m_per_px = 0.55_mm;
-  double link_m = 68.0_mm;                           ///< from joint to joint, and from the last joint to the tip
-  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;    ///< of the first joints: ± across the picture's middle, and below it
-  double carrier_m = 8.0_mm;                         ///< how far the carrier's side reaches behind the pad
+  double link_m = 68.0_mm;                         ///< from joint to joint, and from the last joint to the tip
+  double base_x_m = 92.0_mm, base_y_m = 120.0_mm;  ///< of the first joints: ± across the picture's middle, and below it
+  double carrier_m = 8.0_mm;                       ///< how far the carrier's side reaches behind the pad
   double carrier_DN = 90.0, hole_DN = 14.0, ground_DN = 8.0;
   std::array<double, 2> hole_y_m{-22.0_mm, 22.0_mm};
   double hole_z_m = -4.0_mm, hole_radius_m = 1.8_mm;
-  double joint_sigma_rad = 0.002;                    ///< σ of a joint's reading
+  double joint_sigma_rad = 0.002;  ///< σ of a joint's reading
 };
 
-/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry the same pad, whose light comes from
-/// computed responses, in equilibrium (no relaxation). A pure function of responses, plan, seed and `noise`.
+/// A hand, a camera and four joints that go through a plan and leave a log as a real rig would. All four links carry
+/// the same pad, whose light comes from computed responses, in equilibrium (no relaxation). A pure function of
+/// responses, plan, seed and `noise`.
 class HandLab {
  public:
-
-  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which a link leaves the picture.
-  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {}, const HandRig& hand = {}, SideGeometry side = {});
+  /// `light` stays the caller's. Throws InvalidArgument for places and loads beyond those computed, or a grasp in which
+  /// a link leaves the picture.
+  HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed = 1, double noise = 1.0, const Rig& rig = {},
+          const HandRig& hand = {}, SideGeometry side = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -60,8 +63,8 @@ class HandLab {
   struct Key {
     double t_s;
     HandJoints joints;
-    int grasp;        ///< whose touches there are, −1: none
-    double share;     ///< of their loads
+    int grasp;     ///< whose touches there are, −1: none
+    double share;  ///< of their loads
   };
   void move_to(const HandJoints& joints) {
     double way = 0.0;
@@ -75,7 +78,8 @@ class HandLab {
         for (const double z : {-hand_.carrier_m, side_.high_m}) {
           const auto p = map(l, joints).pixel(y, z);
           if (!(p.x() >= 0.0 && p.y() >= 0.0 && p.x() <= hand_.width - 1 && p.y() <= hand_.height - 1))
-            throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ", hand_.width, " x ", hand_.height));
+            throw InvalidArgument(message("link ", l, " leaves the picture at ", p.x(), ", ", p.y(), " px of ",
+                                          hand_.width, " x ", hand_.height));
         }
   }
 
@@ -97,8 +101,9 @@ class HandLab {
 inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::LinkMap {
   const bool right = link >= 2;
   const double inwards = right ? -1.0 : 1.0, length = hand_.link_m / hand_.scale_m_per_px;
-  Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px, 0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
-  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];   // image rows run down: −90° points up
+  Eigen::Vector2d at(0.5 * (hand_.width - 1) + (right ? 1.0 : -1.0) * hand_.base_x_m / hand_.scale_m_per_px,
+                     0.5 * (hand_.height - 1) + hand_.base_y_m / hand_.scale_m_per_px);
+  double turn = -0.5 * pi + inwards * joints[right ? 2 : 0];  // image rows run down: −90° points up
   if (link % 2 == 1) {
     at += length * Eigen::Vector2d(std::cos(turn), std::sin(turn));
     turn += inwards * joints[std::size_t(link)];
@@ -107,12 +112,19 @@ inline auto HandLab::map(int link, const HandJoints& joints) const -> sense::Lin
   sense::LinkMap m;
   m.origin_px = at + 0.5 * length * along;
   m.along_px_per_m = along / hand_.scale_m_per_px;
-  m.z_clockwise = !right;   // the pads face each other
+  m.z_clockwise = !right;  // the pads face each other
   return m;
 }
 
-inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig, const HandRig& hand, SideGeometry side)
-    : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), hand_(hand), side_(std::move(side)) {
+inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed, double noise, const Rig& rig,
+                        const HandRig& hand, SideGeometry side)
+    : light_(&light),
+      plan_(std::move(plan)),
+      seed_(seed),
+      noise_(noise),
+      rig_(rig),
+      hand_(hand),
+      side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
   require_in_range("steps of the hand's sweep", plan_.sweep_steps, 2, 100, "");
@@ -129,7 +141,9 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   per_DN_ = light.scale_to(rig_.camera.level_DN);
 
   // Both fingers alike through their workspace, to and fro, then from grasp to grasp.
-  const auto node = [&](int k) { return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1); };
+  const auto node = [&](int k) {
+    return plan_.low_rad + (plan_.high_rad - plan_.low_rad) * k / (plan_.sweep_steps - 1);
+  };
   keys_.push_back({0.0, {plan_.low_rad, plan_.low_rad, plan_.low_rad, plan_.low_rad}, -1, 0.0});
   keys_.push_back({0.5, keys_.back().joints, -1, 0.0});
   for (int i = 0; i < plan_.sweep_steps; ++i)
@@ -147,7 +161,8 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
     s.link.z_low_m = side_.low_m + 1.0_mm, s.link.z_high_m = side_.high_m - 1.0_mm;
     for (int k = 0; k < 2; ++k) {
       s.link.hole_m.col(k) << hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m;
-      s.hole_px.col(k) = map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
+      s.hole_px.col(k) =
+          map(l, keys_.front().joints).pixel(hand_.hole_y_m[std::size_t(k)], hand_.hole_z_m).array().round();
     }
     session_.links.push_back(std::move(s));
   }
@@ -175,7 +190,9 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); };
+  const auto segment = [&](double from_s, double to_s, const char* kind) {
+    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
+  };
   segment(0.0, free_s, "free");
   for (const auto& [from, to] : held) segment(from, to, "hold");
 
@@ -195,7 +212,8 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   HandJoints before = keys_.front().joints;
   for (double t = 0.0; t < end_s; t += 1.0 / rig_.motor.hz) {
     const HandTruth now = at(t);
-    sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4), sense::Effort::current_A};
+    sense::JointSample s{lab_stamp(t), sense::JointVector(4), sense::JointVector(4), sense::JointVector::Zero(4),
+                         sense::Effort::current_A};
     for (int k = 0; k < 4; ++k) {
       s.position_rad[k] = now.joints_rad[std::size_t(k)] + noise_ * hand_.joint_sigma_rad * read.normal();
       s.velocity_rad_per_s[k] = (now.joints_rad[std::size_t(k)] - before[std::size_t(k)]) * rig_.motor.hz;
@@ -221,7 +239,7 @@ inline auto HandLab::at(double t_s) const -> HandTruth {
 inline sense::Image HandLab::image(std::size_t k) const {
   struct Seen {
     sense::LinkMap map;
-    double c, s;      ///< cosine and sine of its turn
+    double c, s;  ///< cosine and sine of its turn
     Eigen::VectorXd light;
   };
   const HandTruth& truth = truth_.at(k);
@@ -235,7 +253,8 @@ inline sense::Image HandLab::image(std::size_t k) const {
     links.push_back({m, m.along_px_per_m.x() / scale, m.along_px_per_m.y() / scale, per_DN_ * lamps_[k] * light});
   }
   const Eigen::VectorXd& position = light_->responses().position_m;
-  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px, room = room_DN_[k];
+  const double spacing = position[1] - position[0], blur = rig_.camera.blur_px * hand_.scale_m_per_px,
+               room = room_DN_[k];
   const auto edge = [&](double distance) { return std::clamp(0.5 + 0.5 * distance / (1.5 * blur), 0.0, 1.0); };
   sense::Image image = sense::Image::black(hand_.width, hand_.height, sense::PixelFormat::grey);
   Draws draws(seed_, 100000 + k), sensitivity(seed_, 53);
@@ -245,14 +264,19 @@ inline sense::Image HandLab::image(std::size_t k) const {
     for (int u = 0; u < hand_.width; ++u) {
       double signal = hand_.ground_DN;
       for (const Seen& l : links) {
-        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px, dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
-        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c), end = side_.half_length_m - std::abs(y);
+        const double du = (u - l.map.origin_px.x()) * hand_.scale_m_per_px,
+                     dv = (v - l.map.origin_px.y()) * hand_.scale_m_per_px, side = l.map.z_clockwise ? 1.0 : -1.0;
+        const double y = du * l.c + dv * l.s, z = side * (-du * l.s + dv * l.c),
+                     end = side_.half_length_m - std::abs(y);
         if (end < -3.0 * blur || z < -hand_.carrier_m - 3.0 * blur || z > side_.high_m + 3.0 * blur) continue;
-        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m), pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
+        const double carrier = edge(end) * edge(side_.low_m - z) * edge(z + hand_.carrier_m),
+                     pad = edge(end) * edge(z - side_.low_m) * edge(side_.high_m - z);
         double hole = 0.0;
-        for (const double at : hand_.hole_y_m) hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
+        for (const double at : hand_.hole_y_m)
+          hole = std::max(hole, edge(hand_.hole_radius_m - std::hypot(y - at, z - hand_.hole_z_m)));
         const double behind = std::max(carrier, pad);
-        signal = (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
+        signal =
+            (1.0 - behind) * signal + carrier * (hole * hand_.hole_DN + (1.0 - hole) * hand_.carrier_DN) + pad * room;
         if (pad > 0.0) {
           const double place = std::clamp((y - position[0]) / spacing, 0.0, double(position.size() - 1) - 1e-9);
           const auto bin = Eigen::Index(place);

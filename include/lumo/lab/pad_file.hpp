@@ -14,8 +14,8 @@
 
 namespace lumo {
 
-// Responses of a pad as a text file: a line that names the format, the key of what was computed, blocks "name rows columns" with their numbers row by row, and
-// a last line with a checksum of all before it.
+// Responses of a pad as a text file: a line that names the format, the key of what was computed, blocks "name rows
+// columns" with their numbers row by row, and a last line with a checksum of all before it.
 
 inline constexpr std::string_view pad_file_head = "lumo-pad-responses 1\n";
 
@@ -52,10 +52,12 @@ class BlockReader {
     const std::string_view head = line();
     const auto first = head.find(' '), second = head.find(' ', first + 1);
     long rows = -1, columns = -1;
-    if (first == std::string_view::npos || second == std::string_view::npos || head.substr(0, first) != wanted) fail("a block is missing");
+    if (first == std::string_view::npos || second == std::string_view::npos || head.substr(0, first) != wanted)
+      fail("a block is missing");
     std::from_chars(head.data() + first + 1, head.data() + second, rows);
     std::from_chars(head.data() + second + 1, head.data() + head.size(), columns);
-    if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000) fail("a block has no sensible size");
+    if (rows < 0 || columns < 0 || rows > 100000 || columns > 10000 || rows * columns > 4000000)
+      fail("a block has no sensible size");
     Eigen::MatrixXd m(rows, columns);
     for (long i = 0; i < rows && columns > 0; ++i) {
       const std::string_view l = line();
@@ -87,7 +89,8 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
   const auto add = [&](const char* name, const Eigen::MatrixXd& m) { append_block(t, name, m); };
   add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
   add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
-  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N), add("depth_m", r.depth_m);
+  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N),
+      add("depth_m", r.depth_m);
   for (const auto& m : r.change) add("change", m);
   add("tilt_place_m", r.tilt_place_m);
   for (const auto& m : r.tilt) add("tilt", m);
@@ -95,12 +98,15 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
   return t + message("checksum ", checksum(t), '\n');
 }
 
-/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name` stands in the message.
-inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key, const std::string& name) {
+/// Throws InputError of one line for what is damaged or was made for another key; without a key any will do. `name`
+/// stands in the message.
+inline PadResponses pad_responses_from_text(std::string_view text, const std::optional<std::string>& key,
+                                            const std::string& name) {
   BlockReader reader(text, name);
   if (!text.starts_with(pad_file_head)) reader.fail("holds no responses of a pad");
   const auto last = text.rfind("checksum ");
-  if (last == std::string_view::npos || text.substr(last) != message("checksum ", checksum(text.substr(0, last)), '\n')) reader.fail("is damaged, its checksum is wrong");
+  if (last == std::string_view::npos || text.substr(last) != message("checksum ", checksum(text.substr(0, last)), '\n'))
+    reader.fail("is damaged, its checksum is wrong");
   reader.line();
   const std::string_view made_for = reader.line();
   if (key && made_for != "key " + *key) reader.fail("was made for another pad or with other settings");
@@ -112,7 +118,8 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   const Eigen::MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
-  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"), r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
+  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"),
+  r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
   r.depth_m = reader.block("depth_m");
   for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
   r.tilt_place_m = reader.column("tilt_place_m");
@@ -123,7 +130,8 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 }
 
 /// Nothing when there is no such file. Throws InputError for one that cannot be used.
-inline std::optional<PadResponses> read_pad_responses(const std::string& path, const std::optional<std::string>& key = {}) {
+inline std::optional<PadResponses> read_pad_responses(const std::string& path,
+                                                      const std::optional<std::string>& key = {}) {
   if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));
@@ -131,6 +139,8 @@ inline std::optional<PadResponses> read_pad_responses(const std::string& path, c
 }
 
 /// The whole file or none. Throws InputError.
-inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) { write_whole(path, to_text(r, key)); }
+inline void write_pad_responses(const std::string& path, const PadResponses& r, const std::string& key) {
+  write_whole(path, to_text(r, key));
+}
 
 }  // namespace lumo

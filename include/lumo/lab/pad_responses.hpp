@@ -13,21 +13,22 @@
 
 namespace lumo {
 
-/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per emitted power; of one side, with both sides'
-/// numbers used. Places are y ≥ 0; those below are mirror images.
+/// What one indenter does to the light at one side of a pad, computed at places along it and at loads. Powers are per
+/// emitted power; of one side, with both sides' numbers used. Places are y ≥ 0; those below are mirror images.
 struct PadResponses {
-  std::vector<double> theta_mm;      ///< design
+  std::vector<double> theta_mm;  ///< design
   std::string material;
-  double diameter_m = 0.0;           ///< of the sphere
-  Eigen::VectorXd position_m;        ///< middles of the bins, ascending, symmetric about 0
-  Eigen::VectorXd unloaded;          ///< power through each bin
-  Eigen::VectorXd place_m;           ///< ascending from 0
-  Eigen::VectorXd load_N;            ///< ascending, > 0
-  Eigen::MatrixXd depth_m;           ///< loads × places
+  double diameter_m = 0.0;              ///< of the sphere
+  Eigen::VectorXd position_m;           ///< middles of the bins, ascending, symmetric about 0
+  Eigen::VectorXd unloaded;             ///< power through each bin
+  Eigen::VectorXd place_m;              ///< ascending from 0
+  Eigen::VectorXd load_N;               ///< ascending, > 0
+  Eigen::MatrixXd depth_m;              ///< loads × places
   std::vector<Eigen::MatrixXd> change;  ///< by place: bins × loads
-  Eigen::VectorXd tilt_place_m;      ///< places at which a tilted approach was computed, ascending from 0
-  std::vector<Eigen::MatrixXd> tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
-  Eigen::VectorXd error;             ///< by load: RMS standard error of a bin's change, from the tracer's replicates
+  Eigen::VectorXd tilt_place_m;         ///< places at which a tilted approach was computed, ascending from 0
+  std::vector<Eigen::MatrixXd>
+      tilt;  ///< by tilt place: odd part of the change on the side x > 0 per radian of approach angle, bins × loads
+  Eigen::VectorXd error;  ///< by load: RMS standard error of a bin's change, from the tracer's replicates
 };
 
 /// Throws InputError, with `name` before it, where the parts do not fit together or are not finite.
@@ -35,24 +36,33 @@ inline void validate(const PadResponses& r, const std::string& name) {
   const auto require = [&](bool good, const char* what) {
     if (!good) throw InputError(message(name, ": responses of a pad: ", what));
   };
-  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(), tilts = r.tilt_place_m.size();
+  const Eigen::Index bins = r.position_m.size(), loads = r.load_N.size(), places = r.place_m.size(),
+                     tilts = r.tilt_place_m.size();
   const auto ascend = [](const Eigen::VectorXd& v) { return std::is_sorted(v.begin(), v.end(), std::less_equal<>()); };
-  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m), "there must be at least 3 bins, ascending, with unloaded power each");
+  require(bins >= 3 && r.unloaded.size() == bins && ascend(r.position_m),
+          "there must be at least 3 bins, ascending, with unloaded power each");
   const Eigen::VectorXd& position_m = r.position_m;
   require((position_m + position_m.reverse()).cwiseAbs().maxCoeff() < 1e-9, "bins must be symmetric about y = 0");
-  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads, "there must be at least 2 loads, ascending");
-  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places, "there must be at least 2 places, ascending from 0");
-  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts, "there must be a tilted approach at least at one place");
-  require(r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0, "a depth is missing or not positive");
-  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0, "unloaded power must be finite and not negative");
+  require(loads >= 2 && ascend(r.load_N) && r.load_N[0] > 0.0 && r.error.size() == loads,
+          "there must be at least 2 loads, ascending");
+  require(places >= 2 && ascend(r.place_m) && r.place_m[0] == 0.0 && Eigen::Index(r.change.size()) == places,
+          "there must be at least 2 places, ascending from 0");
+  require(tilts >= 1 && ascend(r.tilt_place_m) && Eigen::Index(r.tilt.size()) == tilts,
+          "there must be a tilted approach at least at one place");
+  require(
+      r.depth_m.rows() == loads && r.depth_m.cols() == places && r.depth_m.allFinite() && r.depth_m.minCoeff() > 0.0,
+      "a depth is missing or not positive");
+  require(r.unloaded.allFinite() && r.unloaded.minCoeff() >= 0.0 && r.unloaded.sum() > 0.0,
+          "unloaded power must be finite and not negative");
   for (const auto* list : {&r.change, &r.tilt})
-    for (const Eigen::MatrixXd& m : *list) require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
+    for (const Eigen::MatrixXd& m : *list)
+      require(m.rows() == bins && m.cols() == loads && m.allFinite(), "a response is missing or not finite");
 }
 
-/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load, starting at 0 N.
+/// The responses in between: linear from place to place, monotone cubic (Fritsch & Butland 1984) from load to load,
+/// starting at 0 N.
 class PadLight {
  public:
-
   /// Throws InputError for responses that do not fit together.
   explicit PadLight(PadResponses responses) : r_(std::move(responses)) {
     validate(r_, "responses");
@@ -73,16 +83,20 @@ class PadLight {
     return level * bins / sum;
   }
 
-  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those computed count as the last ones.
-  /// The odd part of a tilt is that of the nearest tilt places, moved with the contact.
+  /// Change of the power through each bin of the side x > 0 under a contact at y. Places and loads beyond those
+  /// computed count as the last ones. The odd part of a tilt is that of the nearest tilt places, moved with the
+  /// contact.
   Eigen::VectorXd change(double y_m, double load_N, double tilt_rad = 0.0) const {
     const auto [k, t] = between(r_.place_m, std::abs(y_m));
     Eigen::VectorXd v = (1.0 - t) * at_load(r_.change[k], slope_[k], load_N);
     if (t > 0.0) v += t * at_load(r_.change[k + 1], slope_[k + 1], load_N);
     if (tilt_rad != 0.0) {
       const auto [i, s] = between(r_.tilt_place_m, std::abs(y_m));
-      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
-      if (s > 0.0) add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N), std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
+      add_moved(v, tilt_rad * (1.0 - s), at_load(r_.tilt[i], tilt_slope_[i], load_N),
+                std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i)]);
+      if (s > 0.0)
+        add_moved(v, tilt_rad * s, at_load(r_.tilt[i + 1], tilt_slope_[i + 1], load_N),
+                  std::abs(y_m) - r_.tilt_place_m[Eigen::Index(i) + 1]);
     }
     return y_m < 0.0 ? Eigen::VectorXd(v.reverse()) : v;
   }
@@ -120,7 +134,9 @@ class PadLight {
   Eigen::MatrixXd slopes(const Eigen::MatrixXd& value) const {
     const Eigen::Index n = value.cols();
     Eigen::MatrixXd secant(value.rows(), n), slope(value.rows(), n + 1);
-    for (Eigen::Index k = 0; k < n; ++k) secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) / (load(k + 1) - load(k));
+    for (Eigen::Index k = 0; k < n; ++k)
+      secant.col(k) = (value.col(k) - (k ? Eigen::VectorXd(value.col(k - 1)) : Eigen::VectorXd::Zero(value.rows()))) /
+                      (load(k + 1) - load(k));
     slope.col(0) = secant.col(0), slope.col(n) = secant.col(n - 1);
     for (Eigen::Index k = 1; k < n; ++k) {
       const double a = load(k) - load(k - 1), b = load(k + 1) - load(k), wa = (a + 2.0 * b) / (3.0 * (a + b));
@@ -138,7 +154,8 @@ class PadLight {
     Eigen::Index k = 0;
     while (at >= load(k + 1)) ++k;
     const double h = load(k + 1) - load(k), t = (at - load(k)) / h, u = 1.0 - t;
-    Eigen::VectorXd v = (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
+    Eigen::VectorXd v =
+        (t * t * (1.0 + 2.0 * u)) * value.col(k) + (h * t * u * u) * slope.col(k) - (h * t * t * u) * slope.col(k + 1);
     if (k > 0) v += (u * u * (1.0 + 2.0 * t)) * value.col(k - 1);
     return v;
   }

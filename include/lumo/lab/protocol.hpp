@@ -23,31 +23,32 @@ struct LoadStep {
 /// One contact from first touch to leaving.
 struct LabContact {
   int place = 0;
-  double y_m = 0.0;          ///< of the jig
+  double y_m = 0.0;  ///< of the jig
   int repetition = 0;
   std::vector<LoadStep> steps;
-  double angle_rad = 0.0;    ///< of approach, small
-  double rest_s = 1.0;       ///< without contact before it
-  int view = 0;              ///< of LabPlan::views
+  double angle_rad = 0.0;  ///< of approach, small
+  double rest_s = 1.0;     ///< without contact before it
+  int view = 0;            ///< of LabPlan::views
 };
 
 /// A camera's place and the room's and lamps' light, as an experiment sets them on purpose.
 struct LabView {
   CameraPlace place;
-  double room = 1.0;         ///< ambient light, times the rig's
-  double lamps = 1.0;        ///< 0: off
+  double room = 1.0;   ///< ambient light, times the rig's
+  double lamps = 1.0;  ///< 0: off
 };
 
 /// What is done in one log.
 struct LabPlan {
   std::string title;
-  double free_run_s = 0.0;   ///< the joint sweeps without contact, to get to know its friction and weight
+  double free_run_s = 0.0;  ///< the joint sweeps without contact, to get to know its friction and weight
   std::vector<LabContact> contacts;
   std::vector<LabView> views{LabView{}};
 };
 
 inline constexpr std::array<double, 6> lab_places_m{-25e-3, -15e-3, -5e-3, 5e-3, 15e-3, 25e-3};
-/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's neighbours.
+/// Places 1, 3 and 5 of those, numbered along the finger without gaps in their own logs, where they are each other's
+/// neighbours.
 inline constexpr std::array<double, 3> lab_odd_places_m{lab_places_m[0], lab_places_m[2], lab_places_m[4]};
 
 inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, double ramp_s, double hold_s) {
@@ -56,16 +57,19 @@ inline std::vector<LoadStep> lab_holds(const std::vector<double>& loads_N, doubl
   return steps;
 }
 
-/// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between (paper, re-contact evaluation).
+/// Six places 10 mm apart, `repetitions` independent re-contacts each, 2, 5, 10, 15 N held 1 s, unloaded in between
+/// (paper, re-contact evaluation).
 inline LabPlan recontact_plan(int repetitions = 5) {
   require_in_range("repetitions", repetitions, 1, 1000, "");
   LabPlan plan{"re-contacts at six places", 0.0, {}};
   for (int r = 0; r < repetitions; ++r)
-    for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], r, lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
+    for (int p = 0; p < 6; ++p)
+      plan.contacts.push_back({p, lab_places_m[std::size_t(p)], r, lab_holds({2, 5, 10, 15}, 0.3, 1.0)});
   return plan;
 }
 
-/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics (paper, contact cycling).
+/// Five unbroken cycles between 2 and 15 N at places 1, 3 and 5, three runs, after re-contacts for the other metrics
+/// (paper, contact cycling).
 inline LabPlan cycle_plan(int runs = 3) {
   require_in_range("runs", runs, 1, 1000, "");
   LabPlan plan{"cycles within contact at three places", 0.0, {}};
@@ -82,19 +86,25 @@ inline LabPlan cycle_plan(int runs = 3) {
   return plan;
 }
 
-/// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper, imaging variation).
+/// Places 1, 3 and 5 up to 20 N under other camera heights and pitches, other room light, and with the LEDs off (paper,
+/// imaging variation).
 inline LabPlan imaging_plan() {
   LabPlan plan{"imaging variation", 0.0, {}, {}};
-  plan.views = {{}, {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}}, {{}, 4.0}, {{}, 1.0, 0.0}};
+  plan.views = {{},        {{0, 0, 0, 0, 1.5_mm}}, {{0, 0, 0, 0, -1.5_mm}}, {{0, 6.0_deg}}, {{0, -6.0_deg}},
+                {{}, 4.0}, {{}, 1.0, 0.0}};
   for (int v = 0; v < int(plan.views.size()); ++v)
-    for (int p = 0; p < 3; ++p) plan.contacts.push_back({p, lab_odd_places_m[std::size_t(p)], v, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
+    for (int p = 0; p < 3; ++p)
+      plan.contacts.push_back(
+          {p, lab_odd_places_m[std::size_t(p)], v, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.5), 0.0, 1.0, v});
   return plan;
 }
 
-/// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force estimation).
+/// An unloaded sweep of the joint, then six sequences of 2, 5, 10, 15, 20 N, one for each place (paper, force
+/// estimation).
 inline LabPlan force_plan() {
   LabPlan plan{"location and force at six places", 9.0, {}};
-  for (int p = 0; p < 6; ++p) plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
+  for (int p = 0; p < 6; ++p)
+    plan.contacts.push_back({p, lab_places_m[std::size_t(p)], 0, lab_holds({2, 5, 10, 15, 20}, 0.3, 0.9), 0.0, 1.5});
   return plan;
 }
 

@@ -9,8 +9,8 @@
 
 namespace lumo {
 
-/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was drawn elsewhere. The same on every machine
-/// up to its mathematical functions' last bit.
+/// Random numbers by counting: what is drawn depends on the seed, the stream's number and the count, not on what was
+/// drawn elsewhere. The same on every machine up to its mathematical functions' last bit.
 class Draws {
  public:
   Draws(std::uint64_t seed, std::uint64_t stream) : key_(combine(combine(0x1ab0ull, seed), stream)) {}
@@ -48,11 +48,15 @@ class SlowNoise {
   double time_s_, value_, t_s_ = 0.0;
 };
 
-/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as the rig has them. Takes the streams `first`
-/// and `first` + 2.
+/// How much brighter lamps are than their mean, relative: slowly together, and frame by frame; standard deviations as
+/// the rig has them. Takes the streams `first` and `first` + 2.
 class LampNoise {
  public:
-  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first) : drift_(rig.lamp_drift), white_(rig.lamp_white), slow_(Draws(seed, first), rig.lamp_drift_s), fast_(seed, first + 2) {}
+  LampNoise(const LightRig& rig, std::uint64_t seed, std::uint64_t first)
+      : drift_(rig.lamp_drift),
+        white_(rig.lamp_white),
+        slow_(Draws(seed, first), rig.lamp_drift_s),
+        fast_(seed, first + 2) {}
   double at(double t_s) {
     const double slow = drift_ * slow_.at(t_s);
     return slow + white_ * fast_.normal();

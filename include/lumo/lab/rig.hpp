@@ -10,58 +10,64 @@
 
 namespace lumo {
 
-// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does). They were fixed before any decoder, localiser
-// or force estimator was run on a log of the lab; the lab's `noise` multiplies all that is marked σ.
+// Every number of the virtual rig, with its source or the word "assumed" (docs/virtual_lab.md tells what each does).
+// They were fixed before any decoder, localiser or force estimator was run on a log of the lab; the lab's `noise`
+// multiplies all that is marked σ.
 
-/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is recorded. The picture is its green plane.
+/// The camera, about an Intel RealSense D435's colour sensor at 640 × 480, of which a window about the finger is
+/// recorded. The picture is its green plane.
 struct CameraRig {
-  int width = 192, height = 80;       ///< of the window [px]
-  double focal_px = 616.0;            ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
-  double distance_m = 0.25;           ///< from the facing side; assumed, 0.41 mm/px
-  double aim_sigma_rad = 1.5_deg;     ///< σ of yaw, pitch and roll of one placing by hand; assumed
-  double aim_sigma_m = 1.0_mm;        ///< σ of the place along y and z; assumed
+  int width = 192, height = 80;    ///< of the window [px]
+  double focal_px = 616.0;         ///< 1386 px at 1920 × 1080 (FOV 69.4°, FRAMOS D435e manual), 1080 rows made 480
+  double distance_m = 0.25;        ///< from the facing side; assumed, 0.41 mm/px
+  double aim_sigma_rad = 1.5_deg;  ///< σ of yaw, pitch and roll of one placing by hand; assumed
+  double aim_sigma_m = 1.0_mm;     ///< σ of the place along y and z; assumed
   double frames_per_s = 30.0;
-  double exposure_s = 1.0e-3;         ///< device setting 10 (paper), 100 µs each (librealsense #8243)
-  double gain = 64.0;                 ///< device setting (paper)
-  double level_DN = 70.0;             ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
-  double gamma = 1.0;                 ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
-  double black_DN = 2.0;              ///< assumed
+  double exposure_s = 1.0e-3;  ///< device setting 10 (paper), 100 µs each (librealsense #8243)
+  double gain = 64.0;          ///< device setting (paper)
+  double level_DN = 70.0;      ///< of the unloaded side, mean over |y| ≤ 25 mm; assumed
+  double gamma = 1.0;          ///< DN = 255 (linear/255)^(1/gamma); 1: linear, assumed
+  double black_DN = 2.0;       ///< assumed
   double full_DN = 255.0;
-  double shot_DN = 0.03;              ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
-  double read_DN = 0.6;               ///< σ, assumed
-  double row_DN = 0.35;               ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
-  double pixel_gain = 0.01;           ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
-  double blur_px = 0.8;               ///< standard deviation of the lens's point spread; assumed
-  double stamp_sigma_s = 0.2e-3;      ///< σ of a stamp; assumed
+  double shot_DN = 0.03;  ///< σ² per DN of signal: SNR 36 dB at 128 DN (EMVA 1288 model; level from memory: assumed), σ
+  double read_DN = 0.6;           ///< σ, assumed
+  double row_DN = 0.35;           ///< σ of a row's offset, one frame; 0.3–0.5 (memory: assumed)
+  double pixel_gain = 0.01;       ///< σ of fixed sensitivities, PRNU about 1 % (memory: assumed)
+  double blur_px = 0.8;           ///< standard deviation of the lens's point spread; assumed
+  double stamp_sigma_s = 0.2e-3;  ///< σ of a stamp; assumed
 };
 
 /// The finger's lamps and the room's.
 struct LightRig {
-  double lamp_drift = 3.0e-3;         ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up (memory: assumed)
-  double lamp_drift_s = 20.0;         ///< its time
-  double lamp_white = 1.0e-3;         ///< σ frame by frame; assumed
-  double ambient_DN = 5.0;            ///< mean; assumed
-  double ambient_slope = 0.2;         ///< relative, from end to end of the window; assumed
-  double ambient_drift = 0.02;        ///< σ relative; assumed
+  double lamp_drift = 3.0e-3;  ///< σ of the lamps' slow common change; LED drift 0.2 % between contacts, 1–2 % warm-up
+                               ///< (memory: assumed)
+  double lamp_drift_s = 20.0;   ///< its time
+  double lamp_white = 1.0e-3;   ///< σ frame by frame; assumed
+  double ambient_DN = 5.0;      ///< mean; assumed
+  double ambient_slope = 0.2;   ///< relative, from end to end of the window; assumed
+  double ambient_drift = 0.02;  ///< σ relative; assumed
   double ambient_drift_s = 5.0;
-  double flicker = 0.1;               ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
+  double flicker = 0.1;  ///< σ-like amplitude of 100 Hz (mains) relative to ambient; assumed
   double flicker_hz = 100.0;
-  double spot_DN = 80.0;              ///< a LED's package seen through the side, on top of the side's light; assumed (the paper detects five LEDs)
-  double spot_sigma_m = 0.7_mm;       ///< half of the package's 1.6 mm, blurred; assumed
+  double spot_DN = 80.0;  ///< a LED's package seen through the side, on top of the side's light; assumed (the paper
+                          ///< detects five LEDs)
+  double spot_sigma_m = 0.7_mm;  ///< half of the package's 1.6 mm, blurred; assumed
 };
 
 /// The indenter and how well it comes back.
 struct ContactRig {
-  double place_sigma_m = 0.25_mm;     ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
-  double tilt_sigma_rad = 0.5_deg;    ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
-  double load_sigma = 0.005;          ///< σ of a hold's load, relative; assumed
-  double sensor_sigma_N = 0.05;       ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
-  double sensor_bias_N = 0.05;        ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
+  double place_sigma_m = 0.25_mm;  ///< σ of a re-contact along y; indexed jig 0.2–0.3 mm (memory: assumed)
+  double tilt_sigma_rad =
+      0.5_deg;  ///< σ: angle 0.4° and 0.2 mm sideways on a dome of 36 mm radius, 0.3° (memory: assumed)
+  double load_sigma = 0.005;     ///< σ of a hold's load, relative; assumed
+  double sensor_sigma_N = 0.05;  ///< σ of one sample of the force sensor (Bota Rokubi, memory: assumed)
+  double sensor_bias_N = 0.05;   ///< σ after tare; vendor's test accepts 0.2 N (bota_driver)
   double sensor_hz = 100.0;
-  double marker_sigma_m = 0.02_mm;    ///< σ of the followed marker on the indenter; assumed
+  double marker_sigma_m = 0.02_mm;  ///< σ of the followed marker on the indenter; assumed
 };
 
-/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes suggest for Dragon Skin; assumed.
+/// Linear viscoelasticity: shear relaxation in parts of the instantaneous modulus. Solaris: half of what field notes
+/// suggest for Dragon Skin; assumed.
 struct SiliconeRig {
   std::array<double, 3> part{0.02, 0.015, 0.015};
   std::array<double, 3> time_s{0.1, 1.0, 10.0};
@@ -70,14 +76,16 @@ struct SiliconeRig {
 /// The joints under local position control, with current for torque: one, or a second one alike before it.
 struct MotorRig {
   int joints = 1;
-  double joint_to_joint_m = 45.0_mm;        ///< from the first of two to the second; assumed
-  double joint_to_origin_m = 65.0_mm;       ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
-  double torque_constant_Nm_per_A = 0.35;   ///< gear included; assumed
-  double constant_sigma = 0.02;             ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
-  double stiction_Nm = 0.079;               ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
-  double white_Nm = 0.0685;                 ///< σ of one sample; current noise and ripple: set for 1.29 N
+  double joint_to_joint_m = 45.0_mm;       ///< from the first of two to the second; assumed
+  double joint_to_origin_m = 65.0_mm;      ///< assumed; sets what a fixed arm errs by (paper: 2.72 N)
+  double torque_constant_Nm_per_A = 0.35;  ///< gear included; assumed
+  double constant_sigma =
+      0.02;  ///< σ of the constant's relative error, one for each log; 3–5 % uncalibrated (memory: assumed)
+  double stiction_Nm =
+      0.079;  ///< σ of what sticks; new when a contact begins or ends, constant in between: set for 1.29 N
+  double white_Nm = 0.0685;  ///< σ of one sample; current noise and ripple: set for 1.29 N
   double coulomb_Nm = 0.02, viscous_Nm_s_per_rad = 0.01;  ///< while it turns; 5–25 mN·m (memory: assumed)
-  double weight_Nm = 0.06;                  ///< of the finger, times sin q; assumed
+  double weight_Nm = 0.06;                                ///< of the finger, times sin q; assumed
   double bias_Nm = 0.01;                    ///< σ of the current sensor's offset, one for each log; assumed
   double velocity_sigma_rad_per_s = 0.003;  ///< σ; assumed
   double hold_rad = 0.15;                   ///< where it holds; assumed
@@ -87,10 +95,11 @@ struct MotorRig {
 
 /// How the pad at hand differs from the computed one.
 struct SpecimenRig {
-  double stiffness = 1.0;             ///< of its silicone, relative: it deforms as the computed pad does under the load over this
-  double lamps = 1.0;                 ///< power of its LEDs, relative
+  double stiffness = 1.0;  ///< of its silicone, relative: it deforms as the computed pad does under the load over this
+  double lamps = 1.0;      ///< power of its LEDs, relative
 
-  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms more.
+  /// Largest load that it can be given where the computed pad knows loads up to `computed_N`: a softer one deforms
+  /// more.
   double bears_N(double computed_N) const { return std::min(1.0, stiffness) * computed_N; }
 };
 

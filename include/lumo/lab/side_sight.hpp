@@ -12,22 +12,24 @@
 
 namespace lumo {
 
-/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not where it was). By default all light that
-/// leaves a visible side counts, whatever its direction, which is how the paper's own model reads an image (r_b). A real lens sees a narrow cone: one that
-/// looks level or down on a pad that does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
+/// What is seen of a pad's two sides, by the *deformed* place along the finger (a camera sees where the surface is, not
+/// where it was). By default all light that leaves a visible side counts, whatever its direction, which is how the
+/// paper's own model reads an image (r_b). A real lens sees a narrow cone: one that looks level or down on a pad that
+/// does not scatter sees hardly more than shadows, because a dent throws light down and outwards (docs/virtual_lab.md).
 /// Channels 0 … bins − 1 are the side x > 0, the others the side x < 0, each from proximal to distal.
 struct SideSight {
   int bins = 60;
   double half_range_m = 30.0_mm;
-  double pitch_rad = 0.0;      ///< of the line of sight above the base plane: the camera looks down on the pad by so much
-  double cone_rad = pi;        ///< half angle of the cone about the line of sight; π: all directions
+  double pitch_rad = 0.0;  ///< of the line of sight above the base plane: the camera looks down on the pad by so much
+  double cone_rad = pi;    ///< half angle of the cone about the line of sight; π: all directions
 
   int channels(const Body&) const { return 2 * bins; }
   int channel(const Escape& e) const {
     if (e.region < 0) return -1;
     const bool right = e.reference.x() > 0.0;
     const double sideways = right ? e.direction.x() : -e.direction.x();
-    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad)) return -1;
+    if (cone_rad < pi && sideways * std::cos(pitch_rad) + e.direction.z() * std::sin(pitch_rad) < std::cos(cone_rad))
+      return -1;
     const double at = (e.position.y() + half_range_m) / (2.0 * half_range_m) * bins;
     return at >= 0.0 && at < bins ? int(at) + (right ? 0 : bins) : -1;
   }
@@ -41,8 +43,9 @@ struct SideSight {
 
 static_assert(ExitReadout<SideSight>);
 
-/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as the sight does).
-/// `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for numbers that make no sense.
+/// The body with the sight's bins for regions, on the surface that was visible before (whose ends now reach as far as
+/// the sight does). `min_abs_nx`: of the undeformed normal, as FingerOptions::Readout says. Throws InvalidArgument for
+/// numbers that make no sense.
 inline Body seen_from_sides(std::type_identity_t<Body> body, const SideSight& sight, double min_abs_nx = 0.5) {
   require_in_range("bins of the side's sight", sight.bins, 2, 4096, "");
   require_positive("range of the side's sight", sight.half_range_m, "m");

@@ -1,16 +1,16 @@
 #pragma once
 
-#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/pad_responses.hpp"
 #include "lumo/lab/protocol.hpp"
+#include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/relaxation.hpp"
 #include "lumo/lab/rig.hpp"
 #include "lumo/lab/side_geometry.hpp"
 #include "lumo/lab/side_painter.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/recording/csv.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -25,9 +25,9 @@ namespace lumo {
 /// What was really so at a frame. For whoever compares estimates with it, never for who makes them.
 struct TruthSample {
   std::int64_t stamp_ns = 0;
-  int contact = -1;            ///< number in the plan; −1: none
+  int contact = -1;  ///< number in the plan; −1: none
   double y_m = 0.0, force_N = 0.0, tilt_rad = 0.0;
-  double equivalent_N = 0.0;   ///< load that in equilibrium gives the deformation there is
+  double equivalent_N = 0.0;  ///< load that in equilibrium gives the deformation there is
   double depth_m = 0.0;
 };
 
@@ -36,19 +36,22 @@ inline std::string truth_text(const std::vector<TruthSample>& truth) {
   std::string t = "stamp_ns,contact,y_mm,force_N,tilt_deg,equivalent_N,depth_mm\n";
   for (const TruthSample& s : truth) {
     t += std::to_string(s.stamp_ns) + ',' + std::to_string(s.contact);
-    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m}) t += ',' + sense::csv_number(v);
+    for (const double v : {1e3 * s.y_m, s.force_N, s.tilt_rad * 180.0 / pi, s.equivalent_N, 1e3 * s.depth_m})
+      t += ',' + sense::csv_number(v);
     t += '\n';
   }
   return t;
 }
 
-/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes from computed responses only. A pure function
-/// of responses, plan, seed and `noise`, which multiplies every σ of the rig.
+/// A pad, a camera, a motor and an indenter that go through a plan and leave a log as a real rig would. Light comes
+/// from computed responses only. A pure function of responses, plan, seed and `noise`, which multiplies every σ of the
+/// rig.
 class VirtualRig {
  public:
-
-  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond those computed.
-  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {}, SideGeometry side = {});
+  /// `light` stays the caller's. Throws InvalidArgument for numbers that make no sense, or loads and places beyond
+  /// those computed.
+  VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed = 1, double noise = 1.0, Rig rig = {},
+             SideGeometry side = {});
 
   const sense::Session& session() const { return session_; }
   const std::vector<sense::FrameRecord>& frames() const { return frames_; }
@@ -78,7 +81,9 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) { session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind}); }
+  void add_segment(double from_s, double to_s, const char* kind) {
+    session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
+  }
   void deform();
   void record_joints();
   void record_forces();
@@ -94,11 +99,11 @@ class VirtualRig {
   sense::Session session_;
   std::vector<Contact> contacts_;
   std::vector<Phase> phases_;
-  std::vector<Sampled> sampled_;   ///< at the joint's rate
+  std::vector<Sampled> sampled_;  ///< at the joint's rate
   std::vector<SidePainter> painters_;
   std::vector<sense::FrameRecord> frames_;
   std::vector<TruthSample> truth_;
-  std::vector<int> view_;          ///< of each frame
+  std::vector<int> view_;                ///< of each frame
   std::vector<double> lamps_, room_DN_;  ///< at each frame
   std::vector<sense::JointSample> joints_;
   std::vector<sense::WrenchSample> wrenches_;
@@ -117,7 +122,9 @@ class VirtualCamera {
     const sense::FrameRecord& f = rig_->frames()[next_];
     return sense::Frame{image_.view(), f.stamp_ns, f.exposure_s, f.gain, std::int64_t(next_++)};
   }
-  sense::StreamState state() const { return next_ == rig_->frames().size() ? sense::StreamState::ended : sense::StreamState::open; }
+  sense::StreamState state() const {
+    return next_ == rig_->frames().size() ? sense::StreamState::ended : sense::StreamState::open;
+  }
 
  private:
   const VirtualRig* rig_;
@@ -127,7 +134,8 @@ class VirtualCamera {
 
 static_assert(sense::Camera<VirtualCamera>);
 
-inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig, SideGeometry side)
+inline VirtualRig::VirtualRig(const PadLight& light, LabPlan plan, std::uint64_t seed, double noise, Rig rig,
+                              SideGeometry side)
     : light_(&light), plan_(std::move(plan)), seed_(seed), noise_(noise), rig_(rig), side_(std::move(side)) {
   validate(rig_);
   require_in_range("noise of the virtual lab", noise_, 0.0, 100.0, "");
@@ -163,9 +171,12 @@ inline void VirtualRig::draw_contacts() {
   Draws draws(seed_, 1);
   const double reach = light_->reach_m();
   for (const LabContact& c : plan_.contacts) {
-    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(), tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
+    const double y = c.y_m + noise_ * rig_.contact.place_sigma_m * draws.normal(),
+                 tilt = c.angle_rad + noise_ * rig_.contact.tilt_sigma_rad * draws.normal();
     contacts_.push_back({std::clamp(y, -reach, reach), tilt, noise_ * rig_.motor.stiction_Nm * draws.normal(), {}});
-    for (const LoadStep& s : c.steps) contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()), s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
+    for (const LoadStep& s : c.steps)
+      contacts_.back().load_N.push_back(std::min(rig_.specimen.bears_N(light_->max_load_N()),
+                                                 s.load_N * (1.0 + noise_ * rig_.contact.load_sigma * draws.normal())));
   }
 }
 
@@ -186,8 +197,10 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s, load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
       sense::Segment g;
-      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place, g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
-      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi, g.diameter_mm = 1e3 * light_->responses().diameter_m;
+      g.from_ns = lab_stamp(t + 0.2 * s.hold_s), g.to_ns = lab_stamp(t + s.hold_s), g.kind = s.kind, g.place = c.place,
+      g.y_mm = 1e3 * c.y_m, g.repetition = c.repetition;
+      g.cycle = s.cycle, g.load_N = s.load_N, g.angle_deg = c.angle_rad * 180.0 / pi,
+      g.diameter_mm = 1e3 * light_->responses().diameter_m;
       session_.segments.push_back(g);
       t += s.hold_s;
     }
@@ -224,23 +237,28 @@ inline auto VirtualRig::at(double t_s) const -> Sampled {
   const Sampled &a = sampled_[i], &b = sampled_[j];
   const double share = index - double(i);
   if (a.contact != b.contact) return share < 0.5 ? a : b;
-  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N), a.contact};
+  return {a.load_N + share * (b.load_N - a.load_N), a.equivalent_N + share * (b.equivalent_N - a.equivalent_N),
+          a.contact};
 }
 
 /// Joint by joint: what sticks and errs is each one's own.
 inline void VirtualRig::record_joints() {
   const MotorRig& m = rig_.motor;
   const double dt = 1.0 / m.hz;
-  for (std::size_t i = 0; i < sampled_.size(); ++i) joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::JointVector(m.joints), sense::Effort::current_A});
+  for (std::size_t i = 0; i < sampled_.size(); ++i)
+    joints_.push_back({lab_stamp(double(i) * dt), sense::JointVector(m.joints), sense::JointVector(m.joints),
+                       sense::JointVector(m.joints), sense::Effort::current_A});
   for (int joint = 0; joint < m.joints; ++joint) {
     const bool last_joint = joint + 1 == m.joints;
     const std::uint64_t stream = last_joint ? 2 : 60;
     Draws once(seed_, stream), draws(seed_, stream + 1), stick(seed_, stream + 2), own(seed_, stream + 3);
-    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()), bias = noise_ * m.bias_Nm * once.normal();
+    const double constant = m.torque_constant_Nm_per_A * (1.0 + noise_ * m.constant_sigma * once.normal()),
+                 bias = noise_ * m.bias_Nm * once.normal();
     // Both hold the same angle, so that the pad's link is turned against the one before it.
     const double before = last_joint ? 0.0 : m.joint_to_joint_m * std::cos(m.hold_rad);
-    std::vector<double> sticks;   // under each contact
-    for (const Contact& c : contacts_) sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
+    std::vector<double> sticks;  // under each contact
+    for (const Contact& c : contacts_)
+      sticks.push_back(last_joint ? c.stick_Nm : noise_ * m.stiction_Nm * own.normal());
     double rest_stick = 0.0, last_load = 0.0;
     int last = -1;
     bool moving = false;
@@ -249,13 +267,18 @@ inline void VirtualRig::record_joints() {
       const Sampled& s = sampled_[i];
       if (s.contact < 0 && (last >= 0 || i == 0)) rest_stick = noise_ * m.stiction_Nm * stick.normal();
       last = s.contact;
-      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m, load = s.load_N * arm;
-      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt, friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
+      const double arm = s.contact < 0 ? 0.0 : before + m.joint_to_origin_m + contacts_[std::size_t(s.contact)].y_m,
+                   load = s.load_N * arm;
+      double q = m.hold_rad - load / m.stiffness_Nm_per_rad, v = -(load - last_load) / m.stiffness_Nm_per_rad / dt,
+             friction = s.contact < 0 ? rest_stick : sticks[std::size_t(s.contact)];
       if (i == 0) v = 0.0;
       last_load = load;
-      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of what sticks
-        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat), phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
-        q = m.hold_rad - way * swing * std::cos(pi * phase), v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
+      if (t < plan_.free_run_s) {  // to and fro, with a rest after each sweep: moving tells of friction, resting of
+                                   // what sticks
+        const double beat = 0.75, sweep = 0.5, swing = 0.35, k = std::floor(t / beat),
+                     phase = std::min((t - k * beat) / sweep, 1.0), way = std::fmod(k, 2.0) == 0.0 ? 1.0 : -1.0;
+        q = m.hold_rad - way * swing * std::cos(pi * phase),
+        v = phase < 1.0 ? way * swing * pi / sweep * std::sin(pi * phase) : 0.0;
         if (phase >= 1.0 && moving) rest_stick = noise_ * m.stiction_Nm * stick.normal();
         moving = phase < 1.0;
         friction = moving ? m.coulomb_Nm * std::tanh(v / 0.02) + m.viscous_Nm_s_per_rad * v : rest_stick;
@@ -290,17 +313,25 @@ inline void VirtualRig::record_frames() {
   Draws once(seed_, 6), jitter(seed_, 7);
   // Whoever places it by hand looks at the picture, and places it again where the pad does not lie in it.
   std::vector<SideCamera> cameras;
-  for (int trial = 0; trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(), [](const SideCamera& view) { return view.shows_side(); })); ++trial) {
-    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
+  for (int trial = 0;
+       trial == 0 || (trial < 1000 && !std::all_of(cameras.begin(), cameras.end(),
+                                                   [](const SideCamera& view) { return view.shows_side(); }));
+       ++trial) {
+    const CameraPlace set{noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_rad * once.normal(),
+                          noise_ * c.aim_sigma_rad * once.normal(), noise_ * c.aim_sigma_m * once.normal(),
                           noise_ * c.aim_sigma_m * once.normal()};
     cameras.clear();
     for (const LabView& v : plan_.views)
-      cameras.emplace_back(c, side_, CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad, set.along_m + v.place.along_m, set.height_m + v.place.height_m});
+      cameras.emplace_back(
+          c, side_,
+          CameraPlace{set.yaw_rad + v.place.yaw_rad, set.pitch_rad + v.place.pitch_rad, set.roll_rad + v.place.roll_rad,
+                      set.along_m + v.place.along_m, set.height_m + v.place.height_m});
   }
   for (const SideCamera& view : cameras) painters_.emplace_back(view, l, light_->responses().position_m, seed_);
   LampNoise lamps(l, seed_, 8);
   SlowNoise room(Draws(seed_, 9), l.ambient_drift_s);
-  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s, averaged = half > 0.0 ? std::sin(half) / half : 1.0;
+  const double phase = 2.0 * pi * once.uniform(), half = pi * l.flicker_hz * c.exposure_s,
+               averaged = half > 0.0 ? std::sin(half) / half : 1.0;
   int view = plan_.contacts.empty() ? 0 : plan_.contacts.front().view;
   for (double t = 0.01; t < end_s_; t += 1.0 / c.frames_per_s) {
     const Sampled s = at(t);
@@ -313,13 +344,16 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N, truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+      truth.y_m = now.y_m, truth.force_N = s.load_N, truth.tilt_rad = now.tilt_rad, truth.equivalent_N = s.equivalent_N,
+      truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);
     view_.push_back(view);
     lamps_.push_back(rig_.specimen.lamps * plan_.views[std::size_t(view)].lamps * (1.0 + noise_ * lamps.at(t)));
-    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN * (1.0 + noise_ * (l.ambient_drift * room.at(t) + l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
+    room_DN_.push_back(plan_.views[std::size_t(view)].room * l.ambient_DN *
+                       (1.0 + noise_ * (l.ambient_drift * room.at(t) +
+                                        l.flicker * averaged * std::sin(2.0 * pi * l.flicker_hz * t + phase))));
   }
 }
 

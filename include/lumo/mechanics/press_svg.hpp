@@ -4,9 +4,9 @@
 #include "lumo/drawing/plot.hpp"
 #include "lumo/drawing/svg.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
-#include "lumo/mechanics/elements/element.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/contact/state.hpp"
+#include "lumo/mechanics/elements/element.hpp"
 
 #include <algorithm>
 #include <array>
@@ -40,7 +40,8 @@ struct BodyCut {
 /// Where the plane y = `at` cuts a tetrahedron or triangle with these corners, in order around the cut. A corner in the
 /// plane counts as beyond it.
 template <std::size_t N>
-std::vector<CutPoint> cut_across(const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm, double at) {
+std::vector<CutPoint> cut_across(const std::array<Vec3d, N>& corners, const std::array<double, N>& moved_mm,
+                                 double at) {
   std::vector<CutPoint> points;
   for (std::size_t i = 0; i < N; ++i)
     for (std::size_t j = 0; j < N; ++j) {
@@ -109,8 +110,7 @@ inline std::string moved_colour(double part) {
 }
 
 /// Lines, in px, along which a distance that is given for places in the plot changes its sign, on a grid of triangles.
-template <class Distance>
-std::vector<Svg::Points> zero_lines(const plot::Frame& f, const Distance& distance) {
+template <class Distance> std::vector<Svg::Points> zero_lines(const plot::Frame& f, const Distance& distance) {
   constexpr double step = 0.25;  // [mm]
   std::vector<Svg::Points> lines;
   for (double x = f.x0; x < f.x1; x += step)
@@ -152,8 +152,8 @@ template <Indenter Tool>
 void write_press_svg(std::ostream& out, const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
                      const MechanicalState& state) {
   if (state.displacement.size() != mesh.nodes.size())
-    throw InvalidArgument(message("picture: the state has ", state.displacement.size(),
-                                       " displacements, the mesh ", mesh.nodes.size(), " nodes"));
+    throw InvalidArgument(message("picture: the state has ", state.displacement.size(), " displacements, the mesh ",
+                                  mesh.nodes.size(), " nodes"));
   const Touch touch = first_touch(body, mesh, scenario);
   const Vec3d tool = touch.origin + state.depth_m * scenario.direction();
   const double y = touch.point.y();

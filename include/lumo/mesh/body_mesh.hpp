@@ -10,11 +10,10 @@
 
 namespace lumo {
 
-/// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle nodes (also on
-/// the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric where the body is.
-/// Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
-template <Mesher M>
-TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
+/// Meshes a body: its sector is filled with tetrahedra, boundary nodes are moved to the exact shapes, edges get middle
+/// nodes (also on the exact shapes, `order` 2), and the mirror images are added, so that the mesh is exactly symmetric
+/// where the body is. Throws MeshError when the surface is bad, the mesher fails, or the result fails a quality gate.
+template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order = 2);
 
 namespace detail {
 
@@ -30,7 +29,8 @@ inline Vec3d snapped(const Body& body, const PatchSet& patches, std::type_identi
   return p;
 }
 
-inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
+inline void make_quadratic(const Body& body, TetMesh& mesh,
+                           const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
@@ -43,7 +43,8 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
     return it->second;
   };
   for (auto& t : mesh.tets)
-    for (std::size_t k = 0; k < 6; ++k) t[4 + k] = middle_of(t[std::size_t(tet_edges[k][0])], t[std::size_t(tet_edges[k][1])]);
+    for (std::size_t k = 0; k < 6; ++k)
+      t[4 + k] = middle_of(t[std::size_t(tet_edges[k][0])], t[std::size_t(tet_edges[k][1])]);
   for (BoundaryFace& f : mesh.faces)
     for (std::size_t k = 0; k < 3; ++k) f.nodes[3 + k] = middle_of(f.nodes[k], f.nodes[(k + 1) % 3]);
   mesh.order = 2;
@@ -51,17 +52,19 @@ inline void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::
 
 }  // namespace detail
 
-template <Mesher M>
-TetMesh mesh_body(const Body& body, const M& mesher, int order) {
+template <Mesher M> TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   if (order != 1 && order != 2) throw InvalidArgument(message("mesh order is ", order, ", must be 1 or 2"));
   const double stretch = body.sizing.stretch_y;
   require_positive("mesh stretch along y", stretch, "");
   MeshInput input;
   input.facets = body.facets;
-  // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away from zero.
+  // In squeezed space wanted edges are equally long in all directions; lengths in mm keep the mesher's tolerances away
+  // from zero.
   for (const Vec3d& v : body.vertices) input.vertices.emplace_back(1e3 * v.x(), 1e3 * v.y() / stretch, 1e3 * v.z());
   if (body.sizing.edge)
-    input.edge = [&body, stretch](const Vec3d& p) { return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z())); };
+    input.edge = [&body, stretch](const Vec3d& p) {
+      return 1e3 * body.sizing.edge(1e-3 * Vec3d(p.x(), p.y() * stretch, p.z()));
+    };
   const auto filled = mesher.fill(input);
 
   TetMesh mesh;
@@ -88,8 +91,10 @@ TetMesh mesh_body(const Body& body, const M& mesher, int order) {
   if (order == 2) detail::make_quadratic(body, mesh, edge_patches, tiny);
   if (body.symmetry.x) mesh = mirrored(mesh, 0);
   if (body.symmetry.y) mesh = mirrored(mesh, 1);
-  std::stable_sort(mesh.faces.begin(), mesh.faces.end(), [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
-  // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact volume.
+  std::stable_sort(mesh.faces.begin(), mesh.faces.end(),
+                   [](const BoundaryFace& a, const BoundaryFace& b) { return a.patch < b.patch; });
+  // The faces of a straight-sided mesh cut the curved profile short; only the quadratic one is held to the exact
+  // volume.
   require_valid(mesh, order == 2 ? body.exact_volume_m3 : 0.0);
   return mesh;
 }

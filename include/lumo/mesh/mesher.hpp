@@ -12,18 +12,19 @@ namespace lumo {
 
 /// Closed polyhedral surface to be filled, with a wanted edge length and optional interior points.
 struct MeshInput {
-  std::vector<Vec3d> vertices;                    ///< [m] or any unit: the mesher is scale-free
-  std::vector<Facet> facets;                     ///< closed, manifold, counter-clockwise seen from outside
-  std::function<double(const Vec3d&)> edge;       ///< wanted edge length, same unit; may be empty
-  bool keep_surface = false;                     ///< do not split the given facets
+  std::vector<Vec3d> vertices;               ///< [m] or any unit: the mesher is scale-free
+  std::vector<Facet> facets;                 ///< closed, manifold, counter-clockwise seen from outside
+  std::function<double(const Vec3d&)> edge;  ///< wanted edge length, same unit; may be empty
+  bool keep_surface = false;                 ///< do not split the given facets
 };
 
-/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry their facet's patch.
+/// Straight tetrahedra that fill a MeshInput. Boundary triangles are counter-clockwise seen from outside and carry
+/// their facet's patch.
 struct LinearTets {
   std::vector<Vec3d> vertices;
-  std::vector<std::array<int, 4>> tets;          ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
+  std::vector<std::array<int, 4>> tets;  ///< positive orientation: (b−a)×(c−a)·(d−a) > 0
   std::vector<std::array<int, 3>> faces;
-  std::vector<int> patches;                      ///< one per face
+  std::vector<int> patches;  ///< one per face
 };
 
 /// Fills a closed surface with tetrahedra. Law: same input, same bits. Throws MeshError, never anything else.

@@ -6,8 +6,9 @@
 
 namespace lumo {
 
-/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that coordinate exactly 0 are
-/// shared; all other nodes lie on the positive side. Original nodes keep their numbers; images follow.
+/// The mesh together with its mirror image in the plane x = 0 (`axis` 0) or y = 0 (`axis` 1). Nodes with that
+/// coordinate exactly 0 are shared; all other nodes lie on the positive side. Original nodes keep their numbers; images
+/// follow.
 inline TetMesh mirrored(const TetMesh& half, int axis);
 
 inline TetMesh mirrored(const TetMesh& half, int axis) {
@@ -27,9 +28,11 @@ inline TetMesh mirrored(const TetMesh& half, int axis) {
   const auto of = [&](int node) { return node < 0 ? node : image[std::size_t(node)]; };
   // A mirror image has the other orientation: exchange two corners, and the edge nodes that go with them.
   for (const auto& t : half.tets)
-    whole.tets.push_back({of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
+    whole.tets.push_back(
+        {of(t[1]), of(t[0]), of(t[2]), of(t[3]), of(t[4]), of(t[6]), of(t[5]), of(t[8]), of(t[7]), of(t[9])});
   for (const BoundaryFace& f : half.faces)
-    whole.faces.push_back({{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
+    whole.faces.push_back(
+        {{of(f.nodes[1]), of(f.nodes[0]), of(f.nodes[2]), of(f.nodes[3]), of(f.nodes[5]), of(f.nodes[4])}, f.patch});
 
   std::vector<int> partner(whole.nodes.size());
   for (std::size_t k = 0; k < n; ++k) {

@@ -9,9 +9,9 @@ namespace lumo {
 
 /// The part of a symmetric mesh on the positive side of some of its symmetry planes, as a mesh of its own.
 struct Sector {
-  Symmetry planes;             ///< planes that bound it
+  Symmetry planes;  ///< planes that bound it
   TetMesh mesh;
-  std::vector<int> to_whole;   ///< sector node → node of the whole mesh
+  std::vector<int> to_whole;  ///< sector node → node of the whole mesh
 
   /// What part of the whole it is: 1, ½ or ¼.
   double fraction() const { return (planes.x ? 0.5 : 1.0) * (planes.y ? 0.5 : 1.0); }
@@ -27,7 +27,8 @@ inline std::vector<Vec3d> unfold(const TetMesh& whole, const Sector& sector, con
 inline std::vector<double> unfold(const TetMesh& whole, const Sector& sector, const std::vector<double>& field);
 
 inline Sector sector_of(const TetMesh& whole, Symmetry planes) {
-  if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y)) throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
+  if ((planes.x && !whole.symmetry.x) || (planes.y && !whole.symmetry.y))
+    throw InvalidArgument("sector: the mesh is not symmetric in the wanted plane");
   Sector s;
   s.planes = planes;
   s.mesh.order = whole.order;

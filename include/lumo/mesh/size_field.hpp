@@ -11,9 +11,9 @@
 
 namespace lumo {
 
-/// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each leaf.
-/// Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance` (relative) and are
-/// larger than half the wanted length, down to `max_depth`, with at most `max_cells` cells in all.
+/// A wanted edge length, sampled on an octree over a box so that it can be sent to another process. Trilinear in each
+/// leaf. Leaves are split where the samples at their middles differ from the interpolation by more than `tolerance`
+/// (relative) and are larger than half the wanted length, down to `max_depth`, with at most `max_cells` cells in all.
 struct SizeField {
   struct Cell {
     std::array<double, 8> corners;  ///< wanted length at (x + 2 y + 4 z), each 0 or 1
@@ -22,8 +22,8 @@ struct SizeField {
   };
 
   Vec3d low{0.0, 0.0, 0.0};
-  double side = 0.0;                ///< of the root cube
-  std::vector<Cell> cells;          ///< empty: no wish
+  double side = 0.0;        ///< of the root cube
+  std::vector<Cell> cells;  ///< empty: no wish
 
   static constexpr int min_depth = 3;
   static constexpr int max_depth = 9;
@@ -51,13 +51,15 @@ struct SizeField {
 
   static double trilinear(const std::array<double, 8>& c, const Vec3d& t) {
     const auto mix = [](double a, double b, double s) { return a + (b - a) * s; };
-    return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()), mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
+    return mix(mix(mix(c[0], c[1], t.x()), mix(c[2], c[3], t.x()), t.y()),
+               mix(mix(c[4], c[5], t.x()), mix(c[6], c[7], t.x()), t.y()), t.z());
   }
 };
 
 /// Samples `edge` inside the box [low, high] only. Throws MeshError (not_finite) where it is not finite and positive;
 /// what `edge` itself throws passes through.
-inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low, const Vec3d& high) {
+inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& edge, const Vec3d& low,
+                                   const Vec3d& high) {
   SizeField field;
   if (!edge) return field;
   field.side = (high - low).maxCoeff();
@@ -66,8 +68,9 @@ inline SizeField SizeField::sample(const std::function<double(const Vec3d&)>& ed
     const Vec3d point = elementwise_min(elementwise_max(at, low), high);
     const double length = edge(point);
     if (std::isfinite(length) && length > 0.0) return length;
-    throw MeshError(MeshError::Reason::not_finite, message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
-                                                        ", must be finite and > 0, in the unit of the coordinates"));
+    throw MeshError(MeshError::Reason::not_finite,
+                    message("wanted edge length at (", point.x(), ", ", point.y(), ", ", point.z(), ") is ", length,
+                            ", must be finite and > 0, in the unit of the coordinates"));
   };
   struct Task {
     int cell;

@@ -8,8 +8,8 @@
 
 namespace lumo {
 
-/// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow in proportion to
-/// the distance resolve the edge of every contact equally well.
+/// Mesh grading about the places where an indenter touches: the contact radius grows with the load, so edges that grow
+/// in proportion to the distance resolve the edge of every contact equally well.
 struct Focus {
   double finest = 0.2e-3;     ///< edge length at a place of touch [m]
   double growth = 0.1;        ///< edge length gained per distance from it

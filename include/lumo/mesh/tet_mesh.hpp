@@ -11,7 +11,7 @@ namespace lumo {
 /// Nodes: three corners, then the middles of edges 01, 12, 20 (−1 in a linear mesh).
 struct BoundaryFace {
   std::array<int, 6> nodes;
-  int patch;        ///< index into Body::patches
+  int patch;  ///< index into Body::patches
 };
 
 /// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
@@ -20,12 +20,12 @@ inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, 
 /// Tetrahedral mesh of the *whole* body in its reference configuration.
 /// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
 struct TetMesh {
-  int order = 2;                                 ///< 1 linear, 2 quadratic
-  std::vector<Vec3d> nodes;                       ///< [m]
+  int order = 2;             ///< 1 linear, 2 quadratic
+  std::vector<Vec3d> nodes;  ///< [m]
   std::vector<std::array<int, 10>> tets;
-  std::vector<BoundaryFace> faces;               ///< the closed boundary, patch by patch
-  Symmetry symmetry;                             ///< planes in which the mesh is its own exact mirror image
-  std::vector<int> mirror_x, mirror_y;           ///< node → its mirror image in x = 0 and y = 0 (empty without symmetry)
+  std::vector<BoundaryFace> faces;      ///< the closed boundary, patch by patch
+  Symmetry symmetry;                    ///< planes in which the mesh is its own exact mirror image
+  std::vector<int> mirror_x, mirror_y;  ///< node → its mirror image in x = 0 and y = 0 (empty without symmetry)
 
   int nodes_per_tet() const { return order == 2 ? 10 : 4; }
   int nodes_per_face() const { return order == 2 ? 6 : 3; }

@@ -29,7 +29,8 @@ struct SeriesEntry {
 };
 
 /// The mesh as a ParaView unstructured grid (.vtu, coordinates in m, binary arrays), with fields on its nodes.
-/// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file formats, cell types 10 and 24.
+/// Throws InvalidArgument when a field does not fit the mesh, InputError when the stream fails. Source: VTK file
+/// formats, cell types 10 and 24.
 inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<const NodeField>& fields = {});
 
 /// A ParaView collection (.pvd) of .vtu files.
@@ -59,7 +60,8 @@ inline std::string base64(std::span<const unsigned char> bytes) {
 
 // VTK's inline binary: the number of bytes as UInt64, then the values, encoded as one piece.
 template <class T>
-void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components, const std::vector<T>& values) {
+void vtu_array(std::ostream& out, std::string_view type, std::string_view name, int components,
+               const std::vector<T>& values) {
   const std::uint64_t size = values.size() * sizeof(T);
   std::vector<unsigned char> bytes(sizeof size + size);
   std::memcpy(bytes.data(), &size, sizeof size);
@@ -72,10 +74,14 @@ void vtu_array(std::ostream& out, std::string_view type, std::string_view name, 
 inline std::string xml_attribute(std::string_view s) {
   std::string out;
   for (const char c : s) {
-    if (c == '&') out += "&amp;";
-    else if (c == '<') out += "&lt;";
-    else if (c == '"') out += "&quot;";
-    else out += c;
+    if (c == '&')
+      out += "&amp;";
+    else if (c == '<')
+      out += "&lt;";
+    else if (c == '"')
+      out += "&quot;";
+    else
+      out += c;
   }
   return out;
 }
@@ -83,21 +89,24 @@ inline std::string xml_attribute(std::string_view s) {
 inline void write_vtu(std::ostream& out, const TetMesh& mesh, const std::span<const NodeField>& fields) {
   for (const NodeField& f : fields)
     if ((f.components != 1 && f.components != 3) || f.values.size() != mesh.nodes.size() * std::size_t(f.components))
-      throw InvalidArgument(message("field '", f.name, "' has ", f.values.size(), " values of ", f.components, " components, the mesh has ", mesh.nodes.size(), " nodes"));
+      throw InvalidArgument(message("field '", f.name, "' has ", f.values.size(), " values of ", f.components,
+                                    " components, the mesh has ", mesh.nodes.size(), " nodes"));
 
   const std::size_t per_tet = std::size_t(mesh.nodes_per_tet());
   std::vector<std::int64_t> connectivity, offsets;
   connectivity.reserve(mesh.tets.size() * per_tet);
   offsets.reserve(mesh.tets.size());
-  for (const auto& tet : mesh.tets) {   // the edge order 01, 12, 02, 03, 13, 23 is VTK's own
+  for (const auto& tet : mesh.tets) {  // the edge order 01, 12, 02, 03, 13, 23 is VTK's own
     for (std::size_t k = 0; k < per_tet; ++k) connectivity.push_back(tet[k]);
     offsets.push_back(std::int64_t(connectivity.size()));
   }
   const std::vector<std::uint8_t> types(mesh.tets.size(), mesh.order == 2 ? 24 : 10);
 
   out << "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\""
-      << (std::endian::native == std::endian::little ? "LittleEndian" : "BigEndian") << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n"
-      << "<Piece NumberOfPoints=\"" << mesh.nodes.size() << "\" NumberOfCells=\"" << mesh.tets.size() << "\">\n<Points>\n";
+      << (std::endian::native == std::endian::little ? "LittleEndian" : "BigEndian")
+      << "\" header_type=\"UInt64\">\n<UnstructuredGrid>\n"
+      << "<Piece NumberOfPoints=\"" << mesh.nodes.size() << "\" NumberOfCells=\"" << mesh.tets.size()
+      << "\">\n<Points>\n";
   vtu_array(out, "Float64", "position_m", 3, node_field("", mesh.nodes).values);
   out << "</Points>\n<Cells>\n";
   vtu_array(out, "Int64", "connectivity", 1, connectivity);

@@ -39,8 +39,8 @@ struct HyperparameterPrior {
   double min_noise = 1e-4;
   double max_noise = 10.0;
 
-  /// Length scales grow with the square root of the dimension. Source: Hvarfner, Hellsten & Nardi, "Vanilla Bayesian Optimization
-  /// Performs Great in High Dimensions", ICML 2024; the numbers are those of BoTorch 0.18.
+  /// Length scales grow with the square root of the dimension. Source: Hvarfner, Hellsten & Nardi, "Vanilla Bayesian
+  /// Optimization Performs Great in High Dimensions", ICML 2024; the numbers are those of BoTorch 0.18.
   static HyperparameterPrior for_dimension(Eigen::Index d) {
     if (d < 1) throw InvalidArgument(message("Gaussian process has ", d, " inputs, must have at least 1"));
     HyperparameterPrior prior;

@@ -12,14 +12,14 @@
 
 namespace lumo {
 
-/// Log marginal likelihood of a Gaussian process and its gradient in the logarithms of the hyper-parameters; the mean takes its best value,
-/// (1ᵀK⁻¹y) / (1ᵀK⁻¹1), at each. Source: Rasmussen & Williams, Gaussian Processes for Machine Learning, 2006, §5.4.
-template <CovarianceKernel Kernel>
-class MarginalLikelihood {
-
+/// Log marginal likelihood of a Gaussian process and its gradient in the logarithms of the hyper-parameters; the mean
+/// takes its best value, (1ᵀK⁻¹y) / (1ᵀK⁻¹1), at each. Source: Rasmussen & Williams, Gaussian Processes for Machine
+/// Learning, 2006, §5.4.
+template <CovarianceKernel Kernel> class MarginalLikelihood {
  public:
   struct Value {
-    double log_likelihood = -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
+    double log_likelihood =
+        -std::numeric_limits<double>::infinity();  ///< −∞ where the covariance is not positive definite
     double log_prior = 0.0;
     double mean = 0.0;
     Eigen::VectorXd gradient;            ///< d log_likelihood / d ln(length scales, noise)
@@ -40,7 +40,8 @@ class MarginalLikelihood {
 };
 
 template <CovarianceKernel Kernel>
-MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel, HyperparameterPrior prior)
+MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const Eigen::VectorXd& y, Kernel kernel,
+                                               HyperparameterPrior prior)
     : size_(x.cols()), y_(y), kernel_(kernel), prior_(prior), squares_(x.cols() * (x.cols() - 1) / 2, x.rows()) {
   for (Eigen::Index k = 0, first = 0; k < size_; ++k) {
     const Eigen::Index below = size_ - 1 - k;
@@ -50,7 +51,8 @@ MarginalLikelihood<Kernel>::MarginalLikelihood(const Eigen::MatrixXd& x, const E
 }
 
 template <CovarianceKernel Kernel>
-typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator()(const Hyperparameters& h, bool with_gradient) const {
+typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator()(const Hyperparameters& h,
+                                                                                  bool with_gradient) const {
   const Eigen::Index n = size_, d = squares_.cols();
   Value value;
   for (Eigen::Index j = 0; j < d; ++j) value.log_prior += prior_.length_scale.log_density(h.length_scale[j]);
@@ -73,7 +75,8 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   const Eigen::VectorXd alpha = both.col(0) - value.mean * both.col(1);
   double log_determinant = 0.0;
   for (Eigen::Index i = 0; i < n; ++i) log_determinant += 2.0 * std::log(factor.matrixLLT()(i, i));
-  value.log_likelihood = -0.5 * (alpha.dot((y_.array() - value.mean).matrix()) + log_determinant + double(n) * std::log(2.0 * pi));
+  value.log_likelihood =
+      -0.5 * (alpha.dot((y_.array() - value.mean).matrix()) + log_determinant + double(n) * std::log(2.0 * pi));
   if (!std::isfinite(value.log_likelihood)) value.log_likelihood = -std::numeric_limits<double>::infinity();
   if (!with_gradient || !std::isfinite(value.log_likelihood)) return value;
 
@@ -81,7 +84,10 @@ typename MarginalLikelihood<Kernel>::Value MarginalLikelihood<Kernel>::operator(
   Eigen::MatrixXd inverse_factor = Eigen::MatrixXd::Identity(n, n);
   for (Eigen::Index first = 0; first < n; first += 32) {  // in blocks of columns, which are zero above the diagonal
     auto below = inverse_factor.block(first, first, n - first, std::min<Eigen::Index>(32, n - first));
-    factor.matrixLLT().bottomRightCorner(n - first, n - first).template triangularView<Eigen::Lower>().solveInPlace(below);
+    factor.matrixLLT()
+        .bottomRightCorner(n - first, n - first)
+        .template triangularView<Eigen::Lower>()
+        .solveInPlace(below);
   }
   Eigen::MatrixXd inverse = Eigen::MatrixXd::Zero(n, n);
   inverse.template selfadjointView<Eigen::Lower>().rankUpdate(inverse_factor.transpose());

@@ -24,9 +24,9 @@ struct Minimum {
   bool converged = false;  ///< projected gradient or progress below tolerance
 };
 
-/// Minimises a smooth function of a few variables between bounds: BFGS on the variables that are free to move, with projected line
-/// searches. Source: Bertsekas, "Projected Newton methods for optimization problems with simple constraints", SIAM J. Control Optim. 20 (1982);
-/// damped updates after Powell, 1978.
+/// Minimises a smooth function of a few variables between bounds: BFGS on the variables that are free to move, with
+/// projected line searches. Source: Bertsekas, "Projected Newton methods for optimization problems with simple
+/// constraints", SIAM J. Control Optim. 20 (1982); damped updates after Powell, 1978.
 struct QuasiNewton {
   int max_evaluations = 200;
   double gradient_tolerance = 1e-6;  ///< largest entry of the projected gradient
@@ -37,16 +37,18 @@ struct QuasiNewton {
   /// `start` is moved between the bounds; `hessian`, positive definite, from the search for a like minimum saves steps.
   /// Throws InvalidArgument when sizes differ or the value at the start is not finite.
   template <class Function>
-  Minimum minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
-                   const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
+  Minimum minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower,
+                   const Eigen::VectorXd& upper, const std::optional<Eigen::MatrixXd>& hessian = std::nullopt) const;
 };
 
 template <class Function>
-Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
+Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::VectorXd> start,
+                              const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
                               const std::optional<Eigen::MatrixXd>& known) const {
   const Eigen::Index n = start.size();
   if (lower.size() != n || upper.size() != n)
-    throw InvalidArgument(message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
+    throw InvalidArgument(
+        message("minimiser has ", n, " variables but ", lower.size(), " lower and ", upper.size(), " upper bounds"));
   Minimum best;
   best.x = start.cwiseMax(lower).cwiseMin(upper);
   best.gradient.resize(n);
@@ -63,7 +65,8 @@ Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::V
     std::vector<Eigen::Index> free;
     double steepest = 0.0;
     for (Eigen::Index i = 0; i < n; ++i) {
-      if ((best.x[i] <= lower[i] && best.gradient[i] >= 0.0) || (best.x[i] >= upper[i] && best.gradient[i] <= 0.0)) continue;
+      if ((best.x[i] <= lower[i] && best.gradient[i] >= 0.0) || (best.x[i] >= upper[i] && best.gradient[i] <= 0.0))
+        continue;
       free.push_back(i);
       steepest = std::max(steepest, std::abs(best.gradient[i]));
     }
@@ -89,7 +92,8 @@ Minimum QuasiNewton::minimize(Function&& function, std::type_identity_t<Eigen::V
       trial = (best.x + scale * step).cwiseMax(lower).cwiseMin(upper);
       value = function(trial, slope);
       ++best.evaluations;
-      if (std::isfinite(value) && slope.allFinite() && value <= best.value + 1e-4 * best.gradient.dot(trial - best.x) && value < best.value) {
+      if (std::isfinite(value) && slope.allFinite() && value <= best.value + 1e-4 * best.gradient.dot(trial - best.x) &&
+          value < best.value) {
         moved = true;
         break;
       }

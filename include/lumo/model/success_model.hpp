@@ -10,33 +10,38 @@
 
 namespace lumo {
 
-/// How likely an evaluation is to succeed, for objectives that are not defined everywhere and do not say where: a Gaussian process of 1 where
-/// one succeeded and 0 where it failed for good, and the probability that it is above one half. Labels are taken as numbers with noise, so
-/// that no iteration is needed. Source: hidden constraints of Lee, Gramacy, Linkletter & Gray, Pacific J. Optim. 7 (2011); their
-/// probability as a factor of the acquisition: Gelbart, Snoek & Adams, UAI 2014.
-template <CovarianceKernel Kernel = RbfKernel>
-class SuccessModel {
-
+/// How likely an evaluation is to succeed, for objectives that are not defined everywhere and do not say where: a
+/// Gaussian process of 1 where one succeeded and 0 where it failed for good, and the probability that it is above one
+/// half. Labels are taken as numbers with noise, so that no iteration is needed. Source: hidden constraints of Lee,
+/// Gramacy, Linkletter & Gray, Pacific J. Optim. 7 (2011); their probability as a factor of the acquisition: Gelbart,
+/// Snoek & Adams, UAI 2014.
+template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
  public:
-  static constexpr double least_probability = 1e-12;   ///< so that a design remains to be chosen where all are thought to fail
-  static constexpr double negligible = 1e-3;           ///< utility that is not worth a failure: of objectives in units of their spread
+  static constexpr double least_probability =
+      1e-12;  ///< so that a design remains to be chosen where all are thought to fail
+  static constexpr double negligible =
+      1e-3;  ///< utility that is not worth a failure: of objectives in units of their spread
 
   /// Designs (d × n each) inside [lower, upper], at least one in all. Throws InvalidArgument as GaussianProcess::fit().
-  SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
+  SuccessModel(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower,
+               const Eigen::VectorXd& upper, const typename GaussianProcess<Kernel>::Config& config = {})
       : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
 
   /// log P(success) at the columns of `x`, from log least_probability to 0.
   Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const;
 
-  /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Where a search has converged on the edge of what fails, all
-  /// that still promises anything lies beyond it, by many orders of magnitude; without the constant it would be asked to no end.
+  /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Where a search has converged on the
+  /// edge of what fails, all that still promises anything lies beyond it, by many orders of magnitude; without the
+  /// constant it would be asked to no end.
   Eigen::VectorXd expected(const Eigen::VectorXd& log_utility, const Eigen::MatrixXd& x) const {
-    const Eigen::VectorXd floor = Eigen::VectorXd::Constant(x.cols(), std::log(negligible)), high = log_utility.cwiseMax(floor), low = log_utility.cwiseMin(floor);
+    const Eigen::VectorXd floor = Eigen::VectorXd::Constant(x.cols(), std::log(negligible)),
+                          high = log_utility.cwiseMax(floor), low = log_utility.cwiseMin(floor);
     return high + (low - high).array().exp().log1p().matrix() + log_probability(x);
   }
 
  private:
-  static TrainingData labelled(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
+  static TrainingData labelled(const Eigen::MatrixXd& succeeded, const Eigen::MatrixXd& failed,
+                               const Eigen::VectorXd& lower, const Eigen::VectorXd& upper) {
     Eigen::MatrixXd x(lower.size(), succeeded.cols() + failed.cols());
     x << succeeded, failed;
     Eigen::VectorXd y(x.cols());
@@ -52,7 +57,7 @@ Eigen::VectorXd SuccessModel<Kernel>::log_probability(const Eigen::MatrixXd& x) 
   const auto label = process_.predict(x);
   Eigen::VectorXd log(x.cols());
   for (Eigen::Index i = 0; i < x.cols(); ++i) {
-    const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);   // labels are of order 1
+    const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);  // labels are of order 1
     log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
   }
   return log;

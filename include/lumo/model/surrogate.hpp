@@ -11,9 +11,10 @@
 
 namespace lumo {
 
-/// How observed outputs become objectives. Laws: objectives(outputs) works column by column (outputs × points → objectives × points);
-/// there are outputs(m) outputs for m objectives, and objective(k) is the one that output k counts for; identity() only where objectives()
-/// returns its argument, so that what is normal stays normal; scaling all outputs of an objective by s > 0 scales the objective by s.
+/// How observed outputs become objectives. Laws: objectives(outputs) works column by column (outputs × points →
+/// objectives × points); there are outputs(m) outputs for m objectives, and objective(k) is the one that output k
+/// counts for; identity() only where objectives() returns its argument, so that what is normal stays normal; scaling
+/// all outputs of an objective by s > 0 scales the objective by s.
 template <class R>
 concept Reduction = requires(const R& reduction, const Eigen::MatrixXd& outputs, int k) {
   { reduction.objectives(outputs) } -> std::convertible_to<Eigen::MatrixXd>;
@@ -30,21 +31,24 @@ struct EachOutput {
   bool identity() const { return true; }
 };
 
-/// Composite surrogate: each objective is the least of its terms (scenarios), and each term has a Gaussian process of its own, so that the
-/// kinks of the minimum stay out of the model. Source: Astudillo & Frazier, "Bayesian Optimization of Composite Functions", ICML 2019.
+/// Composite surrogate: each objective is the least of its terms (scenarios), and each term has a Gaussian process of
+/// its own, so that the kinks of the minimum stay out of the model. Source: Astudillo & Frazier, "Bayesian Optimization
+/// of Composite Functions", ICML 2019.
 struct MinimumOverTerms {
   std::vector<int> terms;  ///< number of consecutive outputs that belong to each objective
 
   Eigen::MatrixXd objectives(const Eigen::MatrixXd& y) const {
     Eigen::MatrixXd least(Eigen::Index(terms.size()), y.cols());
     Eigen::Index first = 0;
-    for (std::size_t j = 0; j < terms.size(); first += terms[j++]) least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
+    for (std::size_t j = 0; j < terms.size(); first += terms[j++])
+      least.row(Eigen::Index(j)) = y.middleRows(first, terms[j]).colwise().minCoeff();
     return least;
   }
   /// Throws InvalidArgument when there are not as many counts as objectives, or one is not positive.
   int outputs(int objectives) const {
     if (int(terms.size()) != objectives || std::any_of(terms.begin(), terms.end(), [](int n) { return n < 1; }))
-      throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives, " objectives, has ", terms.size(), " numbers"));
+      throw InvalidArgument(message("minimum over terms needs a positive number of terms for each of ", objectives,
+                                    " objectives, has ", terms.size(), " numbers"));
     return std::accumulate(terms.begin(), terms.end(), 0);
   }
   int objective(int output) const {
@@ -52,7 +56,9 @@ struct MinimumOverTerms {
     for (; j + 1 < int(terms.size()) && output >= terms[std::size_t(j)]; ++j) output -= terms[std::size_t(j)];
     return j;
   }
-  bool identity() const { return std::all_of(terms.begin(), terms.end(), [](int n) { return n == 1; }); }
+  bool identity() const {
+    return std::all_of(terms.begin(), terms.end(), [](int n) { return n == 1; });
+  }
 };
 
 static_assert(Reduction<EachOutput>);
@@ -60,23 +66,23 @@ static_assert(Reduction<MinimumOverTerms>);
 
 /// Designs that are told or under way, as acquisitions see them. All objectives are maximised.
 struct Evidence {
-  Eigen::MatrixXd x;          ///< told: d × n
-  Eigen::MatrixXd outputs;    ///< told: outputs × n
-  Eigen::MatrixXd pending;    ///< d × p: asked and not yet told
+  Eigen::MatrixXd x;        ///< told: d × n
+  Eigen::MatrixXd outputs;  ///< told: outputs × n
+  Eigen::MatrixXd pending;  ///< d × p: asked and not yet told
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd reference;  ///< per objective
 };
 
-/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. With nothing to draw at
-/// there is one empty draw, and what is conditional on it is the plain posterior.
-template <CovarianceKernel Kernel>
-class ConditionalPosterior {
-
+/// Joint posterior of a Gaussian process at base points, drawn once, and of any further point given each draw. With
+/// nothing to draw at there is one empty draw, and what is conditional on it is the plain posterior.
+template <CovarianceKernel Kernel> class ConditionalPosterior {
  public:
   /// `normals`: base points × draws. Throws InvalidArgument when they do not fit.
   ConditionalPosterior(const GaussianProcess<Kernel>& gp, const Eigen::MatrixXd& base, const Eigen::MatrixXd& normals)
       : gp_(&gp), base_(gp.normalized(base)), normals_(normals) {
-    if (normals.rows() != base.cols()) throw InvalidArgument(message("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
+    if (normals.rows() != base.cols())
+      throw InvalidArgument(
+          message("draws at ", base.cols(), " points need as many rows of normal numbers, not ", normals.rows()));
     if (base.cols() == 0) return;
     whitened_ = gp.whitened(base_);
     const auto factor = jittered_factor(gp.correlation(base_, base_) - whitened_.transpose() * whitened_);
@@ -92,7 +98,8 @@ class ConditionalPosterior {
     return (gp_->output_mean() + gp_->output_scale() * standard.array()).matrix();
   }
 
-  /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and deviations (points).
+  /// Given each draw, the latent function at the columns of `x` is normal with these means (points × draws) and
+  /// deviations (points).
   struct Conditional {
     Eigen::MatrixXd mean;
     Eigen::VectorXd deviation;
@@ -114,7 +121,9 @@ class ConditionalPosterior {
   double jitter() const { return jitter_; }
 
  private:
-  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const { return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix(); }
+  Eigen::VectorXd standard_mean(const Eigen::MatrixXd& v) const {
+    return ((v.transpose() * gp_->weights()).array() + gp_->hyperparameters().mean).matrix();
+  }
 
   const GaussianProcess<Kernel>* gp_;
   Eigen::MatrixXd base_, normals_, whitened_, factor_;

@@ -15,30 +15,30 @@ namespace lumo {
 /// A part of a body's closed surface on which all tags are the same.
 struct Patch {
   std::string name;
-  Shape shape = Plane{};                  ///< the exact surface; mesh nodes of the patch lie on it
-  bool bonded = false;                    ///< fixed to the carrier (closed set: its edge nodes are fixed too)
-  bool contactable = false;               ///< the indenter may touch it
-  bool meets_carrier = false;             ///< may come to rest on the carrier
+  Shape shape = Plane{};       ///< the exact surface; mesh nodes of the patch lie on it
+  bool bonded = false;         ///< fixed to the carrier (closed set: its edge nodes are fixed too)
+  bool contactable = false;    ///< the indenter may touch it
+  bool meets_carrier = false;  ///< may come to rest on the carrier
   SurfaceOptics optics = Dielectric{};
-  bool visible = true;                    ///< on the outside: light that leaves here may lie in a region
+  bool visible = true;  ///< on the outside: light that leaves here may lie in a region
 };
 
 /// A flat polygon of the boundary, by vertex numbers, counter-clockwise seen from outside.
 struct Facet {
   std::vector<int> loop;
-  int patch = -1;                         ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
+  int patch = -1;  ///< index into Body::patches, or Body::mirror_patch for a face in a symmetry plane
 };
 
 /// A rigid axis-aligned box that the silicone can come to rest on.
 struct RigidBox {
-  Vec3d center{0.0, 0.0, 0.0};             ///< [m]
-  Vec3d half{1.0, 1.0, 1.0};               ///< half edges [m]
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half{1.0, 1.0, 1.0};    ///< half edges [m]
 };
 
 /// Wanted edge length of the mesh [m] at a place: across and along y. Elements are stretched by the ratio of the two.
 struct Sizing {
   std::function<double(const Vec3d&)> edge;  ///< across y [m]
-  double stretch_y = 1.0;                   ///< edges along y are this much longer
+  double stretch_y = 1.0;                    ///< edges along y are this much longer
 };
 
 /// One soft, transparent body on a rigid carrier: all that meshing, mechanics and optics need to know.
@@ -48,29 +48,31 @@ struct Body {
 
   std::string name;
   std::vector<Patch> patches;
-  std::vector<Vec3d> vertices;               ///< of the boundary of the meshed sector [m]
-  std::vector<Facet> facets;                ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
-  Symmetry symmetry;                        ///< the whole body is the sector and its mirror images
+  std::vector<Vec3d> vertices;  ///< of the boundary of the meshed sector [m]
+  std::vector<Facet> facets;    ///< closed boundary of the sector x ≥ 0 and/or y ≥ 0 that `symmetry` leaves
+  Symmetry symmetry;            ///< the whole body is the sector and its mirror images
   Sizing sizing;
-  double exact_volume_m3 = 0.0;             ///< of the whole body; 0 when not known
+  double exact_volume_m3 = 0.0;  ///< of the whole body; 0 when not known
 
-  std::vector<RigidBox> carrier;            ///< union of boxes for mechanical contact
-  Vec3d pivot{0.0, 0.0, 0.0};                ///< approach directions turn about this point (shifted along y) [m]
+  std::vector<RigidBox> carrier;  ///< union of boxes for mechanical contact
+  Vec3d pivot{0.0, 0.0, 0.0};     ///< approach directions turn about this point (shifted along y) [m]
 
-  Medium medium;                            ///< inside
-  Medium surroundings;                      ///< outside (air)
-  SurfaceOptics touched = Dielectric{};     ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
-  std::vector<RigidFace> rigid_faces;       ///< carrier faces seen through air
+  Medium medium;        ///< inside
+  Medium surroundings;  ///< outside (air)
+  SurfaceOptics touched =
+      Dielectric{};  ///< what light in the body meets where a tool touches; Dielectric: a film of air is left between
+  std::vector<RigidFace> rigid_faces;  ///< carrier faces seen through air
   std::vector<Emitter> emitters;
-  int regions = 0;                          ///< number of readout regions
+  int regions = 0;  ///< number of readout regions
   /// Region of a point of the surface, from its position [m] and exact undeformed outward normal: 0 … regions−1, or −1.
   std::function<int(const Vec3d& position, const Vec3d& normal)> region;
-  bool regions_in_space = false;            ///< region() is asked for where a point is, not for where it was undeformed
+  bool regions_in_space = false;  ///< region() is asked for where a point is, not for where it was undeformed
   /// Region → its mirror image in x = 0 and y = 0; empty: itself; nothing: it is not a region.
   std::optional<std::vector<int>> region_image_x = std::vector<int>{}, region_image_y = std::vector<int>{};
 };
 
-/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch describes.
+/// Exact outward normal at the point of a patch nearest to `p`, also in the mirror images of the sector that the patch
+/// describes.
 inline Vec3d outward_normal(const Body& body, int patch, const Vec3d& p) {
   const Vec3d fold(body.symmetry.x && p.x() < 0.0 ? -1.0 : 1.0, body.symmetry.y && p.y() < 0.0 ? -1.0 : 1.0, 1.0);
   return fold.cwiseProduct(outward_normal(body.patches[std::size_t(patch)].shape, fold.cwiseProduct(p)));

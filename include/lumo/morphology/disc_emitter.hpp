@@ -5,8 +5,8 @@
 
 namespace lumo {
 
-/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source: Shirley & Chiu, "A Low Distortion
-/// Map Between Disk and Square", J. Graphics Tools 2 (1997).
+/// Point of the unit disc from two numbers in (0, 1), uniform in area; opposite numbers give opposite points. Source:
+/// Shirley & Chiu, "A Low Distortion Map Between Disk and Square", J. Graphics Tools 2 (1997).
 inline Vec3d on_unit_disc(double u, double v, const Vec3d& t1, const Vec3d& t2) {
   const double a = 2.0 * u - 1.0, b = 2.0 * v - 1.0;
   if (a == 0.0 && b == 0.0) return Vec3d::Zero();
@@ -24,17 +24,19 @@ inline Vec3d on_disc(const Vec3d& center, const Vec3d& n, double radius_m, doubl
 
 /// A flat round emitter with a cosine law (Lambert 1760). It radiates to `normal`.
 struct DiscEmitter {
-  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
-  Vec3d normal{0.0, 0.0, 1.0};     ///< unit
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d normal{0.0, 0.0, 1.0};  ///< unit
   double radius_m = 0.5e-3;
   double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
+  int channel = 0;  ///< colour channel
 
   Vec3d axis() const { return normal; }
   Vec3d point(double u, double v) const { return on_disc(center, normal, radius_m, u, v); }
   Polar polar(double u) const { return {std::sqrt(u), std::sqrt(1.0 - u)}; }
   double intensity(double cosine) const { return cosine > 0.0 ? power_W / pi * cosine : 0.0; }
-  DiscEmitter mirrored(const Vec3d& m) const { return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel}; }
+  DiscEmitter mirrored(const Vec3d& m) const {
+    return {m.cwiseProduct(center), m.cwiseProduct(normal), radius_m, power_W, channel};
+  }
 };
 
 inline void validate(const DiscEmitter& e) { require_positive("radius of a disc emitter", e.radius_m, "m"); }

@@ -17,13 +17,14 @@ struct Polar {
   double sine, cosine;
 };
 
-/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same ways, evenly round an axis.
-/// Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of the directions that polar() draws; with it direct light
-/// is gathered backwards, which has less noise, without it (a collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the
-/// air beside the body, not into the body; its light is traced forward.
-/// Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)² (there is less noise where point(1−u, 1−v) lies opposite it about `center`);
-/// polar(u) is monotone; mirrored(m), m = (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the
-/// same source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
+/// A source of light in the medium that it touches: a flat or pointlike place, from all of which light goes the same
+/// ways, evenly round an axis. Optional: `double intensity(double cosine) const` [W/sr], power_W times the density of
+/// the directions that polar() draws; with it direct light is gathered backwards, which has less noise, without it (a
+/// collimated beam has no such density) it is traced forward. `bool in_air`: it radiates into the air beside the body,
+/// not into the body; its light is traced forward. Laws: |axis| = 1; point(u, v) is uniform in area [m] over (0, 1)²
+/// (there is less noise where point(1−u, 1−v) lies opposite it about `center`); polar(u) is monotone; mirrored(m), m =
+/// (±1, ±1, 1), radiates to the mirror image of the axis, and points do not depend on which of several ways the same
+/// source is described; power_W is all that it radiates [W]; `channel` ≥ 0 is its colour.
 template <class E>
 concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
   { e.center } -> std::convertible_to<Vec3d>;
@@ -37,12 +38,12 @@ concept EmitterModel = requires(const E& e, double u, const Vec3d& m) {
 
 /// A flat rectangular emitter with a cosine law (Lambert 1760). It radiates to `half_u` × `half_v`.
 struct RectangleEmitter {
-  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
-  Vec3d half_u{1.0, 0.0, 0.0};     ///< half edge [m]
-  Vec3d half_v{0.0, 1.0, 0.0};     ///< half edge [m]
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
+  Vec3d half_u{1.0, 0.0, 0.0};  ///< half edge [m]
+  Vec3d half_v{0.0, 1.0, 0.0};  ///< half edge [m]
   double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
-  bool in_air = false;             ///< radiates into the air beside the body
+  int channel = 0;      ///< colour channel
+  bool in_air = false;  ///< radiates into the air beside the body
 
   Vec3d axis() const {
     const Vec3d &u = half_u, &v = half_v;
@@ -69,8 +70,8 @@ inline void validate(const RectangleEmitter& e) {
 class Emitter {
  public:
   template <class E>
-    requires(!std::same_as<E, Emitter> && EmitterModel<E>)
-  Emitter(const E& model) : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
+  requires(!std::same_as<E, Emitter> && EmitterModel<E>) Emitter(const E& model)
+      : model_(std::make_shared<const E>(model.mirrored(Vec3d(1.0, 1.0, 1.0)))), calls_(&calls<E>) {}
 
   Vec3d center() const { return calls_->center(model_.get()); }
   double power_W() const { return calls_->power_W(model_.get()); }
@@ -84,10 +85,12 @@ class Emitter {
   double intensity(double cosine) const { return calls_->intensity(model_.get(), cosine); }
   Emitter mirrored(const Vec3d& m) const { return calls_->mirrored(model_.get(), m); }
   /// Its model, if it is an E.
-  template <EmitterModel E>
-  const E* as() const { return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr; }
+  template <EmitterModel E> const E* as() const {
+    return calls_ == &calls<E> ? static_cast<const E*>(model_.get()) : nullptr;
+  }
   bool same_model(const Emitter& other) const { return calls_ == other.calls_; }
-  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what the model's own validate() refuses.
+  /// Throws InvalidArgument for a power that is not positive, a channel below 0, numbers that are not finite, and what
+  /// the model's own validate() refuses.
   void validate() const;
 
  private:
@@ -103,17 +106,16 @@ class Emitter {
     Emitter (*mirrored)(const void*, const Vec3d&);
     void (*validate)(const void*);
   };
-  template <class E>
-  static const E& model(const void* e) { return *static_cast<const E*>(e); }
-  template <class E>
-  static constexpr auto intensity_of() -> double (*)(const void*, double) {
-    if constexpr (requires(const E& e) { { e.intensity(0.5) } -> std::convertible_to<double>; })
+  template <class E> static const E& model(const void* e) { return *static_cast<const E*>(e); }
+  template <class E> static constexpr auto intensity_of() -> double (*)(const void*, double) {
+    if constexpr (requires(const E& e) {
+                    { e.intensity(0.5) } -> std::convertible_to<double>;
+                  })
       return [](const void* e, double c) -> double { return model<E>(e).intensity(c); };
     else
       return nullptr;
   }
-  template <class E>
-  static const Calls calls;
+  template <class E> static const Calls calls;
 
   std::shared_ptr<const void> model_;
   const Calls* calls_;
@@ -129,7 +131,8 @@ inline int color_count(const std::vector<Emitter>& emitters) {
   return count;
 }
 
-// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is standard.
+// A mirror image changes the handedness of the edges, which is mended; of the two ways to name the edges, one is
+// standard.
 inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   RectangleEmitter image = *this;
   image.center = m.cwiseProduct(center);
@@ -144,27 +147,31 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
 namespace detail {
 
 /// What the model's own validate() says, if it has one.
-template <class E>
-void validate_model(const E& model) {
+template <class E> void validate_model(const E& model) {
   if constexpr (requires { validate(model); }) validate(model);
 }
 
 }  // namespace detail
 
 template <class E>
-const Emitter::Calls Emitter::calls = {[](const void* e) -> Vec3d { return model<E>(e).center; },
-                                       [](const void* e) -> double { return model<E>(e).power_W; },
-                                       [](const void* e) -> int { return model<E>(e).channel; },
-                                       [](const void* e) -> Vec3d { return model<E>(e).axis(); },
-                                       [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
-                                       [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
-                                       intensity_of<E>(),
-                                       [](const void* e) -> bool {
-                                         if constexpr (requires { { model<E>(e).in_air } -> std::convertible_to<bool>; }) return model<E>(e).in_air;
-                                         else return false;
-                                       },
-                                       [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
-                                       [](const void* e) { detail::validate_model(model<E>(e)); }};
+const Emitter::Calls Emitter::calls = {
+    [](const void* e) -> Vec3d { return model<E>(e).center; },
+    [](const void* e) -> double { return model<E>(e).power_W; },
+    [](const void* e) -> int { return model<E>(e).channel; },
+    [](const void* e) -> Vec3d { return model<E>(e).axis(); },
+    [](const void* e, double u, double v) -> Vec3d { return model<E>(e).point(u, v); },
+    [](const void* e, double u) -> Polar { return model<E>(e).polar(u); },
+    intensity_of<E>(),
+    [](const void* e) -> bool {
+      if constexpr (requires {
+                      { model<E>(e).in_air } -> std::convertible_to<bool>;
+                    })
+        return model<E>(e).in_air;
+      else
+        return false;
+    },
+    [](const void* e, const Vec3d& m) { return Emitter(model<E>(e).mirrored(m)); },
+    [](const void* e) { detail::validate_model(model<E>(e)); }};
 
 inline void Emitter::validate() const {
   require_positive("emitter power", power_W(), "W");
@@ -172,7 +179,8 @@ inline void Emitter::validate() const {
   if (!center().allFinite()) throw InvalidArgument("emitter: its centre is not finite");
   calls_->validate(model_.get());
   if (!point(0.3, 0.6).allFinite()) throw InvalidArgument("emitter: a point of it is not finite");
-  if (!(std::abs(axis().norm() - 1.0) < 1e-9)) throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
+  if (!(std::abs(axis().norm() - 1.0) < 1e-9))
+    throw InvalidArgument(message("emitter: its axis has length ", axis().norm(), ", must be 1"));
 }
 
 inline void validate(const std::vector<Emitter>& emitters) {

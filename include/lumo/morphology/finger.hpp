@@ -12,38 +12,40 @@ namespace lumo {
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {
-    double contact_edge = 2.0e-3;     ///< on the surface that an indenter can touch, away from where it does
-    double coarsest_edge = 5.0e-3;    ///< at depth
-    double growth = 0.35;             ///< edge length gained per length of depth
-    double stretch_y = 1.0;           ///< edges along y are this much longer
-    double max_turn_rad = 0.6;        ///< largest turning of the profile along one edge
-    double shortest_chord = 0.4e-3;   ///< of the profile; turning does not ask for shorter ones
+    double contact_edge = 2.0e-3;    ///< on the surface that an indenter can touch, away from where it does
+    double coarsest_edge = 5.0e-3;   ///< at depth
+    double growth = 0.35;            ///< edge length gained per length of depth
+    double stretch_y = 1.0;          ///< edges along y are this much longer
+    double max_turn_rad = 0.6;       ///< largest turning of the profile along one edge
+    double shortest_chord = 0.4e-3;  ///< of the profile; turning does not ask for shorter ones
 
     /// All edges `factor` times as long; the stretch stays.
     constexpr Mesh scaled(double factor) const {
-      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y, factor * max_turn_rad, factor * shortest_chord};
+      return {factor * contact_edge, factor * coarsest_edge, factor * growth, stretch_y,
+              factor * max_turn_rad, factor * shortest_chord};
     }
     bool operator==(const Mesh&) const = default;
   };
-  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the power; beside a void they shine into its air.
+  /// The five LEDs, lengths in m. On the sides there are as many on each, at half the stem's height, with half the
+  /// power; beside a void they shine into its air.
   struct Leds {
     enum class Place { top, sides };
     Place place = Place::top;
     int count = 5;
     double pitch = 11.0e-3;
     double length_y = 1.6e-3;
-    double width_x = 0.8e-3;          ///< on the sides, their height
-    double power_W = 1.0;             ///< of all together
+    double width_x = 0.8e-3;  ///< on the sides, their height
+    double power_W = 1.0;     ///< of all together
 
     bool operator==(const Leds&) const = default;
   };
   /// Readout regions on the outer surface.
   struct Readout {
     int bins = 11;
-    double half_range = 27.5e-3;      ///< |y| beyond it is not seen [m]
-    double min_abs_nx = 0.5;          ///< the undeformed normal must point this much sideways
-    bool one_side = false;            ///< only x > 0 is seen
-    bool in_space = false;            ///< bins stay where they are; otherwise they move with the material
+    double half_range = 27.5e-3;  ///< |y| beyond it is not seen [m]
+    double min_abs_nx = 0.5;      ///< the undeformed normal must point this much sideways
+    bool one_side = false;        ///< only x > 0 is seen
+    bool in_space = false;        ///< bins stay where they are; otherwise they move with the material
 
     bool operator==(const Readout&) const = default;
   };
@@ -54,8 +56,8 @@ struct FingerOptions {
   Leds leds = {};
   Readout readout = {};
   double carrier_albedo = 0.8;
-  bool bonded_ends = false;           ///< the end faces are held, by something clear: light passes them as before
-  SurfaceOptics touched = Dielectric{};   ///< Body::touched
+  bool bonded_ends = false;              ///< the end faces are held, by something clear: light passes them as before
+  SurfaceOptics touched = Dielectric{};  ///< Body::touched
 
   bool operator==(const FingerOptions&) const = default;
 };
@@ -74,14 +76,26 @@ inline Patch finger_patch(SectionTag tag, const HalfSection& s, const FingerOpti
   const double w = 0.5e-3 * s.pad.width, hs = 1e-3 * s.design.h_s, stem = 0.5e-3 * s.design.w_s;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
   switch (tag) {
-    case SectionTag::stem_top: return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
-    case SectionTag::stem_side: return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
-    case SectionTag::base: return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
-    case SectionTag::void_inner: return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
-    case SectionTag::void_roof: return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::void_wall: return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()}, false, false, supported, Dielectric{}, false};
-    case SectionTag::side: return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
-    default: return {"dome", EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false, Dielectric{}};
+    case SectionTag::stem_top:
+      return {"stem_top", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, true, false, false, wall};
+    case SectionTag::stem_side:
+      return {"stem_side", Plane{{stem, 0, 0}, -Vec3d::UnitX()}, true, false, false, wall};
+    case SectionTag::base:
+      return {"base", Plane{Vec3d::Zero(), -Vec3d::UnitZ()}, supported, false, false, wall};
+    case SectionTag::void_inner:
+      return {"void_inner", Plane{{stem, 0, 0}, Vec3d::UnitX()}, false, false, false, Dielectric{}, false};
+    case SectionTag::void_roof:
+      return {"void_roof", Plane{{0, 0, hs}, -Vec3d::UnitZ()}, false, false, supported, Dielectric{}, false};
+    case SectionTag::void_wall:
+      return {"void_wall", Plane{{stem + 1e-3 * s.design.w_v, 0, 0}, -Vec3d::UnitX()},
+              false,       false,
+              supported,   Dielectric{},
+              false};
+    case SectionTag::side:
+      return {"side", Plane{{w, 0, 0}, Vec3d::UnitX()}, false, true, false, Dielectric{}};
+    default:
+      return {"dome",      EllipticCylinder{{0, 0, 1e-3 * s.design.h_fp}, w, 1e-3 * s.design.h_ep}, false, true, false,
+              Dielectric{}};
   }
 }
 
@@ -94,7 +108,9 @@ inline void add_carrier(Body& body, const HalfSection& s, const FingerOptions& o
   body.carrier.push_back({{0, 0, 0.5 * (hs - thick)}, {stem, half_length, 0.5 * (hs + thick)}});
   if (s.design.w_v <= 0.0) return;
   const SurfaceOptics wall = Lambertian{o.carrier_albedo};
-  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) { body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall}); };
+  const auto face = [&](std::string name, Vec3d a, Vec3d b, Vec3d c, Vec3d d) {
+    body.rigid_faces.push_back({std::move(name), {a, b, c, d}, wall});
+  };
   const double l = half_length;
   face("stem +x", {stem, -l, 0}, {stem, l, 0}, {stem, l, hs}, {stem, -l, hs});
   face("stem -x", {-stem, -l, 0}, {-stem, -l, hs}, {-stem, l, hs}, {-stem, l, 0});
@@ -111,13 +127,21 @@ inline void add_light(Body& body, const HalfSection& s, const Silicone& silicone
   for (int k = 0; k < led.count; ++k) {
     const double y = (k - 0.5 * (led.count - 1)) * led.pitch;
     if (led.place == FingerOptions::Leds::Place::top) {
-      body.emitters.push_back(RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
+      body.emitters.push_back(
+          RectangleEmitter{{0, y, height}, {0.5 * led.width_x, 0, 0}, along, led.power_W / led.count, 0});
       continue;
     }
     const bool air = s.design.w_v > 0.0;
     require_in_range("height of the LEDs on the stem's sides", led.width_x * 1e3, 1e-3, s.design.h_s, "mm");
-    for (const double side : {1.0, -1.0})   // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
-      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height}, along, {0, 0, side * 0.5 * led.width_x}, 0.5 * led.power_W / led.count, 0, air});
+    for (const double side :
+         {1.0,
+          -1.0})  // in air, with the face that stands back (OpticalScene::Config::carrier_gap_m), but in front of it
+      body.emitters.push_back(RectangleEmitter{{side * (stem - (air ? 10e-6 : 0.0)), y, 0.5 * height},
+                                               along,
+                                               {0, 0, side * 0.5 * led.width_x},
+                                               0.5 * led.power_W / led.count,
+                                               0,
+                                               air});
   }
   const auto r = o.readout;
   body.touched = o.touched;
@@ -155,15 +179,18 @@ inline void validate(const FingerOptions& o) {
   require_in_range("readout half range", o.readout.half_range * 1e3, 1e-3, 1000.0, "mm");
   require_in_range("least sideways part of a visible normal", o.readout.min_abs_nx, 0.0, 1.0, "");
   require_in_range("carrier albedo", o.carrier_albedo, 0.0, 1.0, "");
-  if (const auto* white = std::get_if<Lambertian>(&o.touched)) require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
-  if (const auto* mirror = std::get_if<Mirror>(&o.touched)) require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
+  if (const auto* white = std::get_if<Lambertian>(&o.touched))
+    require_in_range("albedo of a tool that wets the pad", white->albedo, 0.0, 1.0, "");
+  if (const auto* mirror = std::get_if<Mirror>(&o.touched))
+    require_in_range("reflectance of a tool that wets the pad", mirror->reflectance, 0.0, 1.0, "");
 }
 
 inline Body finger(const FingerDesign& design, const Silicone& silicone, const FingerOptions& o) {
   validate(o);
   require_in_range("scattering albedo", silicone.scattering_albedo, 0.0, 1.0, "");
   require_in_range("anisotropy of scattering", silicone.anisotropy, -0.999, 0.999, "");
-  const HalfSection s = half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
+  const HalfSection s =
+      half_section(design, o.twin, {o.mesh.contact_edge, o.mesh.max_turn_rad, o.mesh.shortest_chord}, o.pad);
   const double half_length = 0.5e-3 * o.pad.length;
   Body body;
   body.name = "finger";
@@ -191,7 +218,8 @@ inline Body finger(const FingerDesign& design, const Silicone& silicone, const F
     body.facets.push_back({{2 * k, 2 * k + 1, 2 * next + 1, 2 * next}, patch});
   }
   Facet middle{{}, Body::mirror_patch}, end{{}, int(body.patches.size())};
-  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()}, o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
+  body.patches.push_back({"end", Plane{{0, half_length, 0}, Vec3d::UnitY()},
+                          o.bonded_ends || o.twin == Twin::unsupported_base, false, false, Dielectric{}});
   for (int k = 0; k < n; ++k) {
     middle.loop.push_back(2 * k);
     end.loop.push_back(2 * (n - 1 - k) + 1);

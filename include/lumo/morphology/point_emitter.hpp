@@ -4,11 +4,12 @@
 
 namespace lumo {
 
-/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the light starts out of it.
+/// A point that radiates alike in all directions. It must lie inside the medium: of a point on its surface half the
+/// light starts out of it.
 struct PointEmitter {
-  Vec3d center{0.0, 0.0, 0.0};      ///< [m]
+  Vec3d center{0.0, 0.0, 0.0};  ///< [m]
   double power_W = 1.0;
-  int channel = 0;                 ///< colour channel
+  int channel = 0;  ///< colour channel
 
   Vec3d axis() const { return Vec3d::UnitZ(); }
   Vec3d point(double, double) const { return center; }

@@ -59,9 +59,9 @@ inline Vec3d outward_normal(const Shape& shape, const Vec3d& p) {
   return std::visit([&](const auto& s) -> Vec3d { return s.normal(p); }, shape);
 }
 
-// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of a
-// convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would leave the bracket,
-// so that it converges for every aspect ratio and every point.
+// The foot of the perpendicular on an ellipse, after Eberly, "Distance from a Point to an Ellipse" (2013): the root of
+// a convex, falling function; Newton's method from the surface, where most points are, and bisection where a step would
+// leave the bracket, so that it converges for every aspect ratio and every point.
 inline Vec3d EllipticCylinder::closest_point(const Vec3d& p) const {
   const double px = std::abs(p.x() - center.x());
   const double pz = std::max(0.0, p.z() - center.z());

@@ -14,12 +14,13 @@ namespace lumo {
 struct Silicone {
   std::string name;
   double density_kg_per_m3;
-  double mu_Pa;                 ///< shear modulus
-  double lambda_Pa;             ///< Lamé's first parameter
+  double mu_Pa;      ///< shear modulus
+  double lambda_Pa;  ///< Lamé's first parameter
   double refractive_index;
-  double extinction_per_m;      ///< absorption and scattering together
-  double scattering_albedo = 0.0;   ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert takes all of it as absorption
-  double anisotropy = 0.0;          ///< mean cosine of the angle of scattering; neither is in the paper
+  double extinction_per_m;         ///< absorption and scattering together
+  double scattering_albedo = 0.0;  ///< share of the extinction that is scattering, for a ScatteringMedium; BeerLambert
+                                   ///< takes all of it as absorption
+  double anisotropy = 0.0;         ///< mean cosine of the angle of scattering; neither is in the paper
 
   bool operator==(const Silicone&) const = default;
   Medium medium() const { return {refractive_index, extinction_per_m, scattering_albedo, anisotropy}; }

@@ -17,20 +17,22 @@ struct Estimate {
   double error = 0.0;
 };
 
-/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is empty.
+/// The three terms of progressive-constraint contact of one scenario (paper Eq. 3–5). What the loads do not define is
+/// empty.
 struct ContactTerms {
-  std::optional<Estimate> form;     ///< q_form: patch radius at 2 N over indenter radius
-  std::optional<Estimate> stable;   ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
-  std::optional<Estimate> stiff;    ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
+  std::optional<Estimate> form;    ///< q_form: patch radius at 2 N over indenter radius
+  std::optional<Estimate> stable;  ///< q_stable: overlap of the contact sets at 2 N and 10 N, on the reference surface
+  std::optional<Estimate> stiff;   ///< q_stiff: 1 − κ(1→2 N)/κ(5→10 N)
   /// (q_form q_stable q_stiff)^(1/3).
   std::optional<Estimate> score() const;
 };
 
-/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study (benchmarks/refinement/results.md).
+/// Errors of areas, overlap and stiffness at the default mesh, from the refinement study
+/// (benchmarks/refinement/results.md).
 struct MechanicalError {
-  double area = 0.03;         ///< relative, of A
-  double overlap = 0.015;     ///< absolute, of an intersection over union
-  double stiffness = 0.008;   ///< relative, of a secant stiffness
+  double area = 0.03;        ///< relative, of A
+  double overlap = 0.015;    ///< absolute, of an intersection over union
+  double stiffness = 0.008;  ///< relative, of a secant stiffness
 };
 
 /// The paper's loads that enter the terms [N].
@@ -38,12 +40,16 @@ struct ContactLoads {
   double first = 1.0, second = 2.0, third = 5.0, fourth = 10.0;
 };
 
-/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states count.
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
-                           const MechanicalError& error = {}, const ContactLoads& loads = {});
+/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
+/// count.
+inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
+                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {});
 
-/// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper Table II.
-inline double progressive_constraint_gain(double depth, double baseline_depth) { return 100.0 * (1.0 - depth / baseline_depth); }
+/// How much less than the baseline a pad gives way at the same load, in percent: 100 (1 − δ/δ_baseline). Source: paper
+/// Table II.
+inline double progressive_constraint_gain(double depth, double baseline_depth) {
+  return 100.0 * (1.0 - depth / baseline_depth);
+}
 
 namespace detail {
 
@@ -58,22 +64,28 @@ inline Estimate clipped(const Estimate& e) {
 inline std::optional<Estimate> ContactTerms::score() const {
   if (!form || !stable || !stiff) return std::nullopt;
   const double value = std::cbrt(form->value * stable->value * stiff->value);
-  const auto with = [&](double f, double s, double k) { return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value); };
+  const auto with = [&](double f, double s, double k) {
+    return std::abs(std::cbrt(std::max(0.0, f) * std::max(0.0, s) * std::max(0.0, k)) - value);
+  };
   // Errors of the three terms are taken as independent; finite changes, because the cube root has no slope at zero.
-  const double a = std::max(with(form->value + form->error, stable->value, stiff->value), with(form->value - form->error, stable->value, stiff->value));
-  const double b = std::max(with(form->value, stable->value + stable->error, stiff->value), with(form->value, stable->value - stable->error, stiff->value));
-  const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error), with(form->value, stable->value, stiff->value - stiff->error));
+  const double a = std::max(with(form->value + form->error, stable->value, stiff->value),
+                            with(form->value - form->error, stable->value, stiff->value));
+  const double b = std::max(with(form->value, stable->value + stable->error, stiff->value),
+                            with(form->value, stable->value - stable->error, stiff->value));
+  const double c = std::max(with(form->value, stable->value, stiff->value + stiff->error),
+                            with(form->value, stable->value, stiff->value - stiff->error));
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states, double radius_m,
-                                  const MechanicalError& error, const ContactLoads& loads) {
+inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
+                                  double radius_m, const MechanicalError& error, const ContactLoads& loads) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;
     return nullptr;
   };
-  const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third), *four = at(loads.fourth);
+  const MechanicalState *one = at(loads.first), *two = at(loads.second), *three = at(loads.third),
+                        *four = at(loads.fourth);
   ContactTerms q;
   if (two) {
     const double form = std::sqrt(two->contact_area_m2 / (pi * radius_m * radius_m));
@@ -81,7 +93,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
   }
   if (two && four) {
     const ContactSurface surface(mesh, body, [](const Patch& p) { return p.contactable; });
-    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(), error.overlap};
+    q.stable = Estimate{contact_overlap(surface, two->contact_field, four->contact_field, positions_of(mesh)).ratio(),
+                        error.overlap};
   }
   if (one && two && three && four) {
     const double early = (two->force_N - one->force_N) / (two->depth_m - one->depth_m);
@@ -89,7 +102,8 @@ inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const s
     const double ratio = early / late;
     // A held indenter's force may pass the next load before it moves on: no advance, no stiffness.
     const bool advanced = two->depth_m > one->depth_m && four->depth_m > three->depth_m;
-    if (advanced && late > 0.0) q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
+    if (advanced && late > 0.0)
+      q.stiff = detail::clipped({1.0 - ratio, std::sqrt(2.0) * error.stiffness * std::abs(ratio)});
   }
   return q;
 }

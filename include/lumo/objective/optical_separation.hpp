@@ -14,21 +14,22 @@ namespace lumo {
 
 /// Response of one state with what it is compared by (paper Eq. 6–7).
 struct ObservedState {
-  std::size_t scenario;       ///< the caller's number of the scenario
+  std::size_t scenario;  ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
-  Eigen::MatrixXd change;     ///< (r − r_0)/P_emit, replicates × regions
+  Eigen::MatrixXd change;  ///< (r − r_0)/P_emit, replicates × regions
   TiltPlane tilt = TiltPlane::xz;
 };
 
-/// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the distance between
-/// their response changes; with its error from replicates and the two states that set it.
+/// The closest pair of places: J_obs = min over matched diameter, angle and load, and over pairs of places, of the
+/// distance between their response changes; with its error from replicates and the two states that set it.
 struct Separation {
   Estimate distance;
   std::size_t first, second;  ///< indices into the states
 };
 
-/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and what the dent reflects nearly
-/// cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
+/// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
+/// what the dent reflects nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
+/// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
 struct OpticalError {
   double mesh = 0.12;
 };
@@ -38,23 +39,27 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
   return (loaded.replicates - unloaded.replicates) / loaded.ledger.emitted;
 }
 
-/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the mean over pairs of
-/// *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding 1948): unlike the square of the mean difference it
-/// is not raised by noise. Where noise makes it negative the distance is 0. The error is that of the larger of distance and noise.
+/// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
+/// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
+/// 1948): unlike the square of the mean difference it is not raised by noise. Where noise makes it negative the
+/// distance is 0. The error is that of the larger of distance and noise.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// May these two states be compared: same tool, angle and load, other place?
 inline bool comparable(const ObservedState& a, const ObservedState& b) {
-  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N && a.y_m != b.y_m;
+  return a.diameter_m == b.diameter_m && a.angle_rad == b.angle_rad && a.tilt == b.tilt && a.load_N == b.load_N &&
+         a.y_m != b.y_m;
 }
 
-/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of all pairs that come within
-/// two errors (of the difference) of the least distance and are noisier than that. Ascending; empty: done, or nothing can be compared. A pure function, so that a
-/// campaign that retraces them (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
+/// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
+/// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
+/// Ascending; empty: done, or nothing can be compared. A pure function, so that a campaign that retraces them
+/// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
 /// Empty when no two states can be compared. Cost: all pairs.
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error = {});
+inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
+                                                    const OpticalError& error = {});
 
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
   const Eigen::MatrixXd d = a - b;
@@ -65,8 +70,8 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
   const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
   const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
   if (scale == 0.0) return {0.0, 0.0};
-  // To first order the distance moves with the replicates' components along the mean difference; where there is little but noise that
-  // overstates the error somewhat, since the mean difference is noise, too.
+  // To first order the distance moves with the replicates' components along the mean difference; where there is little
+  // but noise that overstates the error somewhat, since the mean difference is noise, too.
   return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
 }
 
@@ -77,7 +82,8 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
   std::vector<Separation> pairs;
   for (std::size_t i = 0; i < states.size(); ++i)
     for (std::size_t j = i + 1; j < states.size(); ++j)
-      if (comparable(states[i], states[j])) pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
+      if (comparable(states[i], states[j]))
+        pairs.push_back({response_distance(states[i].change, states[j].change), i, j});
   return pairs;
 }
 
@@ -87,18 +93,23 @@ inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState
   const std::vector<Separation> pairs = detail::separations(states);
   // The least of the upper bounds, so that one very noisy pair does not stand for all.
   const auto upper = [](const Separation& p) { return p.distance.value + 2.0 * p.distance.error; };
-  const auto least = std::min_element(pairs.begin(), pairs.end(), [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
+  const auto least = std::min_element(pairs.begin(), pairs.end(),
+                                      [&](const Separation& a, const Separation& b) { return upper(a) < upper(b); });
   std::set<std::size_t> wanted;
   for (const Separation& p : pairs) {
-    const bool within_reach = p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
+    const bool within_reach =
+        p.distance.value - least->distance.value <= 2.0 * std::hypot(p.distance.error, least->distance.error);
     if (within_reach && p.distance.error > tolerance * p.distance.value) wanted.insert({p.first, p.second});
   }
   return {wanted.begin(), wanted.end()};
 }
 
-inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states, const OpticalError& error) {
+inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
+                                                    const OpticalError& error) {
   const std::vector<Separation> pairs = detail::separations(states);
-  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) { return a.distance.value < b.distance.value; });
+  const auto closest = std::min_element(pairs.begin(), pairs.end(), [](const Separation& a, const Separation& b) {
+    return a.distance.value < b.distance.value;
+  });
   if (closest == pairs.end()) return std::nullopt;
   Separation least = *closest;
   least.distance.error = std::hypot(2.0 * least.distance.error, error.mesh * least.distance.value);

@@ -16,7 +16,8 @@ concept TransparentMedium = std::constructible_from<M, Medium> && requires(const
   { medium.transmittance(path_m) } -> std::convertible_to<double>;
 };
 
-/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as absorption).
+/// Exponential extinction along a path. Source: Bouguer 1729, Lambert 1760, Beer 1852; paper §III (μ_ext acts as
+/// absorption).
 class BeerLambert {
  public:
   /// Throws InvalidArgument unless the index lies in [1, 5] and the extinction in [0, 1e6] 1/m.

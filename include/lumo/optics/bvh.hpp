@@ -47,10 +47,10 @@ class BvhScene {
 
   std::vector<Triangle> triangles_;
   std::vector<Node> nodes_;
-  std::vector<Box> boxes_;      ///< per input triangle, while building
-  std::vector<int> order_;      ///< likewise
+  std::vector<Box> boxes_;        ///< per input triangle, while building
+  std::vector<int> order_;        ///< likewise
   Vec3d center_ = Vec3d::Zero();  ///< corners are stored relative to it
-  double slack_ = 0.0;          ///< rays may start this far behind a face [m]
+  double slack_ = 0.0;            ///< rays may start this far behind a face [m]
   int leaf_size_;
 };
 
@@ -62,11 +62,13 @@ struct Bvh {
   };
   Config config{};
 
-  template <class Scene = BvhScene>
-  Scene build(const std::vector<SceneTriangle>& triangles) const { return Scene(triangles, config.leaf_size); }
+  template <class Scene = BvhScene> Scene build(const std::vector<SceneTriangle>& triangles) const {
+    return Scene(triangles, config.leaf_size);
+  }
 };
 
-inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size) : leaf_size_(std::max(1, leaf_size)) {
+inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size)
+    : leaf_size_(std::max(1, leaf_size)) {
   Box all;
   for (const SceneTriangle& t : triangles)
     for (const Vec3d& p : t.corners) {
@@ -148,7 +150,8 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
 inline int BvhScene::build(const Range& range) {
   std::vector<Range> parts{range};
   for (std::size_t tried = 0; parts.size() < 4 && tried < parts.size();) {
-    std::sort(parts.begin(), parts.end(), [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
+    std::sort(parts.begin(), parts.end(),
+              [](const Range& a, const Range& b) { return a.last - a.first > b.last - b.first; });
     std::array<Range, 2> halves;
     if (!split(parts[tried], halves)) {
       ++tried;
@@ -163,8 +166,10 @@ inline int BvhScene::build(const Range& range) {
   for (std::size_t k = 0; k < 4; ++k) {
     for (std::size_t a = 0; a < 3; ++a) {
       const bool used = k < parts.size();
-      nodes_[me].low[a][Eigen::Index(k)] = used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
-      nodes_[me].high[a][Eigen::Index(k)] = used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
+      nodes_[me].low[a][Eigen::Index(k)] =
+          used ? float(parts[k].box.min()[Eigen::Index(a)]) : std::numeric_limits<float>::infinity();
+      nodes_[me].high[a][Eigen::Index(k)] =
+          used ? float(parts[k].box.max()[Eigen::Index(a)]) : -std::numeric_limits<float>::infinity();
     }
     if (k >= parts.size()) {
       nodes_[me].count[k] = -1;
@@ -217,13 +222,15 @@ inline RayHit BvhScene::first_hit(const Vec3d& origin, const Vec3d& direction, b
     const Node& node = nodes_[std::size_t(now.child)];
     Eigen::Array4f enter = Eigen::Array4f::Zero(), leave = Eigen::Array4f::Constant(float(best.t));
     for (std::size_t a = 0; a < 3; ++a) {
-      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a], &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
+      const Eigen::Array4f &near = inverse[a] < 0.0f ? node.high[a] : node.low[a],
+                           &far = inverse[a] < 0.0f ? node.low[a] : node.high[a];
       enter = enter.max((near - of[a]) * inverse[a]);
       leave = leave.min((far - of[a]) * inverse[a]);
     }
     const std::size_t base = top;
     for (std::size_t k = 0; k < 4; ++k) {
-      if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * 1.000001f) || top == stack.size()) continue;
+      if (node.count[k] < 0 || !(enter[Eigen::Index(k)] <= leave[Eigen::Index(k)] * 1.000001f) || top == stack.size())
+        continue;
       std::size_t at = top++;  // keep the nearest on top
       for (; at > base && stack[at - 1].t < enter[Eigen::Index(k)]; --at) stack[at] = stack[at - 1];
       stack[at] = {node.child[k], node.count[k], enter[Eigen::Index(k)]};

@@ -11,16 +11,17 @@ namespace lumo {
 
 /// Light that left the body for good: where it last crossed the surface, and where it goes.
 struct Escape {
-  Vec3d reference;   ///< last exit point in the undeformed body [m]
-  Vec3d position;    ///< the same point, deformed [m]
-  Vec3d direction;   ///< unit, in air
+  Vec3d reference;  ///< last exit point in the undeformed body [m]
+  Vec3d position;   ///< the same point, deformed [m]
+  Vec3d direction;  ///< unit, in air
   int region = -1;  ///< Body::region of the last exit point
 };
 
-/// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position, direction) reaches it.
-/// Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`, channel → its mirror image in the plane across axis 0 or 1
-/// (empty: itself; nothing: it has none), lets one of two mirrored states stand for both.
-/// Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light that is not seen.
+/// Sorts escaping light into channels. A photodiode or a camera with a finite aperture asks whether (position,
+/// direction) reaches it. Optional: `std::optional<std::vector<int>> image_channels(const Body&, int axis) const`,
+/// channel → its mirror image in the plane across axis 0 or 1 (empty: itself; nothing: it has none), lets one of two
+/// mirrored states stand for both. Laws: a pure function; the channel lies in [0, channels(body)), or is −1 for light
+/// that is not seen.
 template <class R>
 concept ExitReadout = requires(const R& readout, const Body& body, const Escape& escape) {
   { readout.channels(body) } -> std::convertible_to<int>;
@@ -33,10 +34,12 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
-/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian faces send is gathered from ways
-/// that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light that never met such a face is traced forward, as for others.
-/// Laws: connect(k, p, u, v) leads from the point p through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is
-/// the integral of f over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one channel.
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian
+/// faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light
+/// that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the point p
+/// through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is the integral of f
+/// over the solid angle of the opening; channel() is −1 for light that passes no opening, and what passes one has one
+/// channel.
 template <class R>
 concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Vec3d& p, int k, double u) {
   { readout.openings() } -> std::convertible_to<int>;
@@ -47,7 +50,9 @@ concept ConnectedReadout = ExitReadout<R> && requires(const R& readout, const Ve
 struct ExitPower {
   int channels(const Body& body) const { return body.regions; }
   int channel(const Escape& escape) const { return escape.region; }
-  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const { return axis == 0 ? body.region_image_x : body.region_image_y; }
+  std::optional<std::vector<int>> image_channels(const Body& body, int axis) const {
+    return axis == 0 ? body.region_image_x : body.region_image_y;
+  }
 };
 
 static_assert(ExitReadout<ExitPower>);

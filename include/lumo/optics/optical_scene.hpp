@@ -26,21 +26,23 @@ struct ScenePoint {
   double u = 0.0, v = 0.0;    ///< barycentric in the flat triangle (of corners 1 and 2)
 };
 
-/// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its quadratic map,
-/// plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
+/// The surface of a body in one state, as light meets it: every face of the mesh cut into sub_facets² triangles on its
+/// quadratic map, plus the carrier faces. Knows exact normals, regions, contact, and the optics of each face.
 class OpticalScene {
  public:
   struct Config {
-    int sub_facets = 3;            ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    double carrier_gap_m = 20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
+    int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
+    double carrier_gap_m =
+        20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
 
   /// `displacement` [m] and `contact_field` per mesh node; either may be empty (undeformed, no contact).
   /// `images`: also label regions for mirror images in the planes of this symmetry.
-  /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad indices or optics.
-  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
-               Symmetry images, const Config& config);
+  /// Throws InvalidArgument for wrong sizes, numbers that are not finite (−infinity is allowed in the field), bad
+  /// indices or optics.
+  OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+               const std::vector<double>& contact_field, Symmetry images, const Config& config);
 
   const std::vector<SceneTriangle>& triangles() const { return triangles_; }
 
@@ -49,7 +51,9 @@ class OpticalScene {
   /// Unit normal of triangle `t` (flat, outward).
   Vec3d flat_normal(int t) const;
   /// Unit outward normal of the deformed body.
-  Vec3d smooth_normal(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized(); }
+  Vec3d smooth_normal(const ScenePoint& p) const {
+    return on_quadratic(faces_[std::size_t(p.face)].normal, p.b1, p.b2).normalized();
+  }
   /// Undeformed position [m].
   Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Deformed position on the quadratic map [m].
@@ -67,7 +71,7 @@ class OpticalScene {
   int triangles_per_face() const { return int(lattice_.size()); }
   bool on_body(int t) const { return std::size_t(t) < body_triangles_; }
   double triangle_area(int t) const;
-  double area(int face) const;      ///< of its triangles [m²]
+  double area(int face) const;  ///< of its triangles [m²]
   /// May a point of a face, or of one of its mirror images, lie in a region while the body is undeformed?
   bool has_region(int face) const { return has_region_[std::size_t(face)] != 0; }
   std::size_t face_count() const { return faces_.size(); }
@@ -86,9 +90,11 @@ class OpticalScene {
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
   /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
-    return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
+    return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch
+                      : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
   }
-  /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the triangle.
+  /// A point a little inside the body from the point `p` on triangle `t`: towards the inside and the middle of the
+  /// triangle.
   Vec3d pulled_inward(int t, const Vec3d& p) const;
 
  private:
@@ -106,7 +112,7 @@ class OpticalScene {
   std::vector<std::array<Vec3d, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
-  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states, also where regions stay in space
+  std::vector<char> has_region_;  ///< per face, undeformed: the same in all states, also where regions stay in space
 };
 
 inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
@@ -115,11 +121,13 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
   require_in_range("sub-facets per edge", config.sub_facets, 1, 64, "");
   require_in_range("carrier gap", config.carrier_gap_m * 1e6, 0.0, 1000.0, "um");
   require_in_range("carrier cell", config.carrier_cell_m * 1e3, 1e-3, 1e6, "mm");
-  if (mesh.order != 1 && mesh.order != 2) throw InvalidArgument(message("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
+  if (mesh.order != 1 && mesh.order != 2)
+    throw InvalidArgument(message("optical scene: mesh order ", mesh.order, ", must be 1 or 2"));
   for (const Patch& p : body.patches) validate(p.optics);
   for (const RigidFace& f : body.rigid_faces) validate(f.optics);
   validate(body.touched);
-  if (body.regions > 0 && !body.region) throw InvalidArgument("optical scene: the body has regions but no region function");
+  if (body.regions > 0 && !body.region)
+    throw InvalidArgument("optical scene: the body has regions but no region function");
   for (int i = 0; i < n_; ++i)
     for (int j = 0; i + j < n_; ++j) {
       lattice_.push_back({{{i, j}, {i + 1, j}, {i, j + 1}}});
@@ -132,7 +140,8 @@ inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const s
   label(images);
 }
 
-inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field) {
+inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+                                    const std::vector<double>& contact_field) {
   const std::size_t nodes = mesh.nodes.size();
   if (!displacement.empty() && displacement.size() != nodes)
     throw InvalidArgument(message("optical scene: ", displacement.size(), " displacements for ", nodes, " nodes"));
@@ -144,7 +153,8 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d
   triangles_.reserve(mesh.faces.size() * lattice_.size());
   for (const BoundaryFace& face : mesh.faces) {
     if (face.patch < 0 || std::size_t(face.patch) >= body_->patches.size())
-      throw InvalidArgument(message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
+      throw InvalidArgument(
+          message("optical scene: face of patch ", face.patch, ", the body has ", body_->patches.size()));
     QuadraticFace f;
     f.patch = face.patch;
     const std::size_t given = mesh.order == 2 ? 6 : 3;
@@ -173,11 +183,13 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d
   }
 }
 
-// The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same cells in every state.
+// The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same
+// cells in every state.
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3d> soft;
   for (const QuadraticFace& f : faces_)
-    if (is_dielectric(body_->patches[std::size_t(f.patch)].optics)) soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
+    if (is_dielectric(body_->patches[std::size_t(f.patch)].optics))
+      soft.insert(soft.end(), f.deformed.begin(), f.deformed.end());
   for (std::size_t i = 0; i < body_->rigid_faces.size(); ++i) {
     const std::vector<Vec3d>& place = body_->rigid_faces[i].corners;
     const std::vector<Vec3d> corner = set_back(body_->rigid_faces[i], soft, config.carrier_gap_m);
@@ -195,7 +207,8 @@ inline int OpticalScene::region(int patch, const Vec3d& reference, const Vec3d& 
   if (!body_->region || !body_->patches[std::size_t(patch)].visible) return -1;
   const Vec3d mirror(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
   const Vec3d n = outward_normal(*body_, patch, reference);
-  const int r = body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
+  const int r =
+      body_->region(mirror.cwiseProduct(body_->regions_in_space ? position : reference), mirror.cwiseProduct(n));
   return r >= 0 && r < body_->regions ? r : -1;
 }
 
@@ -221,7 +234,8 @@ inline int OpticalScene::region(const ScenePoint& p, unsigned image) const {
   const int known = labels_[image][std::size_t(p.face)];
   if (known != mixed) return known;
   const Vec3d undeformed = reference(p);
-  return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed, image);
+  return region(faces_[std::size_t(p.face)].patch, undeformed, body_->regions_in_space ? position(p) : undeformed,
+                image);
 }
 
 inline ScenePoint OpticalScene::locate(int t, const Vec3d& p) const {
@@ -229,7 +243,9 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3d& p) const {
   const auto& [a, b, c] = corners;
   const Vec3d e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
-  const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };  // also takes NaN, of a triangle without area
+  const auto unit = [](double x) {
+    return x > 0.0 ? std::min(x, 1.0) : 0.0;
+  };  // also takes NaN, of a triangle without area
   double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
   if (const double s = u + v; s > 1.0) u /= s, v /= s;
   ScenePoint r;

@@ -12,12 +12,13 @@
 
 namespace lumo {
 
-/// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which `half_u` × `half_v` points.
+/// A flat detector outside the body, a parallelogram or an ellipse. It sees light that falls on the side to which
+/// `half_u` × `half_v` points.
 struct Photodiode {
   Vec3d center{0.0, 0.0, 0.0};       ///< [m]
   Vec3d half_u{1e-3, 0.0, 0.0};      ///< half edge, or half axis [m]
   Vec3d half_v{0.0, 1e-3, 0.0};      ///< likewise
-  bool round = false;               ///< an ellipse with these half axes
+  bool round = false;                ///< an ellipse with these half axes
   double acceptance_rad = 0.5 * pi;  ///< largest angle between the light and the normal
 
   double area_m2() const { return (round ? pi : 4.0) * half_u.cross(half_v).norm(); }
@@ -37,7 +38,9 @@ class Photodiodes {
   Connection connect(int k, const Vec3d& from, double u, double v) const;
 
  private:
-  static bool accepts(const Photodiode& d, const Vec3d& direction) { return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12; }
+  static bool accepts(const Photodiode& d, const Vec3d& direction) {
+    return -direction.dot(d.normal()) > std::cos(d.acceptance_rad) - 1e-12;
+  }
 
   std::vector<Photodiode> diodes_;
 };
@@ -70,7 +73,8 @@ inline int Photodiodes::channel(const Escape& escape) const {
 
 inline Connection Photodiodes::connect(int k, const Vec3d& from, double u, double v) const {
   const Photodiode& d = diodes_[std::size_t(k)];
-  const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v) : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
+  const Vec3d at = d.center + (d.round ? on_unit_disc(u, v, d.half_u, d.half_v)
+                                       : Vec3d((2.0 * u - 1.0) * d.half_u + (2.0 * v - 1.0) * d.half_v));
   const Vec3d way = at - from;
   const double length = way.norm();
   if (!(length > 0.0)) return {};

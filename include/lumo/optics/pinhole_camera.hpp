@@ -9,20 +9,21 @@
 
 namespace lumo {
 
-/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into that pixel; pixels are numbered from
-/// the upper left corner of the upright image. The opening holds an ideal thin lens focused at `focus_m`: what lies at another distance z is
-/// blurred to a disc of about 2 aperture_m |z/focus_m − 1| there, and nothing else is approximate.
+/// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
+/// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
+/// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
+/// 1| there, and nothing else is approximate.
 class PinholeCamera {
  public:
   struct Config {
-    Vec3d position{0.0, 0.0, 0.0};        ///< of the opening [m]
-    Vec3d view{0.0, 0.0, 1.0};            ///< the way that the camera looks
-    Vec3d up{0.0, 1.0, 0.0};              ///< what is up in the image; not along `view`
+    Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
+    Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
+    Vec3d up{0.0, 1.0, 0.0};                       ///< what is up in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;
-    double aperture_m = 0.25e-3;         ///< radius of the opening
-    double focus_m = 20e-3;              ///< distance along `view` that is sharp
+    double aperture_m = 0.25e-3;  ///< radius of the opening
+    double focus_m = 20e-3;       ///< distance along `view` that is sharp
   };
 
   /// Throws InvalidArgument for numbers out of range.
@@ -56,13 +57,15 @@ inline PinholeCamera::PinholeCamera(const Config& config) : config_(config) {
   view_ = config.view.normalized();
   right_ = view_.cross(config.up).normalized();
   up_ = right_.cross(view_);
-  if (!(std::abs(up_.norm() - 1.0) < 1e-9)) throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
+  if (!(std::abs(up_.norm() - 1.0) < 1e-9))
+    throw InvalidArgument("camera: the directions of view and up are not finite, or are parallel");
   half_width_ = std::tan(0.5 * config.field_of_view_rad);
   half_height_ = half_width_ * config.rows / config.columns;
 }
 
 inline int PinholeCamera::pixel_of(double right, double up) const {
-  const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns, row = 0.5 * (1.0 - up / half_height_) * config_.rows;
+  const double column = 0.5 * (right / half_width_ + 1.0) * config_.columns,
+               row = 0.5 * (1.0 - up / half_height_) * config_.rows;
   if (!(column >= 0.0 && column < config_.columns && row >= 0.0 && row < config_.rows)) return -1;
   return int(row) * config_.columns + int(column);
 }

@@ -10,12 +10,13 @@
 
 namespace lumo {
 
-/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for each colour of the emitters.
+/// What the readout sees of one state. Channels are those of the readout (ExitPower: regions of the body), once for
+/// each colour of the emitters.
 struct Response {
   std::vector<double> power_W;  ///< mean over replicates
   std::vector<double> error_W;  ///< standard error of the mean, from the scatter of the replicates
-  /// [W], replicates × channels. Replicate k of every state is traced with the same rays, so an error of a *difference* of states
-  /// comes from the differences row by row (common random numbers).
+  /// [W], replicates × channels. Replicate k of every state is traced with the same rays, so an error of a *difference*
+  /// of states comes from the differences row by row (common random numbers).
   Eigen::MatrixXd replicates;
   Eigen::MatrixXd direct;  ///< the part of `replicates` that met no surface but the one through which it left
   EnergyLedger ledger;     ///< mean over replicates

@@ -10,9 +10,10 @@
 
 namespace lumo {
 
-/// A medium that also turns light aside. transmittance() is the share that runs straight on; of the rest, albedo() is scattered.
-/// Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not come through `path_m` ends, drawn with the density −dT/ds on
-/// [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is the same forwards and backwards (reciprocity).
+/// A medium that also turns light aside. transmittance() is the share that runs straight on; of the rest, albedo() is
+/// scattered. Laws: albedo in [0, 1]; free_path_m(path_m, u) is where light that does not come through `path_m` ends,
+/// drawn with the density −dT/ds on [0, path_m]; scattering_cosine(u) is drawn from the phase function, which is the
+/// same forwards and backwards (reciprocity).
 template <class M>
 concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double x) {
   { medium.albedo() } -> std::convertible_to<double>;
@@ -21,11 +22,12 @@ concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double 
 };
 
 /// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
-/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last bit.
-/// Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last
+/// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
 class ScatteringMedium {
  public:
-  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy in [−0.999, 0.999].
+  /// Throws InvalidArgument unless index and extinction are BeerLambert's, the albedo lies in [0, 1] and the anisotropy
+  /// in [−0.999, 0.999].
   explicit ScatteringMedium(const Medium& medium) : straight_(medium), medium_(medium) {
     require_in_range("scattering albedo", medium.scattering_albedo, 0.0, 1.0, "");
     require_in_range("anisotropy of scattering", medium.anisotropy, -0.999, 0.999, "");
@@ -36,11 +38,13 @@ class ScatteringMedium {
   double albedo() const { return medium_.scattering_albedo; }
   double free_path_m(double path_m, double u) const {
     const double depth = medium_.extinction_per_m * path_m;
-    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m) : u * path_m;
+    return depth > 0.0 ? std::clamp(-std::log1p(u * std::expm1(-depth)) / medium_.extinction_per_m, 0.0, path_m)
+                       : u * path_m;
   }
   double scattering_cosine(double u) const {
     const double g = medium_.anisotropy, s = 2.0 * u - 1.0;
-    if (std::abs(g) < 1e-4) return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);  // the formula's limit, where it would cancel
+    if (std::abs(g) < 1e-4)
+      return std::clamp(s + 1.5 * g * (1.0 - s * s), -1.0, 1.0);  // the formula's limit, where it would cancel
     const double q = (1.0 - g * g) / (1.0 + g * s);
     return std::clamp((1.0 + g * g - q * q) / (2.0 * g), -1.0, 1.0);
   }

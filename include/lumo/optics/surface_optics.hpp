@@ -2,7 +2,6 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/optical_data.hpp"
 #include "lumo/optics/fresnel.hpp"
@@ -31,15 +30,18 @@ inline Vec3d cosine_direction(const Vec3d& t1, const Vec3d& t2, const Vec3d& n, 
 
 }  // namespace detail
 
-/// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit side, and two
-/// numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take image directions.
+/// Where opaque surfaces send light: unit direction for the incoming unit direction `d`, unit normal `n` on the lit
+/// side, and two numbers in (0, 1). `mirror` (±1, ±1, 1) is the mirror image that the path belongs to: image paths take
+/// image directions.
 inline Vec3d reflected(const Lambertian&, const Vec3d&, const Vec3d& n, double u, double v, const Vec3d& mirror) {
   const Vec3d m = mirror.cwiseProduct(n);
   Vec3d t1, t2;
   tangents(m, t1, t2);
   return mirror.cwiseProduct(detail::cosine_direction(t1, t2, m, u, 2.0 * pi * v));
 }
-inline Vec3d reflected(const Mirror&, const Vec3d& d, const Vec3d& n, double, double, const Vec3d&) { return reflect(d, n); }
+inline Vec3d reflected(const Mirror&, const Vec3d& d, const Vec3d& n, double, double, const Vec3d&) {
+  return reflect(d, n);
+}
 inline Vec3d reflected(const Absorber&, const Vec3d&, const Vec3d& n, double, double, const Vec3d&) { return n; }
 
 /// An opaque surface. Law: 0 ≤ reflectance ≤ 1, and reflected() stays on the lit side.
@@ -52,15 +54,16 @@ concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
 static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
 static_assert(!OpaqueSurface<Dielectric>);
 
-template <std::same_as<SurfaceOptics> Optics>
-inline bool is_dielectric(const Optics& s) { return std::holds_alternative<Dielectric>(s); }
+template <std::same_as<SurfaceOptics> Optics> inline bool is_dielectric(const Optics& s) {
+  return std::holds_alternative<Dielectric>(s);
+}
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
-template <std::same_as<SurfaceOptics> Optics>
-inline void validate(const Optics& optics) {
+template <std::same_as<SurfaceOptics> Optics> inline void validate(const Optics& optics) {
   std::visit(
       [](const auto& s) {
-        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) require_in_range("surface reflectance", reflectance(s), 0.0, 1.0, "");
+        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>)
+          require_in_range("surface reflectance", reflectance(s), 0.0, 1.0, "");
       },
       optics);
 }

@@ -8,17 +8,17 @@
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 #include "lumo/optics/bvh.hpp"
-#include "lumo/optics/transport/radiosity.hpp"
-#include "lumo/optics/transport/splatting.hpp"
-#include "lumo/optics/transport/next_event.hpp"
 #include "lumo/optics/exit_power.hpp"
+#include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/ray_focus.hpp"
+#include "lumo/optics/response.hpp"
 #include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/light_nodes.hpp"
-#include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/transport/next_event.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
-#include "lumo/optics/ray_focus.hpp"
+#include "lumo/optics/transport/radiosity.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
-#include "lumo/optics/response.hpp"
+#include "lumo/optics/transport/splatting.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -38,31 +38,38 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
   return {s.x && m.x && b.x, s.y && m.y && b.y};
 }
 
-/// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout sees.
+/// Traces light from a body's emitters through its deformed shape, and says how much of it each channel of the readout
+/// sees.
 ///
-/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight rays in air (model: paper §III). Channels of the
-/// response: those of the readout for the light of the first colour, then for that of the next. A medium that scatters sends on light twice from
-/// each straight piece, straight and scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
-/// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and emitter, until they are
-///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread between neighbouring
-///    paths (exit_beams.hpp).
-/// 2. Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear between nodes (carrier_exchange.hpp).
-/// 3. What leaves through faces with regions is gathered backwards from them (exit_gather.hpp): direct light and light of Lambertian faces.
-/// With exit_rays = 0 steps 1 and 3 are plain forward tracing. Draws of later events are keyed by (path, event). Same arguments, same bits,
-/// whatever the thread; const and thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is
-/// linear between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.
+/// Emitters in the medium (or in air beside it), both Fresnel branches at smooth interfaces, opaque carrier, straight
+/// rays in air (model: paper §III). Channels of the response: those of the readout for the light of the first colour,
+/// then for that of the next. A medium that scatters sends on light twice from each straight piece, straight and
+/// scattered; steps 1 to 3 hold for both, but emitters' light that was scattered is neither spread nor gathered.
+/// 1. Paths from the emitters, on a random grid or net of directions that is the same for every design, state and
+/// emitter, until they are
+///    absorbed, leave for good, or fall on a Lambertian face. What leaves through regions after reflections is spread
+///    between neighbouring paths (exit_beams.hpp).
+/// 2. Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear between nodes
+/// (carrier_exchange.hpp).
+/// 3. What leaves through faces with regions is gathered backwards from them (exit_gather.hpp): direct light and light
+/// of Lambertian faces. With exit_rays = 0 steps 1 and 3 are plain forward tracing. Draws of later events are keyed by
+/// (path, event). Same arguments, same bits, whatever the thread; const and thread-safe: run one state per task.
+/// Errors: of the integration, stated in the Response; of light that is linear between nodes (scene.sub_facets,
+/// scene.carrier_cell_m), and of spreading, which are not in it.
 template <TransparentMedium Medium = BeerLambert, ExitReadout Readout = ExitPower, Intersector Backend = Bvh>
 class Tracer {
  public:
   struct Config {
-    int rays_per_emitter = 1 << 16;   ///< over all replicates; a power of two
-    int replicates = 8;               ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
-    int carrier_rays = 1 << 15;       ///< over all replicates and Lambertian faces, by area; at least one on each triangle
-    int exit_rays = 1 << 18;          ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
-    double roulette_below = 0.005;    ///< branches below this share of their path's start weight may be ended
-    double scattered_below = 0.25;    ///< the same for branches that were scattered in the medium, of which there are many
-    int max_events = 4096;            ///< a branch that meets more surfaces is booked as lost
-    std::uint64_t seed = 0;           ///< another number, another independent pattern
+    int rays_per_emitter = 1 << 16;  ///< over all replicates; a power of two
+    int replicates = 8;          ///< independent scrambles of the pattern; a power of two ≥ 2, ≤ rays_per_emitter/4
+    int carrier_rays = 1 << 15;  ///< over all replicates and Lambertian faces, by area; at least one on each triangle
+    int exit_rays =
+        1 << 18;  ///< likewise over the faces with regions, from where light is gathered backwards; 0: not done
+    double roulette_below = 0.005;  ///< branches below this share of their path's start weight may be ended
+    double scattered_below =
+        0.25;                ///< the same for branches that were scattered in the medium, of which there are many
+    int max_events = 4096;   ///< a branch that meets more surfaces is booked as lost
+    std::uint64_t seed = 0;  ///< another number, another independent pattern
     OpticalScene::Config scene{};
   };
 
@@ -74,26 +81,31 @@ class Tracer {
 
   /// Channels of the response: those of the readout for each colour; 0 without emitters.
   int channels(const Body& body) const { return color_count(body.emitters) * readout_.channels(body); }
-  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric or the readout does not say.
+  /// Channel → its mirror image in the plane across `axis` (0: x, 1: y). Nothing where the emitters are not symmetric
+  /// or the readout does not say.
   std::optional<std::vector<int>> image_channels(const Body& body, int axis) const;
 
-  /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for each number of `pattern`.
-  /// Compare its responses with its own only. Throws InvalidArgument for a factor that is no power of two, or out of range.
+  /// The same tracer with `factor` times as many rays of each kind, a power of two, and with an independent pattern for
+  /// each number of `pattern`. Compare its responses with its own only. Throws InvalidArgument for a factor that is no
+  /// power of two, or out of range.
   Tracer refined(int factor, std::uint64_t pattern = 0) const;
 
   /// Response of the undeformed body. Uses its symmetry when mesh and emitters share it.
-  Response trace(const Body& body, const TetMesh& mesh) const { return trace(body, mesh, {}, {}, symmetry_of(body, mesh)); }
+  Response trace(const Body& body, const TetMesh& mesh) const {
+    return trace(body, mesh, {}, {}, symmetry_of(body, mesh));
+  }
 
   /// Response of a mechanical state. `symmetry`: planes in which body *and* state are their own mirror images.
-  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {}, const RayFocus& focus = {}) const {
+  Response trace(const Body& body, const TetMesh& mesh, const MechanicalState& state, Symmetry symmetry = {},
+                 const RayFocus& focus = {}) const {
     return trace(body, mesh, state.displacement, state.contact_field, symmetry, focus);
   }
 
   /// Response under `displacement` [m] and `contact_field` (> 0 in contact) per mesh node; either may be empty.
-  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it. `focus` must have the symmetry.
-  /// Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
-  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement, const std::vector<double>& contact_field,
-                 Symmetry symmetry = {}, const RayFocus& focus = {}) const;
+  /// In a plane of `symmetry` only one of two mirror images is traced, and booked for both: the caller vouches for it.
+  /// `focus` must have the symmetry. Throws InvalidArgument for broken numbers, sizes or settings; never returns a NaN.
+  Response trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+                 const std::vector<double>& contact_field, Symmetry symmetry = {}, const RayFocus& focus = {}) const;
 
  private:
   Config config_{};
@@ -104,16 +116,20 @@ class Tracer {
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 Tracer<Medium, Readout, Backend> Tracer<Medium, Readout, Backend>::refined(int factor, std::uint64_t pattern) const {
   require_in_range("refinement factor", factor, 1, 1 << 12, "");
-  if (!std::has_single_bit(unsigned(factor))) throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
+  if (!std::has_single_bit(unsigned(factor)))
+    throw InvalidArgument(message("refinement factor is ", factor, ", must be a power of two"));
   Config c = config_;
-  for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays}) *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
+  for (int* rays : {&c.rays_per_emitter, &c.carrier_rays, &c.exit_rays})
+    *rays = int(std::min<long long>(1LL << 28, static_cast<long long>(*rays) * factor));
   if (pattern > 0) c.seed = combine(config_.seed, pattern);
   return Tracer(c, readout_, backend_);
 }
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
 std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels(const Body& body, int axis) const {
-  if constexpr (requires { { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>; }) {
+  if constexpr (requires {
+                  { readout_.image_channels(body, axis) } -> std::convertible_to<std::optional<std::vector<int>>>;
+                }) {
     const Symmetry light = RayPattern::symmetry_of(body.emitters);
     if (axis == 0 ? !light.x : !light.y) return std::nullopt;
     const std::optional<std::vector<int>> one = readout_.image_channels(body, axis);
@@ -128,12 +144,14 @@ std::optional<std::vector<int>> Tracer<Medium, Readout, Backend>::image_channels
 }
 
 template <TransparentMedium Medium, ExitReadout Readout, Intersector Backend>
-Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
+Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh& mesh,
+                                                 const std::vector<Vec3d>& displacement,
                                                  const std::vector<double>& contact_field, Symmetry symmetry,
                                                  const RayFocus& focus) const {
   const auto power_of_two = [](const char* what, int value, int low) {
     require_in_range(what, value, low, 1 << 28, "");
-    if (!std::has_single_bit(unsigned(value))) throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
+    if (!std::has_single_bit(unsigned(value)))
+      throw InvalidArgument(message(what, " is ", value, ", must be a power of two"));
   };
   power_of_two("replicates", config_.replicates, 2);
   power_of_two("rays per emitter", config_.rays_per_emitter, 4 * config_.replicates);
@@ -143,21 +161,25 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   require_in_range("scattered_below", config_.scattered_below, 0.0, 1.0, "");
   require_in_range("max_events", config_.max_events, 1, 1 << 28, "");
   if (body.surroundings.extinction_per_m != 0.0)
-    throw InvalidArgument(message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
+    throw InvalidArgument(
+        message("surroundings extinguish ", body.surroundings.extinction_per_m, " 1/m, only 0 1/m is known"));
 
   require_in_range("focus of the rays", focus.y_m, -1e3, 1e3, "m");
   require_in_range("length of the rays' focus", focus.length_m, 0.0, 1e3, "m");
   require_in_range("least density of rays", focus.least, 1e-6, 1.0, "");
-  if (symmetry.y && !focus.is_symmetric()) throw InvalidArgument(message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
+  if (symmetry.y && !focus.is_symmetric())
+    throw InvalidArgument(
+        message("rays are focussed on y = ", focus.y_m * 1e3, " mm, must be 0 mm in a state that is symmetric in y"));
   validate(body.emitters);
   const Medium medium{body.medium};
   const OpticalScene surface(body, mesh, displacement, contact_field, symmetry, config_.scene);
   const auto scene = backend_.build(surface.triangles());
   const LightNodes nodes(surface, symmetry);
   const FaceSet carrier(surface, symmetry, false, double(config_.carrier_rays) / config_.replicates, 1, {},
-                                [&](int t) { return nodes.of(t)[0] >= 0; });
+                        [&](int t) { return nodes.of(t)[0] >= 0; });
   const FaceSet exits(surface, symmetry, true, double(config_.exit_rays) / config_.replicates, 2, focus, [&](int t) {
-    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) && (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
+    return config_.exit_rays > 0 && is_dielectric(surface.optics(t)) &&
+           (ConnectedReadout<Readout> || surface.has_region(t / surface.triangles_per_face()));
   });
   const int channels = readout_.channels(body), colors = color_count(body.emitters);
   require_in_range("readout channels", channels, 0, 1 << 24, "");
@@ -169,7 +191,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   response.direct.resize(config_.replicates, colors * channels);
   EnergyLedger& sum = response.ledger;
   PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
-                          {config_.roulette_below, config_.scattered_below, config_.max_events});
+                  {config_.roulette_below, config_.scattered_below, config_.max_events});
   ExitBeams beams(path);
   struct Color {
     RayPattern pattern;
@@ -178,27 +200,35 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   std::vector<Color> light;
   for (int c = 0; c < colors; ++c) {
     std::vector<Emitter> emitters;
-    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters), [&](const Emitter& e) { return e.channel() == c; });
-    light.push_back({RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
-                     {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
+    std::copy_if(body.emitters.begin(), body.emitters.end(), std::back_inserter(emitters),
+                 [&](const Emitter& e) { return e.channel() == c; });
+    light.push_back(
+        {RayPattern(emitters, std::uint32_t(config_.rays_per_emitter / config_.replicates), symmetry, focus),
+         {emitters, surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry, path}});
   }
   const auto covered = [&](const PrimaryRay& ray) {  // has the body been pressed onto an emitter that was in air?
-    const RayHit in = scene.first_hit(ray.origin, ray.direction, true), out = scene.first_hit(ray.origin, ray.direction, false);
+    const RayHit in = scene.first_hit(ray.origin, ray.direction, true),
+                 out = scene.first_hit(ray.origin, ray.direction, false);
     return in && (!out || in.t < out.t);
   };
-  constexpr bool gathers_direct = !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
+  constexpr bool gathers_direct =
+      !ConnectedReadout<Readout>;  // few ways from a face and an emitter lead through an opening
   for (int r = 0; r < config_.replicates; ++r) {
-    const auto sequence = [&](std::uint64_t use) { return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)}; };
+    const auto sequence = [&](std::uint64_t use) {
+      return OwenSobol{combine(config_.seed, 3 * std::uint64_t(r) + use)};
+    };
     std::vector<Tally> totals;
     for (const Color& color : light) {
       for (const RayPattern::Beam& beam : color.pattern.beams()) {
-        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> && !beam.source.in_air())  // an opening is too small to be found between rays
+        if (config_.exit_rays > 0 && !ConnectedReadout<Readout> &&
+            !beam.source.in_air())  // an opening is too small to be found between rays
           beams.run(beam, sequence(0));
         else
           for (std::uint32_t i = 0; i < beam.rays; ++i) {
             const PrimaryRay ray = RayPattern::ray(beam, sequence(0), i);
             const bool air = beam.source.in_air();
-            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr, gathers_direct && beam.source.has_intensity() && !air);
+            path.run(ray, beam.mirror, beam.power_W, true, !air || covered(ray), nullptr,
+                     gathers_direct && beam.source.has_intensity() && !air);
           }
       }
       totals.push_back(path.accounts().take());
@@ -209,7 +239,8 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
         FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);
         const bool inside = x.at.face >= 0;
         const Vec3d lit = inside ? Vec3d(-x.normal) : x.normal;
-        x.ray.direction = reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
+        x.ray.direction =
+            reflected(Lambertian{}, -lit, lit, sequence(1)(x.index, 0), sequence(1)(x.index, 1), carrier[k].mirror);
         path.run(x.ray, carrier[k].mirror, 1.0 / images, false, inside);
         transport.add(path.accounts().take(), nodes.of(x.ray.triangle), LightNodes::shares(x.at), x.area);
       }
@@ -227,7 +258,8 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   }
   response.rays = path.rays;
   response.segments = path.segments;
-  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c) sum.channels.push_back(response.replicates.col(c).mean());
+  for (Eigen::Index c = 0; c < response.replicates.cols(); ++c)
+    sum.channels.push_back(response.replicates.col(c).mean());
   response.power_W = sum.channels;
   response.error_W = standard_error(response.replicates);
   return response;

@@ -12,20 +12,24 @@
 
 namespace lumo {
 
-/// What a design promises: prepared once on models and evidence, then called with candidates (d × n) for the logarithm of its utility (n).
-/// Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; what is told or pending conditions it.
+/// What a design promises: prepared once on models and evidence, then called with candidates (d × n) for the logarithm
+/// of its utility (n). Laws: a pure function of its arguments; larger is better; −∞ or finite, never NaN; what is told
+/// or pending conditions it.
 template <class A, class Models, class R>
-concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence, std::uint64_t seed, const Eigen::MatrixXd& x) {
+concept Acquisition = requires(const A& acquisition, const Models& models, const R& reduction, const Evidence& evidence,
+                               std::uint64_t seed, const Eigen::MatrixXd& x) {
   { acquisition.prepare(models, reduction, evidence, seed)(x) } -> std::convertible_to<Eigen::VectorXd>;
 };
 
-/// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees evenly spread draws.
-/// Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number of rows.
+/// Standard normal numbers, points × draws: each row is an Owen-scrambled Sobol dimension, so that every point sees
+/// evenly spread draws. Blocks of 32 dimensions are scrambled independently. Row `point` does not depend on the number
+/// of rows.
 inline Eigen::MatrixXd base_normals(Eigen::Index points, Eigen::Index draws, std::uint64_t seed) {
   Eigen::MatrixXd z(points, draws);
   for (Eigen::Index i = 0; i < points; ++i) {
     const OwenSobol sequence{combine(seed, std::uint64_t(i / Sobol::dimensions))};
-    for (Eigen::Index s = 0; s < draws; ++s) z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));
+    for (Eigen::Index s = 0; s < draws; ++s)
+      z(i, s) = normal_quantile(sequence(std::uint32_t(s), int(i % Sobol::dimensions)));
   }
   return z;
 }
@@ -40,7 +44,8 @@ inline Eigen::MatrixXd base_points(const Evidence& evidence, bool noisy) {
 
 /// Objectives that stand in draw `s`: the drawn ones, and what was told where that is taken as it is.
 template <Reduction R>
-Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction, const Evidence& evidence, bool noisy) {
+Eigen::MatrixXd standing_objectives(const std::vector<Eigen::MatrixXd>& draws, Eigen::Index s, const R& reduction,
+                                    const Evidence& evidence, bool noisy) {
   const Eigen::Index told = noisy ? 0 : evidence.outputs.cols(), drawn = draws.front().rows();
   Eigen::MatrixXd outputs(Eigen::Index(draws.size()), told + drawn);
   if (told > 0) outputs.leftCols(told) = evidence.outputs;

@@ -23,8 +23,8 @@ struct CandidateRequest {
 /// Utility of designs (columns), larger is better; may be −∞.
 using Score = std::function<Eigen::VectorXd(const Eigen::MatrixXd&)>;
 
-/// Searches a space for the design of highest score. Laws: what it returns is feasible and not taken; empty only when no such design is
-/// found; a pure function of request and scores.
+/// Searches a space for the design of highest score. Laws: what it returns is feasible and not taken; empty only when
+/// no such design is found; a pure function of request and scores.
 template <class S>
 concept CandidateSource = requires(const S& source, const CandidateRequest& request, const Score& score) {
   { source.best(request, score) } -> std::convertible_to<std::optional<Design>>;
@@ -32,7 +32,8 @@ concept CandidateSource = requires(const S& source, const CandidateRequest& requ
 
 inline Eigen::MatrixXd columns(const std::vector<Design>& designs, std::size_t rows) {
   Eigen::MatrixXd x(Eigen::Index(rows), Eigen::Index(designs.size()));
-  for (std::size_t i = 0; i < designs.size(); ++i) x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
+  for (std::size_t i = 0; i < designs.size(); ++i)
+    x.col(Eigen::Index(i)) = Eigen::Map<const Eigen::VectorXd>(designs[i].data(), Eigen::Index(rows));
   return x;
 }
 
@@ -49,8 +50,9 @@ struct FreshCandidates {
   }
 };
 
-/// Fresh designs and moves from the current front, and from the best of those uphill by pattern search, until no move on the finest lattice helps.
-/// On a lattice this is a discrete local search; elsewhere steps are halved. Source: Hooke & Jeeves, J. ACM 8 (1961).
+/// Fresh designs and moves from the current front, and from the best of those uphill by pattern search, until no move
+/// on the finest lattice helps. On a lattice this is a discrete local search; elsewhere steps are halved. Source: Hooke
+/// & Jeeves, J. ACM 8 (1961).
 struct LocalSearchCandidates {
   std::size_t fresh = 256;
   std::size_t from_front = 256;  ///< at most
@@ -86,16 +88,19 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
   const Eigen::VectorXd scores = score(columns(pool, sampler.dimensions()));
   std::vector<std::size_t> order(pool.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return scores[Eigen::Index(a)] > scores[Eigen::Index(b)]; });
   std::vector<Climber> team;
-  for (std::size_t i = 0; i < order.size() && team.size() < climbers; ++i) team.push_back({pool[order[i]], scores[Eigen::Index(order[i])], reach});
+  for (std::size_t i = 0; i < order.size() && team.size() < climbers; ++i)
+    team.push_back({pool[order[i]], scores[Eigen::Index(order[i])], reach});
 
   for (int round = 0; round < rounds; ++round) {
     std::vector<Design> moves;
     std::vector<std::size_t> owner;
     for (std::size_t c = 0; c < team.size(); ++c) {
       if (team[c].stuck) continue;
-      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves, combine(combine(request.key, 3 + std::uint64_t(round)), c)))
+      for (Design& x : sampler.moves(team[c].x, team[c].reach, random_moves,
+                                     combine(combine(request.key, 3 + std::uint64_t(round)), c)))
         if (!request.taken.contains(x)) {
           moves.push_back(std::move(x));
           owner.push_back(c);
@@ -105,7 +110,8 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
     if (!moves.empty()) {
       const Eigen::VectorXd values = score(columns(moves, sampler.dimensions()));
       for (std::size_t i = 0; i < moves.size(); ++i)
-        if (values[Eigen::Index(i)] > next[owner[i]].score) next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
+        if (values[Eigen::Index(i)] > next[owner[i]].score)
+          next[owner[i]] = {moves[i], values[Eigen::Index(i)], team[owner[i]].reach};
     }
     bool all_stuck = true;
     for (std::size_t c = 0; c < team.size(); ++c) {
@@ -113,13 +119,15 @@ inline std::optional<Design> LocalSearchCandidates::best(const CandidateRequest&
         next[c].stuck = sampler.finest(team[c].reach);
         next[c].reach *= 0.5;
       }
-      for (std::size_t b = 0; b < c; ++b) next[c].stuck = next[c].stuck || next[c].x == next[b].x;  // two on one place: one is enough
+      for (std::size_t b = 0; b < c; ++b)
+        next[c].stuck = next[c].stuck || next[c].x == next[b].x;  // two on one place: one is enough
       all_stuck = all_stuck && next[c].stuck;
     }
     team = std::move(next);
     if (all_stuck) break;
   }
-  const auto top = std::max_element(team.begin(), team.end(), [](const Climber& a, const Climber& b) { return a.score < b.score; });
+  const auto top =
+      std::max_element(team.begin(), team.end(), [](const Climber& a, const Climber& b) { return a.score < b.score; });
   return top->x;
 }
 

@@ -16,16 +16,17 @@
 
 namespace lumo {
 
-/// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed, so that their last
-/// free design is found and their end is known. Law: all that it returns is feasible, on the lattice to the bit, and a function of its key.
+/// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed,
+/// so that their last free design is found and their end is known. Law: all that it returns is feasible, on the lattice
+/// to the bit, and a function of its key.
 class DesignSampler {
  public:
-  static constexpr std::size_t list_limit = 100000;  ///< feasible designs up to which a lattice is listed
-  static constexpr std::size_t visit_limit = 4000000;  ///< nodes looked at for that
+  static constexpr std::size_t list_limit = 100000;     ///< feasible designs up to which a lattice is listed
+  static constexpr std::size_t visit_limit = 4000000;   ///< nodes looked at for that
   static constexpr std::uint32_t try_limit = 1u << 18;  ///< points tried for one set of fresh designs
 
-  /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or reversed, a lattice without a
-  /// node between them, a constraint with the wrong number of coefficients. It is copied.
+  /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or
+  /// reversed, a lattice without a node between them, a constraint with the wrong number of coefficients. It is copied.
   explicit DesignSampler(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
@@ -33,11 +34,12 @@ class DesignSampler {
   /// Number of feasible designs, where they are few enough to be listed.
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
-  /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found in `try_limit` tries.
+  /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found
+  /// in `try_limit` tries.
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
-  /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random directions. A move is `reach` times
-  /// the variable's range, and at least one step of its lattice.
+  /// The feasible designs one move away from `x`: along each axis, along pairs of lattice axes and in `extra` random
+  /// directions. A move is `reach` times the variable's range, and at least one step of its lattice.
   std::vector<Design> moves(const Design& x, double reach, int extra, std::uint64_t key) const;
 
   /// Is `reach` too small to make a difference: one step on every lattice, less than 10⁻⁴ of the range elsewhere?
@@ -76,15 +78,18 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
     const Variable& v = space_.variables[i];
     if (!names.insert(v.name).second) throw InvalidArgument(message("variable ", v.name, " is there twice"));
     if (!std::isfinite(v.lower) || !std::isfinite(v.upper) || v.lower > v.upper || !std::isfinite(v.upper - v.lower))
-      throw InvalidArgument(message("variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
-    if (!std::isfinite(v.step) || v.step < 0.0) throw InvalidArgument(message("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
+      throw InvalidArgument(
+          message("variable ", v.name, " has bounds ", v.lower, " and ", v.upper, ", must be finite, the lower first"));
+    if (!std::isfinite(v.step) || v.step < 0.0)
+      throw InvalidArgument(message("variable ", v.name, " has step ", v.step, ", must be finite and >= 0"));
     Axis axis;
     if (v.step > 0.0) {
       const double slack = 1e-9;  // bounds such as 0.3 on a lattice of 0.1 are meant to be nodes
       axis.first_node = std::ceil((v.lower - v.origin) / v.step - slack);
       axis.nodes = std::floor((v.upper - v.origin) / v.step + slack) - axis.first_node + 1.0;
       if (!(axis.nodes >= 1.0) || axis.nodes > 1e15)
-        throw InvalidArgument(message("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ", v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
+        throw InvalidArgument(message("variable ", v.name, " has ", std::max(0.0, axis.nodes), " nodes of step ",
+                                      v.step, " between ", v.lower, " and ", v.upper, ", must have 1 to 1e15"));
     }
     axes_.push_back(axis);
     if (axis.nodes > 0.0 && axis.nodes <= 65536.0)
@@ -92,8 +97,9 @@ inline DesignSampler::DesignSampler(DesignSpace space) : space_(std::move(space)
   }
   for (const LinearConstraint& c : space_.constraints)
     if (c.coefficients.size() != dimensions() || !(c.lower <= c.upper))
-      throw InvalidArgument(message("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ", c.lower, " and ", c.upper, ", must have ",
-                                         dimensions(), " and the lower limit first"));
+      throw InvalidArgument(message("constraint ", c.name, " has ", c.coefficients.size(), " coefficients and limits ",
+                                    c.lower, " and ", c.upper, ", must have ", dimensions(),
+                                    " and the lower limit first"));
   if (std::all_of(axes_.begin(), axes_.end(), [](const Axis& a) { return a.nodes > 0.0; })) list();
 }
 
@@ -105,7 +111,8 @@ inline double DesignSampler::node(std::size_t i, double k) const {
   char digits[40];
   std::snprintf(digits, sizeof digits, "%.14g", x);
   const double rounded = std::strtod(digits, nullptr);
-  return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x, v.lower, v.upper);
+  return std::clamp(std::abs(rounded - x) <= 2.0 * std::numeric_limits<double>::epsilon() * std::abs(x) ? rounded : x,
+                    v.lower, v.upper);
 }
 
 inline double DesignSampler::place(std::size_t i, double unit) const {
@@ -119,7 +126,8 @@ inline double DesignSampler::shifted(std::size_t i, double x, double by) const {
   if (axes_[i].nodes == 0.0) return std::clamp(x + by, v.lower, v.upper);
   double steps = std::round(by / v.step);
   if (steps == 0.0 && by != 0.0) steps = by > 0.0 ? 1.0 : -1.0;
-  return node(i, std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
+  return node(i,
+              std::clamp(std::round((x - v.origin) / v.step) - axes_[i].first_node + steps, 0.0, axes_[i].nodes - 1.0));
 }
 
 inline Design DesignSampler::canonical(Design x) const {
@@ -144,7 +152,8 @@ inline void DesignSampler::list() {
   if (!listed_) list_ = {};
 }
 
-/// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there is too much.
+/// Depth first over the lattice, leaving branches that no choice of the remaining variables can save. False when there
+/// is too much.
 inline bool DesignSampler::descend(std::size_t i, Design& x, std::size_t& visits) {
   if (++visits > visit_limit) return false;
   for (const LinearConstraint& c : space_.constraints) {
@@ -178,13 +187,16 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
   return x;
 }
 
-/// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding does not matter.
+/// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding
+/// does not matter.
 inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
-  const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum), std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
+  const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum),
+                                                 std::isfinite(c.upper - c.lower) ? 0.5 * (c.upper - c.lower) : 1.0);
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
-/// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that lessens it.
+/// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that
+/// lessens it.
 inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
     const double before = excess(c, x);
@@ -198,7 +210,8 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
   }
 }
 
-/// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random points hardly hit.
+/// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random
+/// points hardly hit.
 inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
     if (space_.contains(x)) return x;
@@ -206,14 +219,16 @@ inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key
       const double too_much = excess(c, x);
       if (too_much == 0.0) continue;
       double norm = 0.0;  // variables count by their range
-      for (std::size_t i = 0; i < x.size(); ++i) norm += std::pow(c.coefficients[i] * (space_.variables[i].upper - space_.variables[i].lower), 2);
+      for (std::size_t i = 0; i < x.size(); ++i)
+        norm += std::pow(c.coefficients[i] * (space_.variables[i].upper - space_.variables[i].lower), 2);
       if (!(norm > 0.0)) return std::nullopt;
       for (std::size_t i = 0; i < x.size(); ++i) {
         const double range = space_.variables[i].upper - space_.variables[i].lower;
         const double by = -too_much * c.coefficients[i] * range * range / norm;
-        x[i] = axes_[i].nodes > 0.0 ? (std::abs(by) > 0.25 * space_.variables[i].step ? shifted(i, x[i], by) : x[i]) : shifted(i, x[i], by);
+        x[i] = axes_[i].nodes > 0.0 ? (std::abs(by) > 0.25 * space_.variables[i].step ? shifted(i, x[i], by) : x[i])
+                                    : shifted(i, x[i], by);
       }
-      settle(c, x, combine(key, std::uint64_t(sweep)));   // what rounding left, or was too little to move any
+      settle(c, x, combine(key, std::uint64_t(sweep)));  // what rounding left, or was too little to move any
     }
   }
   return std::nullopt;
@@ -268,7 +283,8 @@ inline std::vector<Design> DesignSampler::moves(const Design& x, double reach, i
       Design y = x;
       y[i] = shifted(i, x[i], sign * by(i));
       offer(y);
-      // One up, its neighbour down (and so on) follows a constraint's face; off lattices, and where pairs are many, the random moves do.
+      // One up, its neighbour down (and so on) follows a constraint's face; off lattices, and where pairs are many, the
+      // random moves do.
       for (std::size_t k = i + 1; k < d && d <= 8; ++k)
         for (const double other : {-1.0, 1.0}) {
           if (axes_[i].nodes == 0.0 || axes_[k].nodes == 0.0) continue;

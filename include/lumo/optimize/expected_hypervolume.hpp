@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
-#include "lumo/optimize/hypervolume.hpp"
 #include "lumo/model/normal.hpp"
+#include "lumo/optimize/hypervolume.hpp"
 
 #include <Eigen/Core>
 
@@ -12,25 +12,26 @@
 
 namespace lumo {
 
-/// Expected hypervolume improvement of a point whose objectives are independent and normal, in closed form: over each box of the
-/// decomposition the expectation is a product of one-dimensional integrals, and all terms are positive. Exact for any number of objectives.
-/// Source: Emmerich, Deutz & Klinkenberg, CEC 2011; Yang, Emmerich, Deutz & Bäck, J. Glob. Optim. 75 (2019), for the slices of two objectives.
+/// Expected hypervolume improvement of a point whose objectives are independent and normal, in closed form: over each
+/// box of the decomposition the expectation is a product of one-dimensional integrals, and all terms are positive.
+/// Exact for any number of objectives. Source: Emmerich, Deutz & Klinkenberg, CEC 2011; Yang, Emmerich, Deutz & Bäck,
+/// J. Glob. Optim. 75 (2019), for the slices of two objectives.
 class ExpectedHypervolume {
  public:
   /// `y`: objectives × points, maximised; only those above `reference` that no other dominates matter.
-  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) : boxes_(nondominated_boxes(y, reference)) {}
+  ExpectedHypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference)
+      : boxes_(nondominated_boxes(y, reference)) {}
 
   /// log of the expected improvement, finite for all finite `mean` and positive `deviation`.
-  template <class Mean, class Deviation>
-  double log_value(const Mean& mean, const Deviation& deviation) const {
+  template <class Mean, class Deviation> double log_value(const Mean& mean, const Deviation& deviation) const {
     const double sum = value(mean, deviation);
     if (sum > 1e-280 && std::isfinite(sum)) return std::log(sum);
     return log_sum(mean, deviation);
   }
 
-  /// The expected improvement itself; underflows to 0 far from the front. Two objectives only take one pass over the front.
-  template <class Mean, class Deviation>
-  double value(const Mean& mean, const Deviation& deviation) const {
+  /// The expected improvement itself; underflows to 0 far from the front. Two objectives only take one pass over the
+  /// front.
+  template <class Mean, class Deviation> double value(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index m = boxes_.lower.rows(), count = boxes_.lower.cols();
     if (m != 2) return std::exp(log_sum(mean, deviation));
     double sum = 0.0, above = 0.0, side = std::numeric_limits<double>::quiet_NaN(), excess = 0.0;
@@ -62,10 +63,9 @@ class ExpectedHypervolume {
     if (z > -30.0) return std::log(normal_probability(z));
     return -0.5 * z * z - 0.5 * std::log(2.0 * pi) - std::log(-z) + std::log1p(-1.0 / (z * z) + 3.0 / (z * z * z * z));
   }
-  /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound leaves below e⁻⁴⁰ of the most
-  /// promising one are passed over.
-  template <class Mean, class Deviation>
-  double log_sum(const Mean& mean, const Deviation& deviation) const {
+  /// Sum over the boxes in logarithms. E[(Z + a)⁺] ≤ e^(−a²/2) for a ≤ 0 and ≤ a + 1 above: boxes that this bound
+  /// leaves below e⁻⁴⁰ of the most promising one are passed over.
+  template <class Mean, class Deviation> double log_sum(const Mean& mean, const Deviation& deviation) const {
     const Eigen::Index count = boxes_.lower.cols(), m = boxes_.lower.rows();
     if (count == 0) return -std::numeric_limits<double>::infinity();
     double scale = 0.0;
@@ -78,7 +78,8 @@ class ExpectedHypervolume {
       }
     const auto term = [&](Eigen::Index k) {
       double log = 0.0;
-      for (Eigen::Index j = 0; j < m; ++j) log += log_side(mean[j], deviation[j], boxes_.lower(j, k), boxes_.upper(j, k));
+      for (Eigen::Index j = 0; j < m; ++j)
+        log += log_side(mean[j], deviation[j], boxes_.lower(j, k), boxes_.upper(j, k));
       return log;
     };
     Eigen::Index first = 0;

@@ -19,9 +19,11 @@ struct BoxDecomposition {
 
 namespace detail {
 
-/// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along those after it.
-inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high, const Eigen::VectorXd& reference,
-                  std::vector<Eigen::VectorXd>& lower, std::vector<Eigen::VectorXd>& upper) {
+/// Slices the space above `reference` that no column of `y` dominates along objective `along`, and each slice along
+/// those after it.
+inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd& low, Eigen::VectorXd& high,
+                  const Eigen::VectorXd& reference, std::vector<Eigen::VectorXd>& lower,
+                  std::vector<Eigen::VectorXd>& upper) {
   const double infinite = std::numeric_limits<double>::infinity();
   if (along + 1 == reference.size()) {
     low[along] = y.cols() ? std::max(reference[along], y.row(along).maxCoeff()) : reference[along];
@@ -47,8 +49,9 @@ inline void slice(const Eigen::MatrixXd& y, Eigen::Index along, Eigen::VectorXd&
 
 }  // namespace detail
 
-/// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for any number of
-/// objectives: one more box than the front has points for two, more than proportional for three and above.
+/// Decomposes what no column of `y` (objectives × points, maximised) dominates and lies above `reference`. Exact for
+/// any number of objectives: one more box than the front has points for two, more than proportional for three and
+/// above.
 inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   if (reference.size() < 1 || (y.cols() > 0 && y.rows() != reference.size()))
     throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", reference.size()));
@@ -60,7 +63,8 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
   std::vector<Eigen::VectorXd> lower, upper;
   Eigen::VectorXd low(reference.size()), high(reference.size());
   detail::slice(front, 0, low, high, reference, lower, upper);
-  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())), Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
+  BoxDecomposition boxes{Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size())),
+                         Eigen::MatrixXd(reference.size(), Eigen::Index(lower.size()))};
   for (std::size_t k = 0; k < lower.size(); ++k) {
     boxes.lower.col(Eigen::Index(k)) = lower[k];
     boxes.upper.col(Eigen::Index(k)) = upper[k];
@@ -68,11 +72,13 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
   return boxes;
 }
 
-/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above it add nothing.
-/// Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While, Hingston, Barone & Huband, 2006.
+/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above
+/// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
+/// Hingston, Barone & Huband, 2006.
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {
   const Eigen::Index m = reference.size();
-  if (m < 1 || (y.cols() > 0 && y.rows() != m)) throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
+  if (m < 1 || (y.cols() > 0 && y.rows() != m))
+    throw InvalidArgument(message("points have ", y.rows(), " objectives, the reference point has ", m));
   std::vector<Eigen::Index> order;
   for (Eigen::Index i = 0; i < y.cols(); ++i)
     if ((y.col(i).array() > reference.array()).all()) order.push_back(i);
@@ -82,7 +88,8 @@ inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& refer
     for (const Eigen::Index i : order) best = std::max(best, y(0, i));
     return best - reference[0];
   }
-  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](Eigen::Index i, Eigen::Index k) { return y(m - 1, i) > y(m - 1, k); });
   double volume = 0.0, widest = reference[0];
   for (std::size_t k = 0; k < order.size(); ++k) {
     const double bottom = k + 1 < order.size() ? y(m - 1, order[k + 1]) : reference[m - 1];

@@ -5,21 +5,19 @@
 
 namespace lumo {
 
-/// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's objectives are
-/// independent and normal, so its improvement is known in closed form. Stays exact far from the front, where sampling the candidate too
-/// finds no improvement and ranks by distance. Needs a reduction that is the identity.
-/// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with Expected Hypervolume
-/// Improvement", NeurIPS 2021.
+/// Log noisy expected hypervolume improvement with only the standing designs drawn: given a draw of them, a candidate's
+/// objectives are independent and normal, so its improvement is known in closed form. Stays exact far from the front,
+/// where sampling the candidate too finds no improvement and ranks by distance. Needs a reduction that is the identity.
+/// Source of NEHVI: Daulton, Balandat & Bakshy, "Parallel Bayesian Optimization of Multiple Noisy Objectives with
+/// Expected Hypervolume Improvement", NeurIPS 2021.
 struct LogNehvi {
   int draws = 16;
   bool noisy = true;  ///< false: told values stand as they are, and only pending designs are drawn
-  /// Told designs are not drawn when, so many deviations of both towards each other, another still beats them in all objectives: they
-  /// would hardly ever be in a front, and cost time.
+  /// Told designs are not drawn when, so many deviations of both towards each other, another still beats them in all
+  /// objectives: they would hardly ever be in a front, and cost time.
   double hopeless = 3.0;
 
-  template <CovarianceKernel Kernel>
-  class Prepared {
-
+  template <CovarianceKernel Kernel> class Prepared {
    public:
     Prepared(std::vector<ConditionalPosterior<Kernel>> posteriors, std::vector<ExpectedHypervolume> improvements)
         : posteriors_(std::move(posteriors)), improvements_(std::move(improvements)) {}
@@ -30,7 +28,8 @@ struct LogNehvi {
       for (const auto& p : posteriors_) at.push_back(p.at(x));
       Eigen::VectorXd mean(m), deviation(m), sum = Eigen::VectorXd::Zero(x.cols());
       const auto load = [&](Eigen::Index i, Eigen::Index s) {
-        for (Eigen::Index j = 0; j < m; ++j) mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
+        for (Eigen::Index j = 0; j < m; ++j)
+          mean[j] = at[std::size_t(j)].mean(i, s), deviation[j] = at[std::size_t(j)].deviation[i];
       };
       for (Eigen::Index s = 0; s < drawn; ++s)
         for (Eigen::Index i = 0; i < x.cols(); ++i) {
@@ -43,7 +42,7 @@ struct LogNehvi {
           sum[i] = std::log(sum[i] / double(drawn));
           continue;
         }
-        for (Eigen::Index s = 0; s < drawn; ++s) {   // hopeless, but to be ranked
+        for (Eigen::Index s = 0; s < drawn; ++s) {  // hopeless, but to be ranked
           load(i, s);
           logs[std::size_t(s)] = improvements_[std::size_t(s)].log_value(mean, deviation);
         }
@@ -57,11 +56,14 @@ struct LogNehvi {
     std::vector<ExpectedHypervolume> improvements_;
   };
 
-  /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other than the identity.
+  /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other
+  /// than the identity.
   template <CovarianceKernel Kernel, Reduction R>
-  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction, const Evidence& evidence, std::uint64_t seed) const {
+  Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
+                           const Evidence& evidence, std::uint64_t seed) const {
     if (!reduction.identity() || Eigen::Index(models.size()) != evidence.reference.size())
-      throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(), " objectives, has ", models.size(), " outputs to reduce"));
+      throw InvalidArgument(message("closed-form improvement needs one model for each of ", evidence.reference.size(),
+                                    " objectives, has ", models.size(), " outputs to reduce"));
     const Eigen::MatrixXd base = noisy ? contenders(models, evidence) : evidence.pending;
     const Eigen::Index count = base.cols() ? std::max(1, draws) : 1;
     std::vector<ConditionalPosterior<Kernel>> posteriors;
@@ -71,7 +73,8 @@ struct LogNehvi {
       drawn.push_back(posteriors.back().draws());
     }
     std::vector<ExpectedHypervolume> improvements;
-    for (Eigen::Index s = 0; s < count; ++s) improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
+    for (Eigen::Index s = 0; s < count; ++s)
+      improvements.emplace_back(standing_objectives(drawn, s, reduction, evidence, noisy), evidence.reference);
     return {std::move(posteriors), std::move(improvements)};
   }
 

@@ -1,9 +1,9 @@
 #pragma once
 
+#include "lumo/model/success_model.hpp"
 #include "lumo/optimize/candidate_source.hpp"
 #include "lumo/optimize/log_nehvi.hpp"
 #include "lumo/optimize/qlog_nehvi.hpp"
-#include "lumo/model/success_model.hpp"
 #include "lumo/optimize/trials.hpp"
 
 #include <optional>
@@ -13,15 +13,16 @@
 
 namespace lumo {
 
-/// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then Sobol points, then the
-/// candidate of highest acquisition under Gaussian processes of what was told, given what is still pending. Once a trial has failed for a reason of its design
-/// it is that of highest acquisition times the probability of success. Answers may come in any order.
-/// Law: a proposal is a function of the problem, the configuration and the trials before it, to the bit; so whoever keeps the trials can
-/// restore() them and go on. No design is asked twice, except after a failure that may be retried.
-template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi, CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
-  requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
+/// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then
+/// Sobol points, then the candidate of highest acquisition under Gaussian processes of what was told, given what is
+/// still pending. Once a trial has failed for a reason of its design it is that of highest acquisition times the
+/// probability of success. Answers may come in any order. Law: a proposal is a function of the problem, the
+/// configuration and the trials before it, to the bit; so whoever keeps the trials can restore() them and go on. No
+/// design is asked twice, except after a failure that may be retried.
+template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi,
+          CandidateSource Source = LocalSearchCandidates, Reduction R = EachOutput>
+requires Acquisition<AcquisitionPolicy, std::vector<GaussianProcess<Kernel>>, R>
 class Optimizer {
-
  public:
   struct Config {
     typename GaussianProcess<Kernel>::Config model = {};
@@ -31,24 +32,28 @@ class Optimizer {
     int retries = 2;   ///< of one design after failures that may be retried
   };
 
-  /// Throws InvalidArgument for a problem that makes no sense, InfeasibleDesign for an initial design outside the space.
+  /// Throws InvalidArgument for a problem that makes no sense, InfeasibleDesign for an initial design outside the
+  /// space.
   explicit Optimizer(Problem problem, Config config = {})
-      : config_(std::move(config)), log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
+      : config_(std::move(config)),
+        log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
   /// The next design to evaluate, now pending; nothing when status() says why.
   std::optional<Trial> ask();
 
-  /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or not finite.
+  /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or
+  /// not finite.
   void tell(int id, std::vector<double> outputs) { log_.tell(id, std::move(outputs)); }
 
-  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument when it is not pending.
+  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument when it is
+  /// not pending.
   void fail(int id, bool retry, std::string why) {
     log_.fail(id, retry, std::move(why));
     exhausted_ = exhausted_ && !retry;
   }
 
-  /// Takes over the next trial of an earlier run, pending; tell() or fail() follow. Throws InvalidArgument or InfeasibleDesign when it
-  /// cannot have been asked.
+  /// Takes over the next trial of an earlier run, pending; tell() or fail() follow. Throws InvalidArgument or
+  /// InfeasibleDesign when it cannot have been asked.
   void restore(int id, Design x) { log_.open(id, std::move(x)); }
 
   OptimizerStatus status() const {
@@ -72,8 +77,8 @@ class Optimizer {
   /// Models of the told outputs as they are in evidence(). Empty before two trials are told.
   const std::vector<GaussianProcess<Kernel>>& models();
 
-  /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in units of the spread of
-  /// their objective.
+  /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
+  /// units of the spread of their objective.
   Evidence evidence() const;
 
  private:
@@ -96,8 +101,7 @@ class Optimizer {
 };
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-std::optional<Trial> Optimizer<K, A, S, R>::ask() {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Trial> Optimizer<K, A, S, R>::ask() {
   if (told() + pending() >= problem().evaluations) return std::nullopt;
   auto x = log_.scheduled();
   if (!x) x = chosen();
@@ -107,8 +111,8 @@ std::optional<Trial> Optimizer<K, A, S, R>::ask() {
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::vector<Outcome> Optimizer<K, A, S, R>::front()
+const {
   std::vector<int> ids;
   for (const Trial& t : trials())
     if (t.state == Trial::State::told) ids.push_back(t.id);
@@ -116,21 +120,23 @@ std::vector<Outcome> Optimizer<K, A, S, R>::front() const {
   std::vector<Outcome> out;
   for (const Eigen::Index i : pareto_front(y)) {
     out.push_back({ids[std::size_t(i)], {}});
-    for (Eigen::Index j = 0; j < y.rows(); ++j) out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
+    for (Eigen::Index j = 0; j < y.rows(); ++j)
+      out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
   }
   return out;
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 double Optimizer<K, A, S, R>::hypervolume() const {
   Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-  for (Eigen::Index j = 0; j < reference.size(); ++j) reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+  for (Eigen::Index j = 0; j < reference.size(); ++j)
+    reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
   return lumo::hypervolume(objectives(), reference);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
   if (told() < 2 || modelled_ == told()) return models_;
   const Evidence e = evidence();
@@ -142,8 +148,8 @@ const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-Evidence Optimizer<K, A, S, R>::evidence() const {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Evidence Optimizer<K, A, S, R>::evidence()
+const {
   Evidence e;
   e.x = log_.designs(Trial::State::told);
   e.pending = log_.designs(Trial::State::pending);
@@ -173,24 +179,26 @@ Evidence Optimizer<K, A, S, R>::evidence() const {
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-Eigen::MatrixXd Optimizer<K, A, S, R>::objectives() const {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Eigen::MatrixXd Optimizer<K, A, S, R>::objectives()
+const {
   Eigen::MatrixXd y = log_.told_outputs();
-  for (Eigen::Index k = 0; k < y.rows(); ++k) y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y)) : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  for (Eigen::Index k = 0; k < y.rows(); ++k)
+    y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
+  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
+                  : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-std::optional<SuccessModel<K>> Optimizer<K, A, S, R>::success(const Evidence& e) const {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<SuccessModel<K>>
+Optimizer<K, A, S, R>::success(const Evidence& e)
+const {
   const Eigen::MatrixXd failed = log_.designs(Trial::State::failed);
   if (failed.cols() == 0) return std::nullopt;
   return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-  requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-std::optional<Design> Optimizer<K, A, S, R>::chosen() {
+requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
   if (models().empty()) {
     auto fresh = log_.sampler().fresh(1, key, log_.taken());
@@ -203,7 +211,8 @@ std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   const CandidateRequest request{log_.sampler(), log_.taken(), standing, combine(key, 2)};
   const auto model = success(e);
   if (!model) return config_.source.best(request, utility);
-  return config_.source.best(request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+  return config_.source.best(
+      request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
 }
 
 }  // namespace lumo

@@ -32,16 +32,21 @@ struct Problem {
   int evaluations = 40;         ///< told trials at which it ends, initial and Sobol ones included
   std::uint64_t seed = 0;
 
-  /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by DesignSampler.
+  /// Throws InvalidArgument or InfeasibleDesign naming what makes no sense; variables and constraints are checked by
+  /// DesignSampler.
   void validate() const {
     if (objectives.empty()) throw InvalidArgument("problem has no objectives, must have at least 1");
     std::set<std::string> names;
     for (const Objective& o : objectives) {
       if (!names.insert(o.name).second) throw InvalidArgument(message("objective ", o.name, " is there twice"));
-      if (!std::isfinite(o.reference)) throw InvalidArgument(message("objective ", o.name, " has reference ", o.reference, ", must be a finite number"));
+      if (!std::isfinite(o.reference))
+        throw InvalidArgument(
+            message("objective ", o.name, " has reference ", o.reference, ", must be a finite number"));
     }
-    if (sobol < 0 || sobol > 100000) throw InvalidArgument(message("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
-    if (evaluations < 1 || evaluations > 100000) throw InvalidArgument(message("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
+    if (sobol < 0 || sobol > 100000)
+      throw InvalidArgument(message("number of Sobol points is ", sobol, ", must lie in [0, 100000]"));
+    if (evaluations < 1 || evaluations > 100000)
+      throw InvalidArgument(message("number of evaluations is ", evaluations, ", must lie in [1, 100000]"));
     for (const Design& x : initial) space.check(x);
   }
 };

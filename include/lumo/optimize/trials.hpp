@@ -14,17 +14,19 @@
 
 namespace lumo {
 
-/// The trials of one optimisation: what was asked, told and failed, and what is next where no model is needed. All that an optimiser knows is
-/// here, so that restoring the trials restores the optimiser.
+/// The trials of one optimisation: what was asked, told and failed, and what is next where no model is needed. All that
+/// an optimiser knows is here, so that restoring the trials restores the optimiser.
 class TrialLog {
  public:
   /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
-  TrialLog(Problem problem, int outputs, int retries) : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
+  TrialLog(Problem problem, int outputs, int retries)
+      : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
     DesignSet known;
     for (const Design& x : problem_.initial)
       if (known.insert(sampler_.canonical(x)).second) starts_.push_back(sampler_.canonical(x));
-    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known)) starts_.push_back(std::move(x));
+    for (Design& x : sampler_.fresh(std::size_t(problem_.sobol), combine(problem_.seed, 0), known))
+      starts_.push_back(std::move(x));
   }
 
   const Problem& problem() const { return problem_; }
@@ -79,12 +81,15 @@ inline std::optional<Design> TrialLog::scheduled() const {
 }
 
 inline const Trial& TrialLog::open(int id, std::type_identity_t<Design> x) {
-  if (id != int(trials_.size())) throw InvalidArgument(message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
+  if (id != int(trials_.size()))
+    throw InvalidArgument(
+        message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
   problem_.space.check(x);
   x = sampler_.canonical(std::move(x));
   if (taken_.contains(x))
     for (const Trial& t : trials_)
-      if (t.x == x && !(t.state == Trial::State::failed && t.retry)) throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
+      if (t.x == x && !(t.state == Trial::State::failed && t.retry))
+        throw InvalidArgument(message("trial ", id, " repeats the design of trial ", t.id));
   taken_.insert(x);
   trials_.push_back({id, std::move(x), Trial::State::pending, {}, false, {}});
   return trials_.back();
@@ -100,9 +105,11 @@ inline Trial& TrialLog::pending(int id) {
 
 inline void TrialLog::tell(int id, std::vector<double> outputs) {
   Trial& trial = pending(id);
-  if (int(outputs.size()) != outputs_) throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
+  if (int(outputs.size()) != outputs_)
+    throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
   for (const double y : outputs)
-    if (!(std::abs(y) <= 1e150)) throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
+    if (!(std::abs(y) <= 1e150))
+      throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
   trial.outputs = std::move(outputs);
   trial.state = Trial::State::told;
 }
@@ -118,7 +125,8 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == state && !(state == Trial::State::failed && t.retry)) x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
+    if (t.state == state && !(state == Trial::State::failed && t.retry))
+      x.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.x.data(), x.rows());
   return x.leftCols(column);
 }
 

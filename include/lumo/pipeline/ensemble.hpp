@@ -37,16 +37,15 @@ inline Ensemble curved_ensemble() {
 
 /// A scenario as the mirror image of one that is solved.
 struct ScenarioImage {
-  std::size_t solve;           ///< which solve it comes from
-  Symmetry mirror;             ///< in which planes it is reflected
+  std::size_t solve;  ///< which solve it comes from
+  Symmetry mirror;    ///< in which planes it is reflected
 };
 
 /// Which scenarios have to be solved when mirror images are solved once.
-template <Indenter Tool = Sphere>
-struct ContactPlan {
+template <Indenter Tool = Sphere> struct ContactPlan {
   struct Solve {
-    Scenario<Tool> scenario;     ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
-    std::size_t place;           ///< index into `places`
+    Scenario<Tool> scenario;  ///< with angle ≥ 0 and y ≥ 0 where mirror images are solved once
+    std::size_t place;        ///< index into `places`
   };
   /// Contacts at one angle and place share a mesh.
   struct Place {
@@ -61,22 +60,25 @@ struct ContactPlan {
 
 namespace detail {
 
-/// Planes in which a contact is to be mirrored, of those that are allowed, so that of all its images always the same one is left: y ≥ 0, angle ≥ 0.
-template <Indenter Tool>
-Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
+/// Planes in which a contact is to be mirrored, of those that are allowed, so that of all its images always the same
+/// one is left: y ≥ 0, angle ≥ 0.
+template <Indenter Tool> Symmetry to_first_image(const Scenario<Tool>& s, Symmetry allowed) {
   const bool along = s.tilt == TiltPlane::yz, back = s.angle_rad < 0.0;
   return {allowed.x && !along && back, allowed.y && (s.y_m < 0.0 || (along && s.y_m == 0.0 && back))};
 }
 
 }  // namespace detail
 
-/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are symmetric.
+/// `symmetry`: of the body; `once`: planes in which one of two mirrored states stands for both, where tool and body are
+/// symmetric.
 template <Indenter Tool>
-ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry, Symmetry once = {true, true}) {
+ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Symmetry symmetry,
+                                Symmetry once = {true, true}) {
   ContactPlan<Tool> plan;
   for (const Scenario<Tool>& s : scenarios) {
     validate(s);
-    const Symmetry mirror = detail::to_first_image(s, {once.x && symmetry.x && is_symmetric(s.indenter, 0), once.y && symmetry.y && is_symmetric(s.indenter, 1)});
+    const Symmetry mirror = detail::to_first_image(
+        s, {once.x && symmetry.x && is_symmetric(s.indenter, 0), once.y && symmetry.y && is_symmetric(s.indenter, 1)});
     const Scenario<Tool> first = mirrored(s, mirror);
     std::size_t k = 0;
     while (k < plan.solves.size() && !(plan.solves[k].scenario == first)) ++k;
@@ -84,7 +86,10 @@ ContactPlan<Tool> plan_contacts(const std::vector<Scenario<Tool>>& scenarios, Sy
       // One mesh serves a contact and its mirror images: the mesh has the body's symmetry.
       const Scenario<Tool> home = mirrored(first, detail::to_first_image(first, symmetry));
       std::size_t place = 0;
-      while (place < plan.places.size() && !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m && plan.places[place].tilt == home.tilt)) ++place;
+      while (place < plan.places.size() &&
+             !(plan.places[place].angle_rad == home.angle_rad && plan.places[place].y_m == home.y_m &&
+               plan.places[place].tilt == home.tilt))
+        ++place;
       if (place == plan.places.size()) plan.places.push_back({home.angle_rad, home.y_m, home.tilt, {}});
       plan.places[place].solves.push_back(k);
       plan.solves.push_back({first, place});

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/pipeline/observe.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "lumo/pipeline/observe.hpp"
 
 #include <concepts>
 #include <optional>
@@ -18,18 +18,20 @@ concept ObservedObjective = requires(const O& objective, const Observations& all
   { objective(all) } -> std::same_as<std::optional<Estimate>>;
 };
 
-/// What an evaluation of any body gives. Where a scenario did not converge (or, where the pipeline accepts held states, was not held) all objectives are empty.
+/// What an evaluation of any body gives. Where a scenario did not converge (or, where the pipeline accepts held states,
+/// was not held) all objectives are empty.
 struct Scores {
   bool converged = false;
   std::vector<std::optional<Estimate>> objectives;
   Observations observations;
 };
 
-/// Body → meshes → equilibria → responses → objectives, for any body, tool and objectives (ObservedObjective). Mirror images are solved once; scenarios
-/// run side by side. Throws MeshError when the body cannot be meshed, InvalidArgument.
+/// Body → meshes → equilibria → responses → objectives, for any body, tool and objectives (ObservedObjective). Mirror
+/// images are solved once; scenarios run side by side. Throws MeshError when the body cannot be meshed,
+/// InvalidArgument.
 template <class P, Indenter Tool, Executor E, ObservedObjective... Objectives>
-Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor, const std::tuple<Objectives...>& objectives,
-                const ProgressReport& progress = {}) {
+Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline, const E& executor,
+                const std::tuple<Objectives...>& objectives, const ProgressReport& progress = {}) {
   Scores scores;
   scores.observations = observe(body, scenarios, pipeline, executor, progress);
   scores.converged = all_scored(scores.observations.scenarios, pipeline.accept_held);
@@ -41,21 +43,22 @@ Scores evaluate(const Body& body, const std::vector<Scenario<Tool>>& scenarios, 
   return scores;
 }
 
-/// What one evaluation of a design gives. An objective is empty when a scenario did not converge, or when its terms are not defined by the loads.
+/// What one evaluation of a design gives. An objective is empty when a scenario did not converge, or when its terms are
+/// not defined by the loads.
 struct Evaluation {
   std::optional<Estimate> J_contact, J_obs;
-  std::optional<std::size_t> worst_contact;       ///< scenario that sets J_contact
-  std::optional<Separation> worst_observation;    ///< pair of `observed` that sets J_obs
+  std::optional<std::size_t> worst_contact;     ///< scenario that sets J_contact
+  std::optional<Separation> worst_observation;  ///< pair of `observed` that sets J_obs
   std::vector<ObservedState> observed;
   Observations observations;
 };
 
 /// The worst scenario's contact progression (paper Eq. 5), with the scenario that sets it.
-inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios);
+inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(
+    const std::vector<ScenarioRecord>& scenarios);
 
 /// The paper's two objectives from what was observed.
-template <class P>
-Evaluation score(Observations observations, const P& pipeline) {
+template <class P> Evaluation score(Observations observations, const P& pipeline) {
   Evaluation result;
   result.observations = std::move(observations);
   const std::vector<ScenarioRecord>& scenarios = result.observations.scenarios;
@@ -74,12 +77,14 @@ Evaluation score(Observations observations, const P& pipeline) {
 /// θ → finger → meshes → equilibria → responses → the paper's two objectives.
 /// Throws InfeasibleDesign before anything is computed, MeshError when the body cannot be meshed.
 template <class P, Executor E>
-Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline, const FingerOptions& options,
-                    const E& executor, const ProgressReport& progress = {}) {
-  return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress), pipeline);
+Evaluation evaluate(const FingerDesign& design, const Silicone& silicone, const Ensemble& ensemble, const P& pipeline,
+                    const FingerOptions& options, const E& executor, const ProgressReport& progress = {}) {
+  return score(observe(finger(design, silicone, options), ensemble.scenarios(), pipeline, executor, progress),
+               pipeline);
 }
 
-inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(const std::vector<ScenarioRecord>& scenarios) {
+inline std::optional<std::pair<Estimate, std::size_t>> contact_progression(
+    const std::vector<ScenarioRecord>& scenarios) {
   std::optional<std::pair<Estimate, std::size_t>> worst;
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     const auto score = scenarios[k].terms.score();

@@ -1,8 +1,5 @@
 #pragma once
 
-#include "lumo/pipeline/ensemble.hpp"
-#include "lumo/pipeline/observations.hpp"
-#include "lumo/pipeline/ray_refinement.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/core/executor.hpp"
 #include "lumo/core/stopwatch.hpp"
@@ -12,6 +9,9 @@
 #include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/ensemble.hpp"
+#include "lumo/pipeline/observations.hpp"
+#include "lumo/pipeline/ray_refinement.hpp"
 
 #include <Eigen/Core>
 
@@ -26,13 +26,13 @@
 namespace lumo {
 
 /// Planes in which body, mesh, emitters and the states of a scenario are their own mirror images.
-template <Indenter Tool>
-Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
+template <Indenter Tool> Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario) {
   const Symmetry unloaded = symmetry_of(body, mesh), contact = symmetry_of(scenario);
   return {unloaded.x && contact.x, unloaded.y && contact.y};
 }
 
-/// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own mirror image.
+/// The same for a state that ended so: sweeps visit vertices one after the other, and what they hold is not its own
+/// mirror image.
 template <Indenter Tool>
 Symmetry symmetry_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario, Status status) {
   return status == Status::held ? Symmetry{} : symmetry_of(body, mesh, scenario);
@@ -46,12 +46,11 @@ struct SolvedScenario {
 };
 
 /// Light in the states of all solved scenarios.
-template <class Light, class Pad, Indenter Tool>
-class Lighting {
+template <class Light, class Pad, Indenter Tool> class Lighting {
  public:
-
   /// `places`: the body on its mesh for each place of the plan.
-  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m, const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
+  Lighting(const Body& body, const ContactPlan<Tool>& plan, const Light& light, double focus_m,
+           const std::vector<Pad>& places, const std::vector<SolvedScenario>& solved)
       : body_(body), plan_(plan), light_(light), focus_m_(focus_m), places_(places), solved_(solved) {
     for (std::size_t k = 0; k < solved.size(); ++k) {
       records_.push_back(solved[k].record);
@@ -66,8 +65,9 @@ class Lighting {
   };
   const std::vector<State>& all() const { return all_; }
 
-  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their meshes with the same rays.
-  /// Round 0 takes all meshes, and sends its rays evenly; later ones send them to the contact's place. Rounds have independent patterns.
+  /// Traces these states with the rays of all rounds up to `round` that they lack, and the unloaded body on their
+  /// meshes with the same rays. Round 0 takes all meshes, and sends its rays evenly; later ones send them to the
+  /// contact's place. Rounds have independent patterns.
   template <Executor E, class Report>
   void trace(const std::vector<State>& wanted, int round, const E& executor, Report&& report) {
     struct Job {
@@ -79,7 +79,8 @@ class Lighting {
     std::vector<Job> jobs;
     std::set<std::pair<int, std::size_t>> bare;  // (round, place)
     for (const State& s : wanted)
-      for (int r = rounds_[s]; r <= round; ++r) jobs.push_back({plan_.solves[s.solve].place, r, &s}), bare.insert({r, jobs.back().place});
+      for (int r = rounds_[s]; r <= round; ++r)
+        jobs.push_back({plan_.solves[s.solve].place, r, &s}), bare.insert({r, jobs.back().place});
     for (std::size_t place = 0; round == 0 && place < places_.size(); ++place) bare.insert({0, place});
     for (const auto& [r, place] : bare)
       if (unloaded_[std::size_t(r)][place].power_W.empty()) jobs.push_back({place, r, nullptr});
@@ -95,13 +96,15 @@ class Lighting {
       const TetMesh& mesh = places_[place]->mesh();
       RayFocus focus;  // round 0 is for all there is to see
       const auto& p = plan_.places[place];
-      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz)) focus.y_m = p.y_m, focus.length_m = focus_m_;   // others touch elsewhere
+      if (r > 0 && (p.angle_rad == 0.0 || p.tilt == TiltPlane::xz))
+        focus.y_m = p.y_m, focus.length_m = focus_m_;  // others touch elsewhere
       if (state == nullptr) {
         const Symmetry unloaded = symmetry_of(body_, mesh);
         lit[i] = light.trace(body_, mesh, {}, {}, {unloaded.x, unloaded.y && focus.is_symmetric()}, focus);
       } else {
         const MechanicalState& loaded = solved_[state->solve].states[state->state];
-        lit[i] = light.trace(body_, mesh, loaded, symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
+        lit[i] = light.trace(body_, mesh, loaded,
+                             symmetry_of(body_, mesh, plan_.solves[state->solve].scenario, loaded.status), focus);
       }
       spent[i] = watch.seconds();
       report(jobs.size());
@@ -129,14 +132,16 @@ class Lighting {
   /// Responses of the undeformed body on each mesh.
   const std::vector<Response>& unloaded() const { return unloaded_.front(); }
 
-  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure function of the responses.
+  /// States that decide the least distance of those observed in `all` scenarios, mirror images being one state. A pure
+  /// function of the responses.
   std::vector<State> undecided(const std::vector<ScenarioRecord>& all, double tolerance) const {
     const std::vector<ObservedState> observed = observed_states(all);
     std::vector<State> states;
     for (std::size_t i : undecided_states(observed, tolerance)) {
       const std::size_t solve = plan_.images[observed[i].scenario].solve;
       const auto& candidates = records_[solve].states;
-      const auto it = std::find_if(candidates.begin(), candidates.end(), [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
+      const auto it = std::find_if(candidates.begin(), candidates.end(),
+                                   [&](const StateRecord& s) { return s.load_N == observed[i].load_N; });
       states.push_back({solve, std::size_t(it - candidates.begin())});
     }
     std::sort(states.begin(), states.end());

@@ -1,10 +1,10 @@
 #pragma once
 
-#include "lumo/pipeline/ensemble.hpp"
 #include "lumo/mechanics/contact/status.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
 #include "lumo/optics/ledger.hpp"
+#include "lumo/pipeline/ensemble.hpp"
 
 #include <Eigen/Core>
 
@@ -19,16 +19,19 @@ namespace lumo {
 /// One state as it is kept: numbers only, no fields.
 struct StateRecord {
   Status status = Status::non_finite;
-  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
-  std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
-  Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
-  std::vector<double> change_error;      ///< standard error of the response minus the unloaded one; empty without light
+  double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0,
+         penetration_m = 0.0;
+  std::vector<double>
+      response;  ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
+  Eigen::MatrixXd
+      change;  ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
+  std::vector<double> change_error;  ///< standard error of the response minus the unloaded one; empty without light
 };
 
 /// One scenario of an ensemble.
 struct ScenarioRecord {
   double diameter_m = 0.0, angle_rad = 0.0, y_m = 0.0;  ///< diameter of the tool, or twice its contact_radius()
-  Status status = Status::non_finite;    ///< of the last state that was tried
+  Status status = Status::non_finite;                   ///< of the last state that was tried
   ContactTerms terms;
   std::vector<StateRecord> states;
   TiltPlane tilt = TiltPlane::xz;
@@ -41,11 +44,13 @@ struct Timing {
 
 /// All states and responses of one body under an ensemble.
 struct Observations {
-  std::vector<ScenarioRecord> scenarios;        ///< in the ensemble's order, mirror images included
-  std::vector<double> unloaded_response;        ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
-  std::vector<double> unloaded_error;           ///< its standard error; meshes share their rays, so that it does not shrink with their number
-  EnergyLedger ledger;                          ///< of the traced state that closes worst
-  std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
+  std::vector<ScenarioRecord> scenarios;  ///< in the ensemble's order, mirror images included
+  std::vector<double>
+      unloaded_response;  ///< per emitted power and channel (of the first colour, then the next), mean over the meshes
+  std::vector<double>
+      unloaded_error;   ///< its standard error; meshes share their rays, so that it does not shrink with their number
+  EnergyLedger ledger;  ///< of the traced state that closes worst
+  std::size_t nodes = 0, elements = 0;  ///< of the largest mesh
   Timing seconds;
 };
 
@@ -61,14 +66,24 @@ ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<T
   record.status = states.back().status;
   record.terms = contact_terms(body, mesh, states, contact_radius(scenario.indenter), error);
   for (const MechanicalState& s : states)
-    record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2,
-                             s.residual_N, s.penetration_m, {}, {}, {}});
+    record.states.push_back({s.status,
+                             s.load_N,
+                             s.force_N,
+                             s.depth_m,
+                             s.contact_area_m2,
+                             s.reference_area_m2,
+                             s.residual_N,
+                             s.penetration_m,
+                             {},
+                             {},
+                             {}});
   return record;
 }
 
 /// Did all scenarios converge, or were held where that is accepted?
 inline bool all_scored(const std::vector<ScenarioRecord>& scenarios, bool accept_held) {
-  return std::all_of(scenarios.begin(), scenarios.end(), [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
+  return std::all_of(scenarios.begin(), scenarios.end(),
+                     [&](const ScenarioRecord& s) { return is_scored(s.status, accept_held); });
 }
 
 /// All states that can be compared for J_obs.
@@ -76,7 +91,9 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
   std::vector<ObservedState> states;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     for (const StateRecord& s : scenarios[k].states)
-      if (s.change.size() > 0) states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change, scenarios[k].tilt});
+      if (s.change.size() > 0)
+        states.push_back({k, scenarios[k].diameter_m, scenarios[k].angle_rad, scenarios[k].y_m, s.load_N, s.change,
+                          scenarios[k].tilt});
   return states;
 }
 
@@ -85,7 +102,8 @@ using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.
 template <Indenter Tool>
-ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels, const ScenarioImage& image) {
+ScenarioRecord mirrored(ScenarioRecord record, const Scenario<Tool>& scenario, const ChannelImages& channels,
+                        const ScenarioImage& image) {
   record.angle_rad = scenario.angle_rad;
   record.y_m = scenario.y_m;
   const auto renumber = [&](const std::optional<std::vector<int>>& channel) {

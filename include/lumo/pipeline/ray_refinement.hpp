@@ -12,8 +12,9 @@ constexpr int rays_up_to(int round) {
   return all;
 }
 
-/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states() names with new rays, at first
-/// half as many as they have had (and the unloaded bodies on their meshes, too), until there are none. What is still undecided then shows in the error.
+/// How the states that decide J_obs are known better than the others: each round traces those that undecided_states()
+/// names with new rays, at first half as many as they have had (and the unloaded bodies on their meshes, too), until
+/// there are none. What is still undecided then shows in the error.
 struct RayRefinement {
   double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
   int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once

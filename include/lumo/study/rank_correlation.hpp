@@ -7,8 +7,9 @@
 
 namespace lumo {
 
-/// Kendall's τ-b of two rankings of the same things: pairs in the same order less pairs in the opposite one, over the geometric mean of the pairs that
-/// either ranking tells apart; 1 for the same ranking, ties included. Nothing where one of them ties all. Source: Kendall, Biometrika 33 (1945).
+/// Kendall's τ-b of two rankings of the same things: pairs in the same order less pairs in the opposite one, over the
+/// geometric mean of the pairs that either ranking tells apart; 1 for the same ranking, ties included. Nothing where
+/// one of them ties all. Source: Kendall, Biometrika 33 (1945).
 inline std::optional<double> kendall_tau(std::span<const double> a, std::span<const double> b) {
   const std::size_t n = a.size();
   if (b.size() != n) return std::nullopt;

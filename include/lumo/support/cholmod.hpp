@@ -1,6 +1,7 @@
 #pragma once
 
-// Adapter to SuiteSparse's CHOLMOD (its supernodal part is GPL-2+). Link with -lcholmod and a BLAS; OpenBLAS is much the fastest.
+// Adapter to SuiteSparse's CHOLMOD (its supernodal part is GPL-2+). Link with -lcholmod and a BLAS; OpenBLAS is much
+// the fastest.
 
 #include "lumo/mechanics/elements/linear_solver.hpp"
 
@@ -32,11 +33,13 @@ struct FreeFactor {
   void operator()(cholmod_factor* f) const { cholmod_free_factor(&f, common); }
 };
 
-// Debian's CHOLMOD opens OpenMP teams of four for every small front; scenarios run side by side, so one factor gets one thread.
+// Debian's CHOLMOD opens OpenMP teams of four for every small front; scenarios run side by side, so one factor gets one
+// thread.
 class WithoutOpenMp {
  public:
   WithoutOpenMp() {
-    if (omp_set_max_active_levels && omp_get_max_active_levels) levels_ = omp_get_max_active_levels(), omp_set_max_active_levels(0);
+    if (omp_set_max_active_levels && omp_get_max_active_levels)
+      levels_ = omp_get_max_active_levels(), omp_set_max_active_levels(0);
   }
   ~WithoutOpenMp() {
     if (levels_ >= 0) omp_set_max_active_levels(levels_);
@@ -48,13 +51,16 @@ class WithoutOpenMp {
   int levels_ = -1;
 };
 
-/// A thread's stay in BLAS. OpenBLAS maps a work area for each thread that is in it at a time and, when it gets none, asks again for ever: so whether
-/// there is room is asked before. `more`: bytes that the caller will take before BLAS does. Throws std::bad_alloc.
+/// A thread's stay in BLAS. OpenBLAS maps a work area for each thread that is in it at a time and, when it gets none,
+/// asks again for ever: so whether there is room is asked before. `more`: bytes that the caller will take before BLAS
+/// does. Throws std::bad_alloc.
 class BlasStay {
  public:
   explicit BlasStay(std::size_t more = 0) {
     const std::size_t bytes = std::size_t(++guests_) * work_area + more;
-    void* room = openblas_set_num_threads ? mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0) : nullptr;
+    void* room = openblas_set_num_threads
+                     ? mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0)
+                     : nullptr;
     if (room == MAP_FAILED) {
       --guests_;
       throw std::bad_alloc();
@@ -66,16 +72,17 @@ class BlasStay {
   BlasStay& operator=(const BlasStay&) = delete;
 
  private:
-  static constexpr std::size_t work_area = std::size_t(129) << 20;   // OpenBLAS's largest, with room to align it
+  static constexpr std::size_t work_area = std::size_t(129) << 20;  // OpenBLAS's largest, with room to align it
   inline static std::atomic<int> guests_ = 0;
 };
 
 }  // namespace detail
 
-/// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008) after nested dissection (METIS; Karypis, Kumar 1998):
-/// a third fewer operations here than minimum degree, which CHOLMOD would try first. One object per thread; copies carry the symbolic analysis along.
-/// Throws std::bad_alloc. METIS replaces the process's handler of SIGTERM while it orders: a program that must hear it blocks the signal in its
-/// threads and waits for it in one of them.
+/// Supernodal sparse Cholesky factorisation (Chen, Davis, Hager, Rajamanickam 2008) after nested dissection (METIS;
+/// Karypis, Kumar 1998): a third fewer operations here than minimum degree, which CHOLMOD would try first. One object
+/// per thread; copies carry the symbolic analysis along. Throws std::bad_alloc. METIS replaces the process's handler of
+/// SIGTERM while it orders: a program that must hear it blocks the signal in its threads and waits for it in one of
+/// them.
 class Cholmod {
  public:
   Cholmod() : common_(new cholmod_common, &finish) {
@@ -93,7 +100,8 @@ class Cholmod {
     return *this;
   }
   Cholmod(Cholmod&&) = default;
-  Cholmod& operator=(Cholmod&& other) noexcept {  // by exchange: a factor must be freed before the common block that made it
+  Cholmod& operator=(
+      Cholmod&& other) noexcept {  // by exchange: a factor must be freed before the common block that made it
     std::swap(common_, other.common_);
     std::swap(symbolic_, other.symbolic_);
     std::swap(factor_, other.factor_);
@@ -104,7 +112,8 @@ class Cholmod {
   }
 
   void analyze(const SparseLower& lower) {
-    // METIS draws from the C library's one random sequence: side by side, orderings and so the last bits of solutions would differ.
+    // METIS draws from the C library's one random sequence: side by side, orderings and so the last bits of solutions
+    // would differ.
     static std::mutex metis;
     const std::lock_guard one_at_a_time(metis);
     cholmod_sparse view = view_of(lower);
@@ -113,7 +122,8 @@ class Cholmod {
     const Factor ordered = own(cholmod_analyze(&view, common_.get()));
     if (!ordered) throw std::bad_alloc();
     reorder(lower, static_cast<const int*>(ordered->Perm));
-    // In that order CHOLMOD takes the matrix as it is, where it would else transpose it twice for each factor: a fifth of the time.
+    // In that order CHOLMOD takes the matrix as it is, where it would else transpose it twice for each factor: a fifth
+    // of the time.
     cholmod_sparse sorted = view_of(reordered_);
     common_->method[0].ordering = CHOLMOD_NATURAL;
     common_->postorder = 0;
@@ -124,12 +134,14 @@ class Cholmod {
 
   FactorStatus factorize(const SparseLower& lower) {
     // CHOLMOD factorises NaN without complaint, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all())
+      return FactorStatus::non_finite;
     for (std::size_t k = 0; k < source_.size(); ++k) reordered_.valuePtr()[k] = lower.valuePtr()[source_[k]];
     cholmod_sparse view = view_of(reordered_);
     if (!factor_) factor_ = own(cholmod_copy_factor(symbolic_.get(), common_.get()));
     common_->status = CHOLMOD_OK;
-    const detail::BlasStay stay(sizeof(double) * ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
+    const detail::BlasStay stay(sizeof(double) *
+                                ((factor_->x ? 0 : factor_->xsize) + factor_->maxcsize + 8 * factor_->n));
     const detail::WithoutOpenMp one_thread;
     cholmod_factorize(&view, factor_.get(), common_.get());
     if (common_->status == CHOLMOD_OK && factor_->minor == factor_->n) return FactorStatus::positive_definite;
@@ -154,7 +166,8 @@ class Cholmod {
     cholmod_dense* x = cholmod_solve(CHOLMOD_A, factor_.get(), &b, common_.get());
     if (!x) throw std::bad_alloc();
     for (Eigen::Index j = 0; j < rhs.cols(); ++j)
-      for (Eigen::Index k = 0; k < rhs.rows(); ++k) result(order_[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
+      for (Eigen::Index k = 0; k < rhs.rows(); ++k)
+        result(order_[std::size_t(k)], j) = static_cast<const double*>(x->x)[j * rhs.rows() + k];
     cholmod_free_dense(&x, common_.get());
     return result;
   }
@@ -180,13 +193,14 @@ class Cholmod {
     reordered_ = other.reordered_;
   }
 
-  /// Takes over an order (new place → old) with the pattern in it, and where in the caller's values each of its values stands.
+  /// Takes over an order (new place → old) with the pattern in it, and where in the caller's values each of its values
+  /// stands.
   void reorder(const SparseLower& lower, const int* order) {
     const int n = int(lower.cols());
     order_.assign(order, order + n);
     std::vector<int> place(order_.size());
     for (int k = 0; k < n; ++k) place[std::size_t(order_[std::size_t(k)])] = k;
-    std::vector<Eigen::Triplet<double, int>> entries;   // with the number of the value, exact below 2⁵³
+    std::vector<Eigen::Triplet<double, int>> entries;  // with the number of the value, exact below 2⁵³
     entries.reserve(std::size_t(lower.nonZeros()));
     for (int j = 0; j < n; ++j)
       for (int e = lower.outerIndexPtr()[j]; e < lower.outerIndexPtr()[j + 1]; ++e) {
@@ -218,8 +232,8 @@ class Cholmod {
   Common common_;
   Factor symbolic_;
   Factor factor_;
-  std::vector<int> order_;    // fill-reducing: new place → the caller's
-  std::vector<int> source_;   // of each value of `reordered_`, in the caller's
+  std::vector<int> order_;   // fill-reducing: new place → the caller's
+  std::vector<int> source_;  // of each value of `reordered_`, in the caller's
   SparseLower reordered_;
 };
 

@@ -44,8 +44,8 @@ class FlushDenormals {
 
 }  // namespace detail
 
-/// Ray scene of Embree: single precision, millimetres about the centre of the scene. Body and carrier faces are two geometries,
-/// told apart by masks: rays inside the body do not see the carrier.
+/// Ray scene of Embree: single precision, millimetres about the centre of the scene. Body and carrier faces are two
+/// geometries, told apart by masks: rays inside the body do not see the carrier.
 class EmbreeScene {
  public:
   /// Throws InvalidArgument when a corner is not finite, std::bad_alloc, or Error when Embree fails otherwise.
@@ -116,10 +116,10 @@ class EmbreeScene {
       if (triangles[i].in_air_only == in_air_only) ids.push_back(int(i));
     RTCGeometry geometry = rtcNewGeometry(device_.get(), RTC_GEOMETRY_TYPE_TRIANGLE);
     if (!ids.empty()) {
-      auto* corners = static_cast<float*>(
-          rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), 3 * ids.size()));
-      auto* indices = static_cast<unsigned*>(
-          rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), ids.size()));
+      auto* corners = static_cast<float*>(rtcSetNewGeometryBuffer(
+          geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), 3 * ids.size()));
+      auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
+          geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), ids.size()));
       if (corners == nullptr || indices == nullptr) {
         rtcReleaseGeometry(geometry);
         throw std::bad_alloc();

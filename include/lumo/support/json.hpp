@@ -1,13 +1,14 @@
 #pragma once
 
-// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP file. Schema: docs/log_format.md.
+// Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP
+// file. Schema: docs/log_format.md.
 
 #include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/recording.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -33,11 +34,14 @@ class StrictObject {
     if (!object.is_object()) throw InputError(message(where_, ": must be an object"));
   }
   /// Each key may be absent; then the value stays as it is.
-  void get(const char* key, double& value) { read(key, [&](const auto& j) { value = number(j, key); }); }
+  void get(const char* key, double& value) {
+    read(key, [&](const auto& j) { value = number(j, key); });
+  }
   void get(const char* key, int& value) {
     read(key, [&](const auto& j) {
       // As a real number: one beyond 64 signed bits must not wrap into range.
-      if (!j.is_number_integer() || std::abs(j.template get<double>()) > 1e9) fail(key, "must be a whole number within 1e9");
+      if (!j.is_number_integer() || std::abs(j.template get<double>()) > 1e9)
+        fail(key, "must be a whole number within 1e9");
       value = j.template get<int>();
     });
   }
@@ -49,7 +53,8 @@ class StrictObject {
   }
   void get(const char* key, std::int64_t& value) {
     read(key, [&](const auto& j) {
-      const bool beyond = j.is_number_unsigned() && j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max());
+      const bool beyond = j.is_number_unsigned() &&
+                          j.template get<std::uint64_t>() > std::uint64_t(std::numeric_limits<std::int64_t>::max());
       if (!j.is_number_integer() || beyond) fail(key, "must be a whole number of 64 bits");
       value = j.template get<std::int64_t>();
     });
@@ -68,8 +73,7 @@ class StrictObject {
     });
   }
   /// Applies `take(json, where)` to the value, if it is there.
-  template <class Take>
-  void with(const char* key, Take take) {
+  template <class Take> void with(const char* key, Take take) {
     read(key, [&](const auto& j) { take(j, where_ + "." + key); });
   }
   bool has(const char* key) {
@@ -81,15 +85,19 @@ class StrictObject {
     for (const auto& item : object_.items()) {
       const std::string& key = item.key();
       if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
-      const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) { return distance(a, key) < distance(b, key); });
-      throw InputError(message(where_, ": key '", printable(key), "' is not known", nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
+      const auto nearest = std::min_element(asked_.begin(), asked_.end(), [&](const auto& a, const auto& b) {
+        return distance(a, key) < distance(b, key);
+      });
+      throw InputError(message(where_, ": key '", printable(key), "' is not known",
+                               nearest == asked_.end() ? "" : ", the nearest is '" + *nearest + "'"));
     }
   }
-  [[noreturn]] void fail(const char* key, const char* why) const { throw InputError(message(where_, ".", key, ": ", why)); }
+  [[noreturn]] void fail(const char* key, const char* why) const {
+    throw InputError(message(where_, ".", key, ": ", why));
+  }
 
  private:
-  template <class Read>
-  void read(const char* key, Read read) {
+  template <class Read> void read(const char* key, Read read) {
     asked_.push_back(key);
     if (const auto it = object_.find(key); it != object_.end()) read(*it);
   }
@@ -104,7 +112,8 @@ class StrictObject {
     for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
     for (std::size_t i = 1; i <= a.size(); ++i) {
       std::size_t corner = row[0]++;
-      for (std::size_t j = 1; j <= b.size(); ++j) corner = std::exchange(row[j], std::min({row[j] + 1, row[j - 1] + 1, corner + (a[i - 1] != b[j - 1])}));
+      for (std::size_t j = 1; j <= b.size(); ++j)
+        corner = std::exchange(row[j], std::min({row[j] + 1, row[j - 1] + 1, corner + (a[i - 1] != b[j - 1])}));
     }
     return row[b.size()];
   }
@@ -164,7 +173,8 @@ inline sense::Session session_from_json(std::string_view json, const std::string
     double depth_mm = 1e3 * s.led_depth_m, camera_mm = 1e3 * s.camera_distance_m;
     o.get("depth_mm", depth_mm);
     o.get("camera_distance_mm", camera_mm);
-    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm, s.led_depth_m = 1e-3 * depth_mm, s.camera_distance_m = 1e-3 * camera_mm;
+    s.led_pitch_m = 1e-3 * pitch_mm, s.led_first_y_m = 1e-3 * first_mm, s.led_depth_m = 1e-3 * depth_mm,
+    s.camera_distance_m = 1e-3 * camera_mm;
     std::vector<double> distal{s.distal.x(), s.distal.y()};
     o.get("distal", distal);
     if (distal.size() != 2) o.fail("distal", "must be two numbers");
@@ -189,8 +199,10 @@ inline sense::Session session_from_json(std::string_view json, const std::string
       detail::StrictObject o(item, where + "[" + std::to_string(s.links.size()) + "]");
       sense::SessionLink l;
       double radius_mm = 1e3 * l.link.hole_radius_m;
-      std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m}, z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
-      o.get("name", l.link.name), o.get("joints", joints), o.get("holes_mm", hole_mm), o.get("holes_px", hole_px), o.get("hole_radius_mm", radius_mm);
+      std::vector<double> joints, hole_mm, hole_px, y_mm{1e3 * l.link.y_low_m, 1e3 * l.link.y_high_m},
+          z_mm{1e3 * l.link.z_low_m, 1e3 * l.link.z_high_m};
+      o.get("name", l.link.name), o.get("joints", joints), o.get("holes_mm", hole_mm), o.get("holes_px", hole_px),
+          o.get("hole_radius_mm", radius_mm);
       o.get("z_clockwise", l.link.z_clockwise), o.get("pad_y_mm", y_mm), o.get("pad_z_mm", z_mm);
       for (const double joint : joints) {
         if (joint != std::floor(joint) || std::abs(joint) > 1e6) o.fail("joints", "must be whole numbers");
@@ -206,7 +218,8 @@ inline sense::Session session_from_json(std::string_view json, const std::string
         return m;
       };
       l.link.hole_m = pairs(hole_mm, 1e-3), l.hole_px = pairs(hole_px, 1.0), l.link.hole_radius_m = 1e-3 * radius_mm;
-      l.link.y_low_m = 1e-3 * y_mm[0], l.link.y_high_m = 1e-3 * y_mm[1], l.link.z_low_m = 1e-3 * z_mm[0], l.link.z_high_m = 1e-3 * z_mm[1];
+      l.link.y_low_m = 1e-3 * y_mm[0], l.link.y_high_m = 1e-3 * y_mm[1], l.link.z_low_m = 1e-3 * z_mm[0],
+      l.link.z_high_m = 1e-3 * z_mm[1];
       o.finish();
       s.links.push_back(std::move(l));
     }
@@ -216,8 +229,10 @@ inline sense::Session session_from_json(std::string_view json, const std::string
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
       sense::Segment g;
-      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place), o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
-      o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg), o.get("diameter_mm", g.diameter_mm);
+      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place),
+          o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
+      o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg),
+          o.get("diameter_mm", g.diameter_mm);
       o.finish();
       s.segments.push_back(g);
     }
@@ -249,10 +264,17 @@ inline double millimetres(double m) {
 inline std::string to_json(const sense::Session& s) {
   validate(s, "session to write");
   using Json = nlohmann::ordered_json;
-  const auto clock = [](const sense::ClockMap& m) { return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}}; };
-  Json j{{"format", "lumo-log"}, {"version", 1}, {"title", s.title}, {"clock", s.clock}, {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
-  j["leds"] = {{"count", s.led_count}, {"pitch_mm", detail::millimetres(s.led_pitch_m)}, {"first_y_mm", detail::millimetres(s.led_first_y_m)},
-               {"depth_mm", detail::millimetres(s.led_depth_m)}, {"camera_distance_mm", detail::millimetres(s.camera_distance_m)}, {"distal", {s.distal.x(), s.distal.y()}}};
+  const auto clock = [](const sense::ClockMap& m) {
+    return Json{{"origin_ns", m.origin_ns}, {"offset_s", m.offset_s}, {"drift", m.drift}, {"residual_s", m.residual_s}};
+  };
+  Json j{{"format", "lumo-log"},   {"version", 1},           {"title", s.title}, {"clock", s.clock},
+         {"material", s.material}, {"theta_mm", s.theta_mm}, {"video", s.video}};
+  j["leds"] = {{"count", s.led_count},
+               {"pitch_mm", detail::millimetres(s.led_pitch_m)},
+               {"first_y_mm", detail::millimetres(s.led_first_y_m)},
+               {"depth_mm", detail::millimetres(s.led_depth_m)},
+               {"camera_distance_mm", detail::millimetres(s.camera_distance_m)},
+               {"distal", {s.distal.x(), s.distal.y()}}};
   j["joint_to_origin_mm"] = detail::millimetres(s.joint_to_origin_m);
   j["joint_to_joint_mm"] = Json::array();
   for (const double l : s.joint_to_joint_m) j["joint_to_joint_mm"].push_back(detail::millimetres(l));
@@ -267,15 +289,30 @@ inline std::string to_json(const sense::Session& s) {
       for (Eigen::Index k = 0; k < m.size(); ++k) v.push_back(in_mm ? detail::millimetres(m.data()[k]) : m.data()[k]);
       return v;
     };
-    const auto mm = [](double low, double high) { return std::vector<double>{detail::millimetres(low), detail::millimetres(high)}; };
-    j["links"].push_back({{"name", l.link.name}, {"joints", l.link.joints}, {"holes_mm", flat(l.link.hole_m, true)}, {"hole_radius_mm", detail::millimetres(l.link.hole_radius_m)},
-                          {"holes_px", flat(l.hole_px, false)}, {"z_clockwise", l.link.z_clockwise}, {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
+    const auto mm = [](double low, double high) {
+      return std::vector<double>{detail::millimetres(low), detail::millimetres(high)};
+    };
+    j["links"].push_back({{"name", l.link.name},
+                          {"joints", l.link.joints},
+                          {"holes_mm", flat(l.link.hole_m, true)},
+                          {"hole_radius_mm", detail::millimetres(l.link.hole_radius_m)},
+                          {"holes_px", flat(l.hole_px, false)},
+                          {"z_clockwise", l.link.z_clockwise},
+                          {"pad_y_mm", mm(l.link.y_low_m, l.link.y_high_m)},
                           {"pad_z_mm", mm(l.link.z_low_m, l.link.z_high_m)}});
   }
   j["segments"] = Json::array();
   for (const sense::Segment& g : s.segments)
-    j["segments"].push_back({{"from_ns", g.from_ns}, {"to_ns", g.to_ns}, {"kind", g.kind}, {"place", g.place}, {"y_mm", g.y_mm}, {"repetition", g.repetition},
-                             {"cycle", g.cycle}, {"load_N", g.load_N}, {"angle_deg", g.angle_deg}, {"diameter_mm", g.diameter_mm}});
+    j["segments"].push_back({{"from_ns", g.from_ns},
+                             {"to_ns", g.to_ns},
+                             {"kind", g.kind},
+                             {"place", g.place},
+                             {"y_mm", g.y_mm},
+                             {"repetition", g.repetition},
+                             {"cycle", g.cycle},
+                             {"load_N", g.load_N},
+                             {"angle_deg", g.angle_deg},
+                             {"diameter_mm", g.diameter_mm}});
   try {
     return j.dump(2) + "\n";
   } catch (const nlohmann::json::exception&) {
@@ -295,16 +332,22 @@ inline sense::RecordedLog read_log_folder(const std::string& path) {
     std::ifstream in = sense::open_text(file);
     read(in, file);
   };
-  table("frames.csv", [&](std::istream& in, const std::string& name) { log.frames = sense::read_frame_log(in, name, !log.session.video.empty()); });
+  table("frames.csv", [&](std::istream& in, const std::string& name) {
+    log.frames = sense::read_frame_log(in, name, !log.session.video.empty());
+  });
   table("joint.csv", [&](std::istream& in, const std::string& name) { log.joints = sense::read_joint_log(in, name); });
-  table("wrench.csv", [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
-  table("marker.csv", [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
-  table("photodiode.csv", [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
+  table("wrench.csv",
+        [&](std::istream& in, const std::string& name) { log.wrenches = sense::read_wrench_log(in, name); });
+  table("marker.csv",
+        [&](std::istream& in, const std::string& name) { log.markers = sense::read_marker_log(in, name); });
+  table("photodiode.csv",
+        [&](std::istream& in, const std::string& name) { log.photodiodes = sense::read_photodiode_log(in, name); });
   validate(log);
   return log;
 }
 
-/// Reads an MCAP file's tables, places of pictures, and session, which is the default one where the file has none. Throws InputError.
+/// Reads an MCAP file's tables, places of pictures, and session, which is the default one where the file has none.
+/// Throws InputError.
 template <sense::ChunkCodec... Codecs>
 sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::McapTopics& topics = {}) {
   sense::McapLog m = read_mcap_log(file, topics);
@@ -314,19 +357,23 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
   return m;
 }
 
-/// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables there are of the others; each file whole
-/// or not at all. Throws InputError, and InvalidArgument before anything is written for what could not be read again.
+/// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables
+/// there are of the others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is
+/// written for what could not be read again.
 inline void write_log_folder(const sense::RecordedLog& log) {
-  const std::pair<const char*, std::string> files[] = {{"session.json", to_json(log.session)},
-                                                       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
-                                                       {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
-                                                       {"wrench.csv", log.wrenches.empty() ? "" : wrench_log_text(log.wrenches)},
-                                                       {"marker.csv", log.markers.empty() ? "" : marker_log_text(log.markers)},
-                                                       {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
+  const std::pair<const char*, std::string> files[] = {
+      {"session.json", to_json(log.session)},
+      {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},
+      {"joint.csv", log.joints.empty() ? "" : joint_log_text(log.joints)},
+      {"wrench.csv", log.wrenches.empty() ? "" : wrench_log_text(log.wrenches)},
+      {"marker.csv", log.markers.empty() ? "" : marker_log_text(log.markers)},
+      {"photodiode.csv", log.photodiodes.empty() ? "" : photodiode_log_text(log.photodiodes)}};
   for (const auto& [name, text] : files) {
     std::error_code error;
-    if (!text.empty()) write_whole(log.path + '/' + name, text);
-    else if (!std::filesystem::remove(log.path + '/' + name, error) && error) throw InputError(message(log.path, '/', name, ": cannot be removed"));
+    if (!text.empty())
+      write_whole(log.path + '/' + name, text);
+    else if (!std::filesystem::remove(log.path + '/' + name, error) && error)
+      throw InputError(message(log.path, '/', name, ": cannot be removed"));
   }
 }
 

@@ -38,13 +38,15 @@ class Lz4 {
     std::vector<std::uint8_t> out;
     std::size_t read = 0, written = 0, more = 1;
     while (more != 0 && (read < bytes.size() || written < size)) {
-      if (written == out.size() && written < size) out.resize(std::min(size, std::max<std::size_t>(2 * written, 1u << 16)));
+      if (written == out.size() && written < size)
+        out.resize(std::min(size, std::max<std::size_t>(2 * written, 1u << 16)));
       std::size_t from = bytes.size() - read, to = out.size() - written;
       more = good(LZ4F_decompress(context.get(), out.data() + written, &to, bytes.data() + read, &from, nullptr));
       if (from == 0 && to == 0 && more != 0) break;  // cut, or more than was said
       read += from, written += to;
     }
-    if (more != 0 || written != size || read != bytes.size()) throw InputError(message("LZ4 frame gives ", written, " bytes, or is not whole; must give ", size));
+    if (more != 0 || written != size || read != bytes.size())
+      throw InputError(message("LZ4 frame gives ", written, " bytes, or is not whole; must give ", size));
     out.resize(size);
     return out;
   }

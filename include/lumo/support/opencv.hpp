@@ -1,14 +1,15 @@
 #pragma once
 
 // Adapter to OpenCV (Apache-2.0), modules core, imgcodecs and videoio: images from files and videos, live V4L2 cameras.
-// V4l2Camera has not met hardware yet: there was no camera where it was written. What is tested of it is that it does not open what is no camera.
+// V4l2Camera has not met hardware yet: there was no camera where it was written. What is tested of it is that it does
+// not open what is no camera.
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/read_whole.hpp"
 #include "lumo/sense/devices/camera.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/devices/picture_decoder.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/process/video_process.hpp"
 
 #include <opencv2/core.hpp>
@@ -37,23 +38,29 @@ namespace lumo {
 /// View of an 8-bit matrix of one or three channels; empty for anything else.
 inline sense::ImageView view_of(const cv::Mat& m) {
   if (m.empty() || m.depth() != CV_8U || (m.channels() != 1 && m.channels() != 3)) return {};
-  return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]), m.channels() == 1 ? sense::PixelFormat::grey : sense::PixelFormat::bgr};
+  return {m.data, m.cols, m.rows, std::ptrdiff_t(m.step[0]),
+          m.channels() == 1 ? sense::PixelFormat::grey : sense::PixelFormat::bgr};
 }
 
 /// A matrix of the same pixels. Throws InvalidArgument for a view without any.
 inline cv::Mat matrix_of(const sense::ImageView& v) {
   if (v.empty()) throw InvalidArgument("image to write is empty");
-  return {v.height, v.width, v.format == sense::PixelFormat::grey ? CV_8UC1 : CV_8UC3, const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
+  return {v.height, v.width, v.format == sense::PixelFormat::grey ? CV_8UC1 : CV_8UC3,
+          const_cast<std::uint8_t*>(v.data), std::size_t(v.stride)};
 }
 
 /// How to decode: pixels as the camera gave them, not turned.
-inline int flags_of(sense::PixelFormat format) { return (format == sense::PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION; }
+inline int flags_of(sense::PixelFormat format) {
+  return (format == sense::PixelFormat::grey ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR) | cv::IMREAD_IGNORE_ORIENTATION;
+}
 
 /// Decoded bytes of a PNG, JPEG or BMP file of sane size, or an empty matrix.
 inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelFormat format) {
-  if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !sense::is_decodable(sense::picture_header(file))) return {};
+  if (file.size() > std::size_t(std::numeric_limits<int>::max()) || !sense::is_decodable(sense::picture_header(file)))
+    return {};
   try {
-    return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())), flags_of(format));
+    return cv::imdecode(cv::Mat(1, int(file.size()), CV_8UC1, const_cast<std::uint8_t*>(file.data())),
+                        flags_of(format));
   } catch (const cv::Exception&) {
     return {};
   }
@@ -61,7 +68,8 @@ inline cv::Mat decode_bytes(std::span<const std::uint8_t> file, sense::PixelForm
 
 inline cv::Mat decode_file(const std::string& path, sense::PixelFormat format) {
   const auto bytes = read_whole(path);
-  return bytes ? decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()}, format) : cv::Mat{};
+  return bytes ? decode_bytes({reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()}, format)
+               : cv::Mat{};
 }
 
 inline void require_file(const std::string& path, const char* what) {
@@ -76,7 +84,8 @@ inline sense::Image read_image(const std::string& path, sense::PixelFormat forma
   const sense::ImageView v = view_of(m);
   if (v.empty()) throw InputError(message(path, ": is no PNG, JPEG or BMP image that can be decoded"));
   sense::Image image = sense::Image::black(v.width, v.height, format);
-  for (int y = 0; y < v.height; ++y) std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
+  for (int y = 0; y < v.height; ++y)
+    std::memcpy(image.row(y), v.row(y), std::size_t(v.width) * std::size_t(channels(format)));
   return image;
 }
 
@@ -121,29 +130,35 @@ class ImageDecoder {
 
 static_assert(sense::PictureDecoder<ImageDecoder>);
 
-/// Images of a folder, in the order of a table or of their names. A file that is missing or cannot be decoded is a frame without pixels.
+/// Images of a folder, in the order of a table or of their names. A file that is missing or cannot be decoded is a
+/// frame without pixels.
 class FolderCamera {
  public:
   /// `folder` holds the files of the records. Throws InputError when it is no folder.
-  FolderCamera(std::string folder, std::vector<sense::FrameRecord> records, sense::PixelFormat format = sense::PixelFormat::bgr)
+  FolderCamera(std::string folder, std::vector<sense::FrameRecord> records,
+               sense::PixelFormat format = sense::PixelFormat::bgr)
       : folder_(std::move(folder)), records_(std::move(records)), format_(format) {
     std::error_code error;
     if (!std::filesystem::is_directory(folder_, error)) throw InputError(message(folder_, ": no such folder"));
   }
   /// All .png, .jpg, .jpeg and .bmp files of a folder by name, at a rate. Throws InputError when there are none.
-  static FolderCamera by_name(const std::string& folder, double frames_per_s, sense::PixelFormat format = sense::PixelFormat::bgr) {
+  static FolderCamera by_name(const std::string& folder, double frames_per_s,
+                              sense::PixelFormat format = sense::PixelFormat::bgr) {
     require_positive("frame rate", frames_per_s, "1/s");
     std::vector<std::string> names;
     std::error_code error;
     for (std::filesystem::directory_iterator i(folder, error), end; !error && i != end; i.increment(error)) {
       std::string ending = i->path().extension().string();
-      std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-      if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp") names.push_back(i->path().filename().string());
+      std::transform(ending.begin(), ending.end(), ending.begin(),
+                     [](unsigned char c) { return char(std::tolower(c)); });
+      if (ending == ".png" || ending == ".jpg" || ending == ".jpeg" || ending == ".bmp")
+        names.push_back(i->path().filename().string());
     }
     if (names.empty()) throw InputError(message(folder, ": holds no images"));
     std::sort(names.begin(), names.end());
     std::vector<sense::FrameRecord> records;
-    for (std::size_t i = 0; i < names.size(); ++i) records.push_back({std::llround(1e9 * double(i) / frames_per_s), names[i], 0.0, 0.0});
+    for (std::size_t i = 0; i < names.size(); ++i)
+      records.push_back({std::llround(1e9 * double(i) / frames_per_s), names[i], 0.0, 0.0});
     return FolderCamera(folder, std::move(records), format);
   }
 
@@ -153,7 +168,9 @@ class FolderCamera {
     image_ = decode_file((std::filesystem::path(folder_) / r.file).string(), format_);
     return sense::Frame{view_of(image_), r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
   }
-  sense::StreamState state() const { return next_ == records_.size() ? sense::StreamState::ended : sense::StreamState::open; }
+  sense::StreamState state() const {
+    return next_ == records_.size() ? sense::StreamState::ended : sense::StreamState::open;
+  }
 
  private:
   std::string folder_;
@@ -186,16 +203,18 @@ class VideoFile {
 
 }  // namespace detail
 
-/// Frames of a video file, decoded in a process of its own with limits of time and memory. Stamps, exposure and gain come from the log's table, one row for each
-/// frame; without one, stamps follow from the file's frame rate.
+/// Frames of a video file, decoded in a process of its own with limits of time and memory. Stamps, exposure and gain
+/// come from the log's table, one row for each frame; without one, stamps follow from the file's frame rate.
 class VideoCamera {
  public:
   /// Throws InputError when the file is missing, cannot be decoded, or tells no frame rate where there is no table.
-  explicit VideoCamera(const std::string& path, std::vector<sense::FrameRecord> records = {}) : records_(std::move(records)), timed_(!records_.empty()) {
+  explicit VideoCamera(const std::string& path, std::vector<sense::FrameRecord> records = {})
+      : records_(std::move(records)), timed_(!records_.empty()) {
     require_file(path, "video");
     video_ = std::make_unique<VideoProcess>(detail::VideoFile{}, path, VideoProcess::Limits{});
     if (!video_->is_open()) throw InputError(message(path, ": is no video that can be decoded"));
-    if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0)) throw InputError(message(path, ": tells no frame rate, needs a frames.csv"));
+    if (!timed_ && !(std::isfinite(video_->rate()) && video_->rate() > 0.0))
+      throw InputError(message(path, ": tells no frame rate, needs a frames.csv"));
   }
 
   std::optional<sense::Frame> next() {
@@ -204,11 +223,13 @@ class VideoCamera {
     const Got got = video_->next(image_);
     const bool rows_over = timed_ && std::size_t(next_) == records_.size();
     // Frames without rows have no time; rows without frames: the video is cut.
-    if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over)) return state_ = sense::StreamState::failed, std::nullopt;
+    if (got == Got::failed || (got == Got::frame && rows_over) || (got == Got::end && timed_ && !rows_over))
+      return state_ = sense::StreamState::failed, std::nullopt;
     if (got == Got::end) return state_ = sense::StreamState::ended, std::nullopt;
     sense::Frame f{image_.view(), 0, 0.0, 0.0, next_};
     if (timed_)
-      f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s, f.gain = records_[std::size_t(next_)].gain;
+      f.stamp_ns = records_[std::size_t(next_)].stamp_ns, f.exposure_s = records_[std::size_t(next_)].exposure_s,
+      f.gain = records_[std::size_t(next_)].gain;
     else
       f.stamp_ns = std::llround(1e9 * double(next_) / video_->rate());
     ++next_;
@@ -228,10 +249,12 @@ class VideoCamera {
 static_assert(sense::Camera<VideoCamera>);
 
 /// A live camera under Linux (Video4Linux2), exposure and gain locked.
-/// Exposure goes to the driver in units of 100 µs (V4L2_CID_EXPOSURE_ABSOLUTE); some cameras snap to steps of their own, so that what is in force is read
-/// back, and that is what frames carry. Gain is the driver's own number (V4L2_CID_GAIN; 0 … 128, default 64, on a RealSense D435). A new exposure may
-/// take up to six frames to hold (librealsense #11228): those are thrown away at the start. Stamps are the driver's, on CLOCK_MONOTONIC: of
-/// the exposure's start or of the frame's end, as it likes; what that is off from the exposure's middle belongs to the session's frame delay.
+/// Exposure goes to the driver in units of 100 µs (V4L2_CID_EXPOSURE_ABSOLUTE); some cameras snap to steps of their
+/// own, so that what is in force is read back, and that is what frames carry. Gain is the driver's own number
+/// (V4L2_CID_GAIN; 0 … 128, default 64, on a RealSense D435). A new exposure may take up to six frames to hold
+/// (librealsense #11228): those are thrown away at the start. Stamps are the driver's, on CLOCK_MONOTONIC: of the
+/// exposure's start or of the frame's end, as it likes; what that is off from the exposure's middle belongs to the
+/// session's frame delay.
 class V4l2Camera {
  public:
   struct Config {
@@ -241,10 +264,12 @@ class V4l2Camera {
     double exposure_s = 0.001;
     double gain = 64.0;
     int settle_frames = 6;
-    double wait_s = 0.001;  ///< how long `next` may wait for a frame; OpenCV waits in whole milliseconds, and at least one
+    double wait_s =
+        0.001;  ///< how long `next` may wait for a frame; OpenCV waits in whole milliseconds, and at least one
   };
 
-  /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure locked.
+  /// Throws InputError when there is no such camera, it is in use, or will not take the size or have its exposure
+  /// locked.
   explicit V4l2Camera(const Config& config) : config_(config) {
     require_in_range("width of the camera's pictures", config.width, 1, sense::max_image_side, "px");
     require_in_range("height of the camera's pictures", config.height, 1, sense::max_image_side, "px");
@@ -254,13 +279,16 @@ class V4l2Camera {
     require_in_range("frames until a new exposure holds", config.settle_frames, 0, 1e6, "");
     require_positive("frame rate of the camera", config.frames_per_s, "1/s");
     struct stat status {};
-    if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode)) throw InputError(message(config.device, ": no such camera"));
+    if (::stat(config.device.c_str(), &status) != 0 || !S_ISCHR(status.st_mode))
+      throw InputError(message(config.device, ": no such camera"));
     std::vector<cv::VideoCapture> capture(1);
     try {
       capture[0].open(config.device, cv::CAP_V4L2);
     } catch (const cv::Exception&) {
     }
-    if (!capture[0].isOpened()) throw InputError(message(config.device, ": cannot be opened as a camera (no rights, in use, or of another kind)"));
+    if (!capture[0].isOpened())
+      throw InputError(
+          message(config.device, ": cannot be opened as a camera (no rights, in use, or of another kind)"));
     cv::VideoCapture& c = capture[0];
     c.set(cv::CAP_PROP_FRAME_WIDTH, config.width);
     c.set(cv::CAP_PROP_FRAME_HEIGHT, config.height);
@@ -270,9 +298,11 @@ class V4l2Camera {
     const bool exposed = c.set(cv::CAP_PROP_EXPOSURE, std::round(config.exposure_s / 1e-4));
     const bool gained = c.set(cv::CAP_PROP_GAIN, config.gain);
     if (int(c.get(cv::CAP_PROP_FRAME_WIDTH)) != config.width || int(c.get(cv::CAP_PROP_FRAME_HEIGHT)) != config.height)
-      throw InputError(message(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ", c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ",
-          config.width, " x ", config.height));
-    if (!manual || !exposed || !gained) throw InputError(message(config.device, ": does not let its exposure and gain be locked"));
+      throw InputError(message(config.device, ": gives ", c.get(cv::CAP_PROP_FRAME_WIDTH), " x ",
+                               c.get(cv::CAP_PROP_FRAME_HEIGHT), " px, asked for is ", config.width, " x ",
+                               config.height));
+    if (!manual || !exposed || !gained)
+      throw InputError(message(config.device, ": does not let its exposure and gain be locked"));
     exposure_s_ = 1e-4 * c.get(cv::CAP_PROP_EXPOSURE);
     gain_ = c.get(cv::CAP_PROP_GAIN);
     capture_ = std::move(capture);
@@ -283,14 +313,18 @@ class V4l2Camera {
     try {
       std::vector<int> ready;
       // A timeout of 0 would wait for ever.
-      if (!cv::VideoCapture::waitAny(capture_, ready, std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) || ready.empty()) return std::nullopt;
+      if (!cv::VideoCapture::waitAny(capture_, ready,
+                                     std::max<std::int64_t>(1'000'000, std::llround(1e9 * config_.wait_s))) ||
+          ready.empty())
+        return std::nullopt;
       if (!capture_[0].grab()) return state_ = sense::StreamState::failed, std::nullopt;
       if (grabbed_++ < config_.settle_frames) return std::nullopt;
       if (!capture_[0].retrieve(image_)) return std::nullopt;
     } catch (const cv::Exception&) {
       return state_ = sense::StreamState::failed, std::nullopt;
     }
-    return sense::Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_, grabbed_ - 1};
+    return sense::Frame{view_of(image_), std::llround(1e6 * capture_[0].get(cv::CAP_PROP_POS_MSEC)), exposure_s_, gain_,
+                        grabbed_ - 1};
   }
   sense::StreamState state() const { return state_; }
   double exposure_s() const { return exposure_s_; }  ///< in force

@@ -1,6 +1,7 @@
 #pragma once
 
-// Serial lines (POSIX termios): a row of photodiodes behind a microcontroller. It has not met hardware yet; tested over a pseudo-terminal and a pipe.
+// Serial lines (POSIX termios): a row of photodiodes behind a microcontroller. It has not met hardware yet; tested over
+// a pseudo-terminal and a pipe.
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
@@ -23,8 +24,8 @@
 
 namespace lumo {
 
-/// Photodiode readings as lines of text, one for each: volts separated by commas, `2.031,1.997,…`. Stamped when they are read, on CLOCK_MONOTONIC.
-/// Lines that are not such are left out and counted.
+/// Photodiode readings as lines of text, one for each: volts separated by commas, `2.031,1.997,…`. Stamped when they
+/// are read, on CLOCK_MONOTONIC. Lines that are not such are left out and counted.
 class SerialPhotodiodes {
  public:
   struct Config {
@@ -33,8 +34,8 @@ class SerialPhotodiodes {
     std::int64_t (*now)() = steady_ns;
   };
 
-  /// On a serial device, which is set to raw 8N1 without flow control. What comes before the first line's end is left out: it may be a line's rest and
-  /// read as another number. Throws InputError.
+  /// On a serial device, which is set to raw 8N1 without flow control. What comes before the first line's end is left
+  /// out: it may be a line's rest and read as another number. Throws InputError.
   static SerialPhotodiodes open(const std::string& device, const Config& config) {
     Descriptor port(::open(device.c_str(), O_RDONLY | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     if (port.get() < 0) throw InputError(message(device, ": cannot be opened: ", std::strerror(errno)));
@@ -44,11 +45,19 @@ class SerialPhotodiodes {
     settings.c_cflag = (settings.c_cflag & ~tcflag_t(CSTOPB | CRTSCTS)) | CLOCAL | CREAD;
     speed_t speed = B0;
     using Rates = std::initializer_list<std::pair<int, speed_t>>;
-    for (const auto& [baud, constant] : Rates{{9600, B9600}, {57600, B57600}, {115200, B115200}, {230400, B230400}, {460800, B460800}, {921600, B921600}})
+    for (const auto& [baud, constant] : Rates{{9600, B9600},
+                                              {57600, B57600},
+                                              {115200, B115200},
+                                              {230400, B230400},
+                                              {460800, B460800},
+                                              {921600, B921600}})
       if (config.baud == baud) speed = constant;
-    if (speed == B0) throw InvalidArgument(message("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
+    if (speed == B0)
+      throw InvalidArgument(
+          message("baud rate is ", config.baud, ", must be 9600, 57600, 115200, 230400, 460800 or 921600"));
     ::cfsetspeed(&settings, speed);
-    if (::tcsetattr(port.get(), TCSANOW, &settings) != 0) throw InputError(message(device, ": does not take its settings: ", std::strerror(errno)));
+    if (::tcsetattr(port.get(), TCSANOW, &settings) != 0)
+      throw InputError(message(device, ": does not take its settings: ", std::strerror(errno)));
     ::tcflush(port.get(), TCIFLUSH);
     SerialPhotodiodes diodes(std::move(port), config);
     diodes.begun_ = false;
@@ -66,7 +75,8 @@ class SerialPhotodiodes {
     for (;;) {
       for (auto end = buffer_.find('\n'); end != std::string::npos; end = buffer_.find('\n')) {
         const bool whole = begun_ && !overlong_;
-        const std::optional<sense::PhotodiodeSample> s = whole ? parse(std::string_view(buffer_).substr(0, end)) : std::nullopt;
+        const std::optional<sense::PhotodiodeSample> s =
+            whole ? parse(std::string_view(buffer_).substr(0, end)) : std::nullopt;
         buffer_.erase(0, end + 1);
         bad_lines_ += begun_ && !s;
         overlong_ = false;

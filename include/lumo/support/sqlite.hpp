@@ -11,19 +11,20 @@
 #include <xxhash.h>
 #undef XXH_INLINE_ALL
 
+#include <unistd.h>
 #include <algorithm>
 #include <cstdio>
 #include <memory>
-#include <unistd.h>
 
 namespace lumo {
 
 /// A campaign's log in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
-/// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite itself does not notice a
-/// flipped bit. All members throw StoreError. Not to be used after a fork.
+/// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
+/// itself does not notice a flipped bit. All members throw StoreError. Not to be used after a fork.
 class SqliteLog {
  public:
-  /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the first line that differs.
+  /// Opens the file, or makes it with this problem when there is none. A file with another problem is refused with the
+  /// first line that differs.
   SqliteLog(const std::string& path, const std::string& problem);
   /// Opens a file that is there, for reading.
   explicit SqliteLog(const std::string& path);
@@ -32,8 +33,7 @@ class SqliteLog {
   std::vector<LogEntry> entries() const;
   std::string record(std::int64_t number) const;
 
-  template <class Next>
-  std::optional<LogEntry> append(Next&& next);
+  template <class Next> std::optional<LogEntry> append(Next&& next);
 
   /// Takes over the work that an entry announces unless another living process on this machine has it.
   bool claim(std::int64_t number);
@@ -79,7 +79,7 @@ class SqliteLog {
   void create(const std::string& problem) const;
   void run(const char* sql) const { step(prepare(sql)); }
   Statement prepare(const char* sql) const;
-  bool step(const Statement& s) const;   // true: a row
+  bool step(const Statement& s) const;  // true: a row
   [[noreturn]] void fail(int code) const;
   void insert(const LogEntry& entry, const std::string& before) const;
   std::int64_t number_of(const char* sql) const;
@@ -111,12 +111,15 @@ inline SqliteLog::SqliteLog(const std::string& path, const std::string& problem)
     if (line.ends_with(',')) line.pop_back();
     return line;
   };
-  throw StoreError(StoreError::Reason::different, message("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
-                                                               ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
+  throw StoreError(
+      StoreError::Reason::different,
+      message("store ", path, " belongs to another problem: it has ", line_of(stored, std::size_t(a - stored.begin())),
+              ", asked for is ", line_of(problem, std::size_t(b - problem.begin()))));
 }
 
 inline SqliteLog::SqliteLog(const std::string& path) : path_(path) {
-  open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is opened for reading
+  open(SQLITE_OPEN_READWRITE);  // a write that was cut off must be taken back first; a file that may not be written is
+                                // opened for reading
   entries();
 }
 
@@ -134,7 +137,8 @@ inline void SqliteLog::open(int flags) {
 }
 
 inline void SqliteLog::create(const std::string& problem) const {
-  run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
+  run("CREATE TABLE entry(number INTEGER PRIMARY KEY, kind TEXT NOT NULL, content TEXT NOT NULL, record TEXT NOT NULL, "
+      "notes TEXT NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE head(id INTEGER PRIMARY KEY CHECK (id = 0), number INTEGER NOT NULL, digest TEXT NOT NULL) STRICT");
   run("CREATE TABLE worker(number INTEGER PRIMARY KEY, process TEXT NOT NULL) STRICT");
   run(message("PRAGMA application_id=", application).c_str());
@@ -143,21 +147,25 @@ inline void SqliteLog::create(const std::string& problem) const {
 }
 
 inline std::vector<LogEntry> SqliteLog::entries() const {
-  if (number_of("PRAGMA application_id") != application) throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
+  if (number_of("PRAGMA application_id") != application)
+    throw StoreError(StoreError::Reason::unusable, message(path_, " is not a store of lumo"));
   if (const auto v = number_of("PRAGMA user_version"); v != format)
-    throw StoreError(StoreError::Reason::unusable, message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
+    throw StoreError(StoreError::Reason::unusable,
+                     message("store ", path_, " has format ", v, ", this version of lumo reads ", format));
   std::vector<LogEntry> list;
   std::string before;
   bool whole = false;
   // One statement, so that entries and head are of one moment.
   const Statement s = prepare(
-      "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN head ON id = 0 ORDER BY entry.number");
+      "SELECT entry.number, kind, content, record, notes, entry.digest, head.number, head.digest FROM entry LEFT JOIN "
+      "head ON id = 0 ORDER BY entry.number");
   const auto next = [&] {
     try {
       return step(s);
-    } catch (const StoreError& e) {   // SQLite itself found damage
+    } catch (const StoreError& e) {  // SQLite itself found damage
       if (e.reason() != StoreError::Reason::corrupt) throw;
-      throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
+      throw StoreError(StoreError::Reason::corrupt,
+                       message("store ", path_, " is damaged at entry ", list.size(), ": ", sqlite3_errmsg(db_.get())));
     }
   };
   while (next()) {
@@ -171,7 +179,8 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
     list.push_back(std::move(e));
   }
   if (!whole)
-    throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged after entry ", std::int64_t(list.size()) - 1, ": entries are missing"));
+    throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged after entry ",
+                                                          std::int64_t(list.size()) - 1, ": entries are missing"));
   return list;
 }
 
@@ -182,8 +191,7 @@ inline std::string SqliteLog::record(std::int64_t number) const {
   return message(s, 0);
 }
 
-template <class Next>
-std::optional<LogEntry> SqliteLog::append(Next&& next) {
+template <class Next> std::optional<LogEntry> SqliteLog::append(Next&& next) {
   Transaction t(*this);
   const std::vector<LogEntry> list = entries();
   std::optional<LogEntry> entry = next(list);
@@ -225,7 +233,8 @@ inline void SqliteLog::verify() const {
   entries();
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))
-    if (const std::string answer = message(s, 0); answer != "ok") throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
+    if (const std::string answer = message(s, 0); answer != "ok")
+      throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
 }
 
 inline void SqliteLog::insert(const LogEntry& e, const std::string& before) const {
@@ -241,7 +250,8 @@ inline void SqliteLog::insert(const LogEntry& e, const std::string& before) cons
 }
 
 inline SqliteLog::Statement SqliteLog::prepare(const char* sql) const {
-  if (getpid() != owner_) throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
+  if (getpid() != owner_)
+    throw StoreError(StoreError::Reason::unusable, message("store ", path_, " was opened before a fork"));
   sqlite3_stmt* s = nullptr;
   const int code = sqlite3_prepare_v2(db_.get(), sql, -1, &s, nullptr);
   Statement statement(s);
@@ -272,15 +282,18 @@ inline std::int64_t SqliteLog::number_of(const char* sql) const {
 
 inline std::string SqliteLog::text(const Statement& s, int column) {
   const unsigned char* data = sqlite3_column_text(s.get(), column);
-  return data ? std::string(reinterpret_cast<const char*>(data), std::size_t(sqlite3_column_bytes(s.get(), column))) : std::string();
+  return data ? std::string(reinterpret_cast<const char*>(data), std::size_t(sqlite3_column_bytes(s.get(), column)))
+              : std::string();
 }
 
 inline std::string SqliteLog::digest_of(const LogEntry& e, const std::string& before) {
   std::string all = before;
-  for (const std::string& part : {std::to_string(e.number), e.kind, e.content, e.record}) all += std::to_string(part.size()) + ':' + part;
+  for (const std::string& part : {std::to_string(e.number), e.kind, e.content, e.record})
+    all += std::to_string(part.size()) + ':' + part;
   const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
   char hex[33];
-  std::snprintf(hex, sizeof hex, "%016llx%016llx", static_cast<unsigned long long>(h.high64), static_cast<unsigned long long>(h.low64));
+  std::snprintf(hex, sizeof hex, "%016llx%016llx", static_cast<unsigned long long>(h.high64),
+                static_cast<unsigned long long>(h.low64));
   return hex;
 }
 

@@ -11,7 +11,8 @@
 
 namespace lumo {
 
-/// Packs files with libzip, in memory. Not compressed, so that the bytes depend on no version of a compressor, and dated 1980-01-01.
+/// Packs files with libzip, in memory. Not compressed, so that the bytes depend on no version of a compressor, and
+/// dated 1980-01-01.
 class Zip {
  public:
   std::string pack(std::span<const ArchivedFile> files) const;
@@ -25,11 +26,12 @@ static_assert(Archiver<Zip>);
 inline std::string Zip::pack(std::span<const ArchivedFile> files) const {
   zip_error_t error;
   zip_error_init(&error);
-  const std::unique_ptr<zip_source_t, void (*)(zip_source_t*)> buffer(zip_source_buffer_create(nullptr, 0, 0, &error), zip_source_free);
+  const std::unique_ptr<zip_source_t, void (*)(zip_source_t*)> buffer(zip_source_buffer_create(nullptr, 0, 0, &error),
+                                                                      zip_source_free);
   if (!buffer) refuse(zip_error_strerror(&error));
   zip_t* const opened = zip_open_from_source(buffer.get(), ZIP_TRUNCATE, &error);
   if (opened == nullptr) refuse(zip_error_strerror(&error));
-  zip_source_keep(buffer.get());   // the archive frees its own hold
+  zip_source_keep(buffer.get());  // the archive frees its own hold
   std::unique_ptr<zip_t, void (*)(zip_t*)> archive(opened, zip_discard);
   const auto demand = [&archive](bool done) {
     if (!done) refuse(zip_strerror(archive.get()));
@@ -48,7 +50,9 @@ inline std::string Zip::pack(std::span<const ArchivedFile> files) const {
 
   std::string bytes;
   zip_stat_t stat;
-  if (zip_source_stat(buffer.get(), &stat) != 0 || (stat.valid & ZIP_STAT_SIZE) == 0 || zip_source_open(buffer.get()) != 0) refuse("the archive cannot be read back");
+  if (zip_source_stat(buffer.get(), &stat) != 0 || (stat.valid & ZIP_STAT_SIZE) == 0 ||
+      zip_source_open(buffer.get()) != 0)
+    refuse("the archive cannot be read back");
   bytes.resize(stat.size);
   const zip_int64_t read = zip_source_read(buffer.get(), bytes.data(), bytes.size());
   zip_source_close(buffer.get());

@@ -39,14 +39,16 @@ struct Zstd {
     ZSTD_inBuffer in{bytes.data(), bytes.size(), 0};
     std::size_t written = 0, more = 1;
     while (in.pos < in.size || (more != 0 && written < size)) {
-      if (written == out.size() && written < size) out.resize(std::min(size, std::max<std::size_t>(2 * written, 1u << 16)));
+      if (written == out.size() && written < size)
+        out.resize(std::min(size, std::max<std::size_t>(2 * written, 1u << 16)));
       ZSTD_outBuffer to{out.data(), out.size(), written};
       const std::size_t before = in.pos;
       more = good(ZSTD_decompressStream(context.get(), &to, &in));
       if (in.pos == before && to.pos == written) break;  // cut, or more than was said
       written = to.pos;
     }
-    if (more != 0 || written != size || in.pos != in.size) throw InputError(message("Zstandard frame gives ", written, " bytes, or is not whole; must give ", size));
+    if (more != 0 || written != size || in.pos != in.size)
+      throw InputError(message("Zstandard frame gives ", written, " bytes, or is not whole; must give ", size));
     out.resize(size);
     return out;
   }

@@ -1,12 +1,12 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
-#include "mechanics/contact/contact_laws.hpp"
-#include "mechanics/indenters/indenter_laws.hpp"
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "mechanics/bodies.hpp"
+#include "mechanics/contact/contact_laws.hpp"
+#include "mechanics/indenters/indenter_laws.hpp"
 
 #include <Eigen/Dense>
 
@@ -31,7 +31,8 @@ TEST_CASE("contact laws push, harder the deeper, as the derivatives of their ene
 
 namespace {
 
-/// Central differences of the energy and of the forces of what is pushed by s0 into the wavy top of a block, by nodes and by the advance.
+/// Central differences of the energy and of the forces of what is pushed by s0 into the wavy top of a block, by nodes
+/// and by the advance.
 template <class Tool>
 void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d& direction, double s0) {
   const Vec3d size(8e-3, 8e-3, 4e-3);
@@ -49,11 +50,14 @@ void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d
   for (Eigen::Index k = 0; k < x.cols(); ++k) x.col(k) += 0.1 * test::wavy(x.col(k), 8e-3);
   const Sector sector = sector_of(mesh, {});
   const Equations eq(sector, body, {});
-  const auto evaluate = [&](const Positions& y, double s, Positions* f) { return add_contact_forces(surface, contact, at(s), y, f); };
+  const auto evaluate = [&](const Positions& y, double s, Positions* f) {
+    return add_contact_forces(surface, contact, at(s), y, f);
+  };
   Positions f = Positions::Zero(3, x.cols());
   const ContactSums sums = evaluate(x, s0, &f);
   REQUIRE(sums.energy > 0.0);
-  CHECK(-f.rowwise().sum().dot(direction) == Approx(sums.push_N));  // the pad is pushed along the advance, the indenter back
+  CHECK(-f.rowwise().sum().dot(direction) ==
+        Approx(sums.push_N));  // the pad is pushed along the advance, the indenter back
   SparseLower tangent = eq.pattern;
   std::fill_n(tangent.valuePtr(), tangent.nonZeros(), 0.0);
   Eigen::VectorXd coupling = Eigen::VectorXd::Zero(eq.count);
@@ -62,20 +66,25 @@ void check_contact_derivatives(const Tool& tool, const Vec3d& start, const Vec3d
   K.triangularView<Eigen::StrictlyUpper>() = K.transpose();
 
   const double h = 2e-8;
-  CHECK((evaluate(x, s0 + h, nullptr).energy - evaluate(x, s0 - h, nullptr).energy) / (2 * h) == Approx(sums.push_N).epsilon(1e-4));
-  CHECK((evaluate(x, s0 + h, nullptr).push_N - evaluate(x, s0 - h, nullptr).push_N) / (2 * h) == Approx(stiff.push_stiffness).epsilon(2e-3));
+  CHECK((evaluate(x, s0 + h, nullptr).energy - evaluate(x, s0 - h, nullptr).energy) / (2 * h) ==
+        Approx(sums.push_N).epsilon(1e-4));
+  CHECK((evaluate(x, s0 + h, nullptr).push_N - evaluate(x, s0 - h, nullptr).push_N) / (2 * h) ==
+        Approx(stiff.push_stiffness).epsilon(2e-3));
   for (Eigen::Index i = 0; i < x.size(); ++i) {
     Positions up = x, down = x;
     up.data()[i] += h, down.data()[i] -= h;
-    CHECK((evaluate(up, s0, nullptr).energy - evaluate(down, s0, nullptr).energy) / (2 * h) == Approx(f.data()[i]).margin(1e-4 * f.norm()));
+    CHECK((evaluate(up, s0, nullptr).energy - evaluate(down, s0, nullptr).energy) / (2 * h) ==
+          Approx(f.data()[i]).margin(1e-4 * f.norm()));
     const int column = eq.of[std::size_t(i)];
     if (column < 0) continue;
-    CHECK((evaluate(up, s0, nullptr).push_N - evaluate(down, s0, nullptr).push_N) / (2 * h) == Approx(coupling[column]).margin(2e-3 * coupling.norm()));
+    CHECK((evaluate(up, s0, nullptr).push_N - evaluate(down, s0, nullptr).push_N) / (2 * h) ==
+          Approx(coupling[column]).margin(2e-3 * coupling.norm()));
     Positions fu = Positions::Zero(3, x.cols()), fd = fu;
     evaluate(up, s0, &fu), evaluate(down, s0, &fd);
     double worst = 0.0;
     for (std::size_t j = 0; j < eq.of.size(); ++j)
-      if (const int row = eq.of[j]; row >= 0) worst = std::max(worst, std::abs((fu.data()[j] - fd.data()[j]) / (2 * h) - K(row, column)));
+      if (const int row = eq.of[j]; row >= 0)
+        worst = std::max(worst, std::abs((fu.data()[j] - fd.data()[j]) / (2 * h) - K(row, column)));
     CHECK(worst < 2e-3 * K.norm());
   }
 }
@@ -86,7 +95,8 @@ TEST_CASE("contact forces and stiffness are the derivatives of the contact energ
   const Vec3d direction = Vec3d(-0.3, 0, -1).normalized();
   check_contact_derivatives(Sphere{10e-3}, Vec3d(3.7e-3, 4.2e-3, 4e-3) - 5e-3 * direction, direction, 0.6e-3);
   // The carrier from above: a plate, and a rib below it that goes deeper.
-  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}}, Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
+  check_contact_derivatives(Carrier{{{{0, 0, 5e-3}, {20e-3, 20e-3, 5e-3}}, {{0, 0, 5e-3}, {1.1e-3, 20e-3, 5.3e-3}}}},
+                            Vec3d(4e-3, 4e-3, 4.2e-3), Vec3d(0, 0, -1), 0.3e-3);
 }
 
 TEST_CASE("contact area and overlap of known fields are exact up to the facets") {
@@ -107,7 +117,8 @@ TEST_CASE("contact area and overlap of known fields are exact up to the facets")
     for (const Vec3d& p : mesh.nodes) f.push_back(at - p.x());
     return f;
   };
-  CHECK(contact_area(surface, half_plane(3.3e-3), x) == Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
+  CHECK(contact_area(surface, half_plane(3.3e-3), x) ==
+        Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
   const SetOverlap o = contact_overlap(surface, half_plane(3.3e-3), half_plane(6.6e-3), x);
   CHECK(o.both == Approx(33e-6).epsilon(1e-9));
   CHECK(o.either == Approx(66e-6).epsilon(1e-9));
@@ -135,14 +146,16 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
   for (const Vec3d& v : body.vertices) mesh.nodes.push_back(v);
   for (const Facet& f : body.facets)
     if (f.patch >= 0)
-      for (std::size_t k = 1; k + 1 < f.loop.size(); ++k) mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
+      for (std::size_t k = 1; k + 1 < f.loop.size(); ++k)
+        mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
   mesh = mirrored(mirrored(mesh, 0), 1);
   for (double d : {10e-3, 30e-3})
     for (double angle : {-30.0, -15.0, 0.0, 15.0, 30.0})
       for (double y : {0.0, 5.5e-3, -22e-3}) {
         Scenario<Sphere> s{Sphere{d}, angle * pi / 180, y};
         const Touch t = first_touch(body, mesh, s);
-        // Independent: the smallest advance over a dense sample of the ellipse and the sides in the plane of the sphere's centre.
+        // Independent: the smallest advance over a dense sample of the ellipse and the sides in the plane of the
+        // sphere's centre.
         const Vec3d dir = s.direction(), far = body.pivot + Vec3d(0, y, 0) - 0.1 * dir;
         double least = 1e9;
         const auto reach = [&](double px, double pz) {
@@ -160,7 +173,8 @@ TEST_CASE("first touch is on the exact profile, not on the mesh") {
 }
 
 TEST_CASE("a tilt along the finger is the tilt across it, seen from the side") {
-  const auto [body, mesh] = test::symmetric_block(Vec3d(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
+  const auto [body, mesh] =
+      test::symmetric_block(Vec3d(20e-3, 20e-3, 10e-3), test::even(4), test::even(4), test::even(2));
   const Scenario<Sphere> across{Sphere{10e-3}, 0.4, 0.0}, along{Sphere{10e-3}, 0.4, 0.0, across.loads_N, TiltPlane::yz};
   const Touch a = first_touch(body, mesh, across), b = first_touch(body, mesh, along);
   CHECK((Vec3d(a.point.y(), a.point.x(), a.point.z()) - b.point).norm() < 1e-9);

@@ -1,13 +1,13 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mesh/body_mesh.hpp"
 #include "lumo/support/cholmod.hpp"
 #include "lumo/support/tetgen.hpp"
+#include "mechanics/bodies.hpp"
 
 using namespace lumo;
 
@@ -24,7 +24,9 @@ Vec3d friction_of(const MechanicalState& s) {
 
 }  // namespace
 
-TEST_CASE("friction's answer follows Coulomb: a spring up to the limit, the limit beyond, along the way, and its stiffness is its slope") {
+TEST_CASE(
+    "friction's answer follows Coulomb: a spring up to the limit, the limit beyond, along the way, and its stiffness "
+    "is its slope") {
   const Vec3d size(2e-3, 2e-3, 1e-3);
   const Body body = test::block_body(size);
   const TetMesh mesh = test::block_mesh(size, test::even(1), test::even(1), test::even(1), 1, false);
@@ -34,17 +36,18 @@ TEST_CASE("friction's answer follows Coulomb: a spring up to the limit, the limi
   const Vec3d at = history.place[0][0], n = Vec3d(0.1, -0.2, 1.0).normalized(), u = n.unitOrthogonal(), v = n.cross(u);
   const double pressure = 2e5, most = 0.4 * pressure;
   for (double slip : {1e-7, 3e-5, 1e-3}) {
-    const Vec3d step = slip * (0.6 * u + 0.8 * v) + 5e-5 * n;   // along the normal nothing
+    const Vec3d step = slip * (0.6 * u + 0.8 * v) + 5e-5 * n;  // along the normal nothing
     const auto answer = history.answer(0, 0, at + step, Vec3d::Zero(), n, pressure);
     CHECK(answer.traction.norm() == Approx(std::min(most, 1e9 * slip)));
     CHECK(answer.traction.normalized().dot(0.6 * u + 0.8 * v) == Approx(-1.0));
     CHECK(answer.stretch.norm() == Approx(std::min(most / 1e9, slip)));
     const auto with_tool = history.answer(0, 0, at + step, step, n, pressure);
-    CHECK(with_tool.traction.norm() < 1e-6);   // the tool went along
+    CHECK(with_tool.traction.norm() < 1e-6);  // the tool went along
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-4 * slip;
       const Vec3d slope = (history.answer(0, 0, at + step + h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction -
-                          history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) / (2 * h);
+                           history.answer(0, 0, at + step - h * Vec3d::Unit(c), Vec3d::Zero(), n, pressure).traction) /
+                          (2 * h);
       CHECK((slope + answer.stiffness.col(c)).norm() < 1e-5 * 1e9);
     }
   }
@@ -52,8 +55,9 @@ TEST_CASE("friction's answer follows Coulomb: a spring up to the limit, the limi
 }
 
 TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear or slides with Coulomb's share") {
-  // Without lateral contraction (lambda = 0) a thin bonded layer has the stiffness 2 mu / h along z and mu / h along x: while it sticks, a plate
-  // that comes at the angle a has the friction ½ tan a per normal force; when that is more than the coefficient, it slides with the coefficient.
+  // Without lateral contraction (lambda = 0) a thin bonded layer has the stiffness 2 mu / h along z and mu / h along x:
+  // while it sticks, a plate that comes at the angle a has the friction ½ tan a per normal force; when that is more
+  // than the coefficient, it slides with the coefficient.
   const Vec3d half(8e-3, 8e-3, 0.5e-3);
   const auto [body, mesh] = test::symmetric_block(half, test::even(8), test::even(8), test::even(1));
   const double angle = 30.0 * pi / 180, stuck = 0.5 * std::tan(angle);
@@ -63,7 +67,8 @@ TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear o
     const auto states = sim.press(body, mesh, s);
     REQUIRE(states.size() == 2);
     for (const MechanicalState& state : states) {
-      INFO("mu " << mu << " load " << state.load_N << " status " << to_string(state.status) << " iterations " << state.iterations << " residual " << state.residual_N);
+      INFO("mu " << mu << " load " << state.load_N << " status " << to_string(state.status) << " iterations "
+                 << state.iterations << " residual " << state.residual_N);
       REQUIRE(state.status == Status::converged);
       CHECK(state.certified);
       if (mu == 0.0) {
@@ -73,9 +78,10 @@ TEST_CASE("a plate pressed askew on a thin layer sticks with the layer's shear o
       const Vec3d f = friction_of(state);
       // F = N cos a + T sin a on the indenter's line.
       const double T = std::abs(f.x()), N = (state.force_N - T * std::sin(angle)) / std::cos(angle);
-      CHECK(f.x() < 0.0);   // along with the tool, which goes to −x
+      CHECK(f.x() < 0.0);  // along with the tool, which goes to −x
       CHECK(std::abs(f.y()) < 1e-6);
-      // Towards its free ends, about as long as it is thick, the layer bears less shear: one in sixteen at most. Sliding knows no such ends.
+      // Towards its free ends, about as long as it is thick, the layer bears less shear: one in sixteen at most.
+      // Sliding knows no such ends.
       CHECK(T / N == Approx(std::min(mu, stuck)).epsilon(mu < stuck ? 0.005 : 0.04));
       CHECK(state.friction_push_N == Approx(f.dot(s.direction())));
     }
@@ -103,7 +109,8 @@ TEST_CASE("a flat punch that sticks is stiffer than a smooth one by Mossakovskii
 }
 
 TEST_CASE("half and quarter models carry the whole body's friction") {
-  const auto [body, whole] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(4), test::even(4), test::even(3));
+  const auto [body, whole] =
+      test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(4), test::even(4), test::even(3));
   const FastSimulator sim{NeoHookean{1e5, 2e6}, SDFContact{1e10, 0.5}};
   const Scenario<Sphere> s{Sphere{10e-3}, 0.0, 0.0, {0.5, 1.0}};
   TetMesh plain = whole;
@@ -121,14 +128,16 @@ TEST_CASE("half and quarter models carry the whole body's friction") {
 }
 
 TEST_CASE("contact at vertices has the friction too, and the law's bounds") {
-  const auto [body, mesh] = test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(6), test::even(6), test::even(4), 1);
+  const auto [body, mesh] =
+      test::symmetric_block(Vec3d(6e-3, 6e-3, 4e-3), test::even(6), test::even(6), test::even(4), 1);
   const Simulator<NeoHookean, VertexContact, LinearTet, Cholmod> sim{NeoHookean{1e5, 2e6}, VertexContact{1e10, 0.5}};
   const auto states = sim.press(body, mesh, Scenario<Sphere>{Sphere{10e-3}, 20 * pi / 180, 0.0, {0.5, 1.0}});
   for (const MechanicalState& s : states) {
     REQUIRE(s.status == Status::converged);
     REQUIRE_FALSE(s.friction_N.empty());
     double most = 0.0, total = 0.0;
-    for (std::size_t n = 0; n < s.friction_N.size(); ++n) total += s.friction_N[n].norm(), most = std::max(most, s.friction_N[n].norm());
+    for (std::size_t n = 0; n < s.friction_N.size(); ++n)
+      total += s.friction_N[n].norm(), most = std::max(most, s.friction_N[n].norm());
     CHECK(most > 0.0);
     CHECK(total <= 0.5 * s.force_N / std::cos(20 * pi / 180) * 1.1);
   }

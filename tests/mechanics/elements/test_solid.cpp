@@ -1,9 +1,9 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
 #include "lumo/mechanics/elements/lumped_mass.hpp"
+#include "lumo/mechanics/elements/solid.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
-#include "lumo/mechanics/elements/solid.hpp"
+#include "mechanics/bodies.hpp"
 
 #include <Eigen/Dense>
 
@@ -17,7 +17,8 @@ const NeoHookean kMaterial{.mu = 1e5, .lambda = 9.9e6};
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linear fields", "", QuadraticTet, LinearTet, LinearPatchTet) {
+TEMPLATE_TEST_CASE("shape functions of an element sum to one and reproduce linear fields", "", QuadraticTet, LinearTet,
+                   LinearPatchTet) {
   // Corners, then the middles of edges.
   Eigen::Matrix<double, 3, 10> place;
   place << 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0.5, 0,  //
@@ -59,7 +60,8 @@ TEST_CASE("a patch of linear tetrahedra without the cure is those tetrahedra") {
   for (std::size_t k = 0; k < mass.size(); ++k) CHECK(mass[k] == Approx(separate[k]).epsilon(1e-12));
 }
 
-TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere and no force on free interior nodes", "", QuadraticTet, LinearTet, LinearPatchTet) {
+TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere and no force on free interior nodes",
+                   "", QuadraticTet, LinearTet, LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   Mat3d F;
@@ -86,7 +88,8 @@ TEMPLATE_TEST_CASE("patch test: an affine field has the exact stress everywhere 
   CHECK((work - test::small_size.prod() * first_piola(kMaterial, F)).norm() < 1e-12 * work.norm());
 }
 
-TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet, LinearPatchTet) {
+TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with it", "", QuadraticTet, LinearTet,
+                   LinearPatchTet) {
   const TetMesh mesh = test::small_mesh<TestType>();
   const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{});
   const Mat3d Q = Eigen::AngleAxisd(0.8, Vec3d(1, 2, 3).normalized()).toRotationMatrix();
@@ -104,7 +107,8 @@ TEMPLATE_TEST_CASE("rigid motion makes no force, and rotation turns forces with 
   CHECK(solid.energy(Q * bent) == Approx(solid.energy(bent)).epsilon(1e-12));
 }
 
-TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its energy", "", QuadraticTet, LinearTet, LinearPatchTet) {
+TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its energy", "", QuadraticTet, LinearTet,
+                   LinearPatchTet) {
   for (bool cure : {true, false}) {
     const TetMesh mesh = test::small_mesh<TestType>();
     const Solid<NeoHookean, TestType> solid(mesh, kMaterial, TestType{cure});
@@ -133,20 +137,22 @@ TEMPLATE_TEST_CASE("forces and tangent of a solid are the derivatives of its ene
       if (column < 0) continue;
       const Positions slope = (forces(up) - forces(down)) / (2 * h);
       for (std::size_t j = 0; j < eq.of.size(); ++j)
-        if (const int row = eq.of[j]; row >= 0) CHECK(slope.data()[j] == Approx(K(row, column)).margin(1e-6 * K.norm()));
+        if (const int row = eq.of[j]; row >= 0)
+          CHECK(slope.data()[j] == Approx(K(row, column)).margin(1e-6 * K.norm()));
     }
   }
 }
 
 TEST_CASE("elements with mean dilatation do not lock, the linear one does") {
-  // A block bonded at bottom and top, pressed by a little. From nu = 0.3 to 0.4999 the stiffness of a good element follows
-  // that of a much finer mesh; that of linear tetrahedra runs away.
+  // A block bonded at bottom and top, pressed by a little. From nu = 0.3 to 0.4999 the stiffness of a good element
+  // follows that of a much finer mesh; that of linear tetrahedra runs away.
   const Vec3d size(10e-3, 10e-3, 5e-3);
   const auto reaction = [&](auto element, int n, double nu) {
     const double mu = 1e5, lambda = 2 * mu * nu / (1 - 2 * nu);
     Body body = test::block_body(size);
     body.patches[1].bonded = true;
-    const TetMesh mesh = test::block_mesh(size, test::even(n), test::even(n), test::even(n), decltype(element)::order, false);
+    const TetMesh mesh =
+        test::block_mesh(size, test::even(n), test::even(n), test::even(n), decltype(element)::order, false);
     const Solid<NeoHookean, decltype(element)> solid(mesh, NeoHookean{mu, lambda}, element);
     const Equations eq(sector_of(mesh, {}), body, {});
     Positions x = positions_of(mesh);
@@ -178,12 +184,16 @@ TEST_CASE("elements with mean dilatation do not lock, the linear one does") {
   for (double nu : {0.3, 0.495, 0.4999}) {
     const double fine = reaction(QuadraticTet{}, 6, nu);
     const double quadratic = reaction(QuadraticTet{}, 3, nu) / fine, linear = reaction(LinearTet{}, 6, nu) / fine;
-    const double patches = reaction(LinearPatchTet{}, 3, nu) / fine, uncured = reaction(LinearPatchTet{false}, 3, nu) / fine;
-    INFO("nu = " << nu << ": quadratic " << quadratic << ", linear " << linear << ", linear patches " << patches << ", without cure " << uncured);
+    const double patches = reaction(LinearPatchTet{}, 3, nu) / fine,
+                 uncured = reaction(LinearPatchTet{false}, 3, nu) / fine;
+    INFO("nu = " << nu << ": quadratic " << quadratic << ", linear " << linear << ", linear patches " << patches
+                 << ", without cure " << uncured);
     CHECK(quadratic == Approx(1.0).margin(0.06));
     CHECK(patches == Approx(1.0).margin(0.12));
     for (double locking : {linear, uncured})
-      if (nu > 0.4) CHECK(locking > 1.5);
-      else CHECK(locking == Approx(1.0).margin(0.12));
+      if (nu > 0.4)
+        CHECK(locking > 1.5);
+      else
+        CHECK(locking == Approx(1.0).margin(0.12));
   }
 }

@@ -9,7 +9,8 @@
 // One suite for every signed distance field: the laws that stand beside the concept Indenter.
 namespace lumo::test {
 
-/// At random points within `size` [m]. Distances may differ by 1 + `slack` times the way between points, gradients from unit length by `unit`.
+/// At random points within `size` [m]. Distances may differ by 1 + `slack` times the way between points, gradients from
+/// unit length by `unit`.
 template <class Thing>
 void check_distance_laws(const Thing& thing, double size, double slack = 1e-12, double unit = 1e-12) {
   std::mt19937 random(3);
@@ -24,7 +25,8 @@ void check_distance_laws(const Thing& thing, double size, double slack = 1e-12, 
     const double h = 1e-5 * size;
     bool smooth = true;
     for (int i = 0; i < 3; ++i)
-      for (double sign : {-2.0, 2.0}) smooth = smooth && (thing.sample(p + sign * h * Vec3d::Unit(i)).gradient - d.gradient).norm() < 1e-3;
+      for (double sign : {-2.0, 2.0})
+        smooth = smooth && (thing.sample(p + sign * h * Vec3d::Unit(i)).gradient - d.gradient).norm() < 1e-3;
     if (!smooth) continue;  // edges of a box
     ++compared;
     for (int i = 0; i < 3; ++i) {

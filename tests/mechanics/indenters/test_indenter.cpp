@@ -1,14 +1,14 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
-#include "mechanics/indenters/indenter_laws.hpp"
+#include "lumo/geometry/surface_file.hpp"
+#include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/indenters/box.hpp"
 #include "lumo/mechanics/indenters/capsule.hpp"
 #include "lumo/mechanics/indenters/cylinder.hpp"
-#include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/indenters/mesh_indenter.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
-#include "lumo/geometry/surface_file.hpp"
 #include "lumo/morphology/finger.hpp"
+#include "mechanics/bodies.hpp"
+#include "mechanics/indenters/indenter_laws.hpp"
 #include "temporary_folder.hpp"
 
 #include <cstring>
@@ -46,8 +46,10 @@ TriangleSurface ball(double radius, int rounds) {
 /// A closed box [−half, half] of twelve triangles.
 TriangleSurface brick(const Vec3d& half) {
   TriangleSurface s;
-  for (int k = 0; k < 8; ++k) s.vertices.emplace_back(k & 1 ? half.x() : -half.x(), k & 2 ? half.y() : -half.y(), k & 4 ? half.z() : -half.z());
-  s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4}, {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  for (int k = 0; k < 8; ++k)
+    s.vertices.emplace_back(k & 1 ? half.x() : -half.x(), k & 2 ? half.y() : -half.y(), k & 4 ? half.z() : -half.z());
+  s.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
+                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
   return s;
 }
 
@@ -80,20 +82,23 @@ std::string text_stl_of(const TriangleSurface& s, double unit) {
   out << "solid thing\n";
   for (const auto& t : s.triangles) {
     out << " facet normal 0 0 0\n  outer loop\n";
-    for (int n : t) out << "   vertex " << s.vertices[std::size_t(n)].x() / unit << ' ' << s.vertices[std::size_t(n)].y() / unit << ' ' << s.vertices[std::size_t(n)].z() / unit << '\n';
+    for (int n : t)
+      out << "   vertex " << s.vertices[std::size_t(n)].x() / unit << ' ' << s.vertices[std::size_t(n)].y() / unit
+          << ' ' << s.vertices[std::size_t(n)].z() / unit << '\n';
     out << "  endloop\n endfacet\n";
   }
   out << "endsolid thing\n";
   return out.str();
 }
 
-TetMesh extent_of(const Body& body) {   // only where the patches end matters for a first touch
+TetMesh extent_of(const Body& body) {  // only where the patches end matters for a first touch
   TetMesh mesh;
   mesh.order = 1;
   mesh.nodes = body.vertices;
   for (const Facet& f : body.facets)
     if (f.patch >= 0)
-      for (std::size_t k = 1; k + 1 < f.loop.size(); ++k) mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
+      for (std::size_t k = 1; k + 1 < f.loop.size(); ++k)
+        mesh.faces.push_back({{f.loop[0], f.loop[k], f.loop[k + 1], -1, -1, -1}, f.patch});
   return mirrored(mirrored(mesh, 0), 1);
 }
 
@@ -118,7 +123,7 @@ TEST_CASE("distances of the tools are those to densely sampled surfaces") {
       for (int j = 0; j < 800; ++j) {
         const double a = pi * (i + 0.5) / 400, b = 2 * pi * j / 800;
         const Vec3d ray(std::sin(a) * std::cos(b), std::sin(a) * std::sin(b), std::cos(a));
-        double low = 0.0, high = 4 * size;   // bisection: the tools are convex and hold the origin
+        double low = 0.0, high = 4 * size;  // bisection: the tools are convex and hold the origin
         for (int k = 0; k < 40; ++k) {
           const double t = 0.5 * (low + high);
           (tool.distance(t * ray) < 0.0 ? low : high) = t;
@@ -156,12 +161,14 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
   const double R = 5e-3;
   const TriangleSurface surface = ball(R, 5);
   const MeshIndenter tool(surface, 48);
-  double sag = 0.0;   // the facets lie inside the sphere by this much
+  double sag = 0.0;  // the facets lie inside the sphere by this much
   for (const auto& t : surface.triangles) {
-    const Vec3d middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] + surface.vertices[std::size_t(t[2])]) / 3.0;
+    const Vec3d middle = (surface.vertices[std::size_t(t[0])] + surface.vertices[std::size_t(t[1])] +
+                          surface.vertices[std::size_t(t[2])]) /
+                         3.0;
     sag = std::max(sag, R - middle.norm());
   }
-  CHECK(sag < 5e-6);    // 1 − cos of half the angle across the largest facet, 5.03°: 4.8 µm
+  CHECK(sag < 5e-6);  // 1 − cos of half the angle across the largest facet, 5.03°: 4.8 µm
   CHECK(tool.grid().error_m() < sag);
   CHECK(tool.radius_m() == Approx(R));
   std::mt19937 random(8);
@@ -170,12 +177,14 @@ TEST_CASE("a ball as a mesh is the sphere up to its facets, and the grid states 
     const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized(), p = (R + 2e-4 * n(random)) * u;
     const DistanceSample d = tool.sample(p), exact = Sphere{2 * R}.sample(p);
     CHECK(std::abs(d.distance - exact.distance) < sag + tool.grid().error_m() + 1e-7);
-    CHECK(d.gradient.norm() == Approx(1.0).margin(0.03));   // the facets meet at edges of three degrees
-    CHECK((d.gradient - exact.gradient).norm() < 0.04);   // half the angle between facets
+    CHECK(d.gradient.norm() == Approx(1.0).margin(0.03));  // the facets meet at edges of three degrees
+    CHECK((d.gradient - exact.gradient).norm() < 0.04);    // half the angle between facets
   }
 }
 
-TEST_CASE("off its grid a mesh tool tells the distance itself, with a normal of unit length, and passes into it without a step") {
+TEST_CASE(
+    "off its grid a mesh tool tells the distance itself, with a normal of unit length, and passes into it without a "
+    "step") {
   const double R = 5e-3, sag = 4.8e-6;
   const MeshIndenter tool(ball(R, 5), 64);
   const double h = tool.grid().spacing_m();
@@ -185,29 +194,34 @@ TEST_CASE("off its grid a mesh tool tells the distance itself, with a normal of 
     const Vec3d u = Vec3d(n(random), n(random), n(random)).normalized();
     for (const double gap : {-0.1e-3, 0.0, 0.3e-3, 0.5e-3, 1e-3, 2e-3, 50e-3}) {
       const DistanceSample d = tool.sample((R + gap) * u);
-      CHECK(d.distance >= gap - 1e-6);   // facets lie inside the sphere
+      CHECK(d.distance >= gap - 1e-6);  // facets lie inside the sphere
       CHECK(d.distance <= gap + sag + 1e-6);
       const bool off = ((R + gap) * u).cwiseAbs().maxCoeff() > R + 3.0 * h;
-      CHECK(d.gradient.norm() == Approx(1.0).margin(off ? 1e-12 : 0.03));   // the spline rounds edges of three degrees
+      CHECK(d.gradient.norm() == Approx(1.0).margin(off ? 1e-12 : 0.03));  // the spline rounds edges of three degrees
       CHECK((d.gradient - u).norm() < 0.04);
     }
   }
-  // Across the cell in which spline and exact distance meet, along each axis: no more than 1-Lipschitz, and derivatives are those of what is given.
+  // Across the cell in which spline and exact distance meet, along each axis: no more than 1-Lipschitz, and derivatives
+  // are those of what is given.
   for (int a = 0; a < 3; ++a)
     for (int k = 0; k < 40; ++k) {
-      const Vec3d p = Vec3d(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3d::Unit(a), step = 1e-7 * Vec3d(0.3, -0.5, 0.8).normalized();
+      const Vec3d p = Vec3d(2e-4, -3e-4, 1e-4) + (R + (1.5 + 0.05 * k) * h) * Vec3d::Unit(a),
+                  step = 1e-7 * Vec3d(0.3, -0.5, 0.8).normalized();
       const DistanceSample low = tool.sample(p - step), here = tool.sample(p), high = tool.sample(p + step);
       CHECK((high.distance - low.distance) / 2.0 == Approx(here.gradient.dot(step)).margin(1e-13));
       CHECK(std::abs(high.distance - low.distance) <= 2e-7 * 1.03);
     }
-  test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3}), 24), 40e-3, 0.1, 0.1);   // most points are off the grid; near its edges the spline is round
+  test::check_distance_laws(MeshIndenter(brick({6e-3, 4e-3, 3e-3}), 24), 40e-3, 0.1,
+                            0.1);  // most points are off the grid; near its edges the spline is round
 }
 
 TEST_CASE("signs hold where many thin triangles meet, as the winding number has them") {
-  TriangleSurface s;   // a needle's point and a dent: corners at which single face normals mislead
+  TriangleSurface s;  // a needle's point and a dent: corners at which single face normals mislead
   s.vertices = {{0, 0, 9e-3}, {0, 0, -1e-3}};
   constexpr int sides = 7;
-  for (int k = 0; k < sides; ++k) s.vertices.emplace_back((k % 2 ? 1e-3 : 4e-3) * std::cos(2 * pi * k / sides), (k % 2 ? 1e-3 : 4e-3) * std::sin(2 * pi * k / sides), -3e-3);
+  for (int k = 0; k < sides; ++k)
+    s.vertices.emplace_back((k % 2 ? 1e-3 : 4e-3) * std::cos(2 * pi * k / sides),
+                            (k % 2 ? 1e-3 : 4e-3) * std::sin(2 * pi * k / sides), -3e-3);
   for (int k = 0; k < sides; ++k) {
     s.triangles.push_back({0, 2 + k, 2 + (k + 1) % sides});
     s.triangles.push_back({1, 2 + (k + 1) % sides, 2 + k});
@@ -247,11 +261,15 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
     const bool solid = inside({6e-3, 4e-3, 3e-3}) && !inside({2e-3, 1.5e-3, 1e-3});
     double brute = 1e9;
     for (const auto& t : s.triangles)
-      brute = std::min(brute, (closest_on_triangle(p, s.vertices[std::size_t(t[0])], s.vertices[std::size_t(t[1])], s.vertices[std::size_t(t[2])]) - p).norm());
+      brute = std::min(brute, (closest_on_triangle(p, s.vertices[std::size_t(t[0])], s.vertices[std::size_t(t[1])],
+                                                   s.vertices[std::size_t(t[2])]) -
+                               p)
+                                  .norm());
     CHECK(tree.distance(p) == Approx(brute).margin(1e-15));
     CHECK(winding_number(s, p) == Approx(solid ? 1.0 : 0.0).margin(1e-9));
     if (std::abs(grid.distance(p)) > grid.spacing_m()) CHECK((grid.distance(p) < 0.0) == solid);
-    if (inside({6.5e-3, 4.5e-3, 3.5e-3})) CHECK(std::abs(grid.distance(p)) == Approx(brute).margin(0.2 * grid.spacing_m()));
+    if (inside({6.5e-3, 4.5e-3, 3.5e-3}))
+      CHECK(std::abs(grid.distance(p)) == Approx(brute).margin(0.2 * grid.spacing_m()));
   }
   CHECK(grid.error_m() < 0.2 * grid.spacing_m());
   CHECK_THROWS_AS(DistanceGrid(s, 4), InvalidArgument);
@@ -260,18 +278,23 @@ TEST_CASE("signs and distances of a brick with a cavity are right everywhere") {
 TEST_CASE("surfaces read from files are those that were written, in any of three formats") {
   const TemporaryFolder folder;
   const TriangleSurface s = brick({6e-3, 4e-3, 3e-3});
-  for (const auto& path : {folder.write("a.obj", obj_of(s, 1e-3)), folder.write("b.stl", binary_stl_of(s, 1e-3)), folder.write("c.stl", text_stl_of(s, 1e-3))}) {
+  for (const auto& path : {folder.write("a.obj", obj_of(s, 1e-3)), folder.write("b.stl", binary_stl_of(s, 1e-3)),
+                           folder.write("c.stl", text_stl_of(s, 1e-3))}) {
     const TriangleSurface back = read_surface(path);
     CHECK(back.vertices.size() == 8);
     CHECK(back.triangles.size() == 12);
     CHECK(validate_surface(back).volume == Approx(12e-3 * 8e-3 * 6e-3).epsilon(1e-6));
   }
-  CHECK(validate_surface(read_surface(folder.write("d.obj", obj_of(s, 25.4e-3)), 25.4e-3)).volume == Approx(12e-3 * 8e-3 * 6e-3));
-  const auto quads = folder.write("q.obj", "# a cube\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
-                                           "f -8 -5 -6 -7\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\r\nf 4 1 5 8");
+  CHECK(validate_surface(read_surface(folder.write("d.obj", obj_of(s, 25.4e-3)), 25.4e-3)).volume ==
+        Approx(12e-3 * 8e-3 * 6e-3));
+  const auto quads =
+      folder.write("q.obj",
+                   "# a cube\no cube\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
+                   "f -8 -5 -6 -7\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\r\nf 4 1 5 8");
   CHECK(validate_surface(read_surface(quads)).volume == Approx(1e-9));
   CHECK(read_surface(folder.write("CAD.STL", binary_stl_of(s, 1e-3))).triangles.size() == 12);
-  // A prism over an L and one over a star, whose polygons are not convex from any corner that a fan could start at: corner 1 comes first.
+  // A prism over an L and one over a star, whose polygons are not convex from any corner that a fan could start at:
+  // corner 1 comes first.
   const auto prism = [](const std::vector<std::pair<double, double>>& outline) {
     std::ostringstream out;
     const int n = int(outline.size());
@@ -284,9 +307,12 @@ TEST_CASE("surfaces read from files are those that were written, in any of three
     for (int k = 1; k <= n; ++k) out << "\nf " << k << ' ' << k % n + 1 << ' ' << n + k % n + 1 << ' ' << n + k;
     return out.str() + "\n";
   };
-  CHECK(validate_surface(read_surface(folder.write("ell.obj", prism({{3, 0}, {3, 1}, {1, 1}, {1, 3}, {0, 3}, {0, 0}})))).volume == Approx(5e-9));
-  const auto star = read_surface(folder.write("star.obj", prism({{2, 0}, {0.5, 0.5}, {0, 2}, {-0.5, 0.5}, {-2, 0}, {-0.5, -0.5}, {0, -2}, {0.5, -0.5}})));
-  CHECK(validate_surface(star).volume == Approx(4e-9));   // four triangles of base 1 and height 1.5 on a square of side 1
+  CHECK(validate_surface(read_surface(folder.write("ell.obj", prism({{3, 0}, {3, 1}, {1, 1}, {1, 3}, {0, 3}, {0, 0}}))))
+            .volume == Approx(5e-9));
+  const auto star = read_surface(folder.write(
+      "star.obj", prism({{2, 0}, {0.5, 0.5}, {0, 2}, {-0.5, 0.5}, {-2, 0}, {-0.5, -0.5}, {0, -2}, {0.5, -0.5}})));
+  CHECK(validate_surface(star).volume ==
+        Approx(4e-9));  // four triangles of base 1 and height 1.5 on a square of side 1
 }
 
 TEST_CASE("bad surface files are refused with one line that says where") {
@@ -323,7 +349,7 @@ TEST_CASE("bad surface files are refused with one line that says where") {
   refuses("r.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 nan\nv 1 nan 0\nf 1 2 3\n", "not finite");
   refuses("s.obj", "v 0 0 nan\nv 0 0 0\nv 1 0 inf\nv 1 nan 0\nv 0 1 0\nf 1 2 3 4 5\n", "not finite");
   REQUIRE(::mkfifo((folder / "pipe.stl").c_str(), 0600) == 0);
-  CHECK_THROWS_AS(read_surface(folder / "pipe.stl"), InputError);   // and does not wait for a writer
+  CHECK_THROWS_AS(read_surface(folder / "pipe.stl"), InputError);  // and does not wait for a writer
   CHECK_THROWS_AS(read_surface(folder / "absent.obj"), InputError);
   std::filesystem::create_directory(folder / "d.stl");
   CHECK_THROWS_AS(read_surface(folder / "d.stl"), InputError);
@@ -346,9 +372,10 @@ TEST_CASE("first touch of tools with edges is that of a dense sample of the exac
           least = std::min(least, advance_to(tool, far, dir, p, 1.0));
         };
         for (int j = -20; j <= 20; ++j)
-          for (int k = 0; k <= 20000; ++k) reach({w * std::cos(pi * k / 20000), y + 5e-4 * j, fp + ep * std::sin(pi * k / 20000)});
+          for (int k = 0; k <= 20000; ++k)
+            reach({w * std::cos(pi * k / 20000), y + 5e-4 * j, fp + ep * std::sin(pi * k / 20000)});
         INFO("angle " << angle << " y " << y << " sampled " << least << " found " << (t.origin - far).dot(dir));
-        CHECK((t.origin - far).dot(dir) <= least + margin);        // a sample cannot be touched earlier
+        CHECK((t.origin - far).dot(dir) <= least + margin);  // a sample cannot be touched earlier
         CHECK((t.origin - far).dot(dir) >= least - 2e-7 - margin);
         CHECK(std::abs(tool.distance(t.point - t.origin)) < 1e-9);
       }
@@ -366,5 +393,6 @@ TEST_CASE("tools of impossible size are refused in one line") {
   CHECK_THROWS_WITH(validate(Box{{1e-3, 1e-3, 1e-3}, 1e-3}), Catch::Contains("edge radius"));
   CHECK_THROWS_AS(validate(Cylinder{10e-3, std::nan(""), 0.0}), InvalidArgument);
   CHECK_THROWS_AS(validate(Capsule{10e-3, -1e-3}), InvalidArgument);
-  CHECK_THROWS_WITH(validate(Oriented{Sphere{}, Mat3d(2.0 * Mat3d::Identity())}), Catch::Contains("must be a rotation"));
+  CHECK_THROWS_WITH(validate(Oriented{Sphere{}, Mat3d(2.0 * Mat3d::Identity())}),
+                    Catch::Contains("must be a rotation"));
 }

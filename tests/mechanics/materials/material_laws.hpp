@@ -24,8 +24,7 @@ inline Mat3d random_rotation(std::mt19937& random) {
   return Eigen::Quaterniond(n(random), n(random), n(random), n(random)).normalized().toRotationMatrix();
 }
 
-template <HyperelasticMaterial M>
-void check_material_laws(const M& m) {
+template <HyperelasticMaterial M> void check_material_laws(const M& m) {
   std::mt19937 random(1);
   const double scale = m.shear_modulus() + m.volumetric(1.0).stiffness;
   CHECK(first_piola(m, Mat3d::Identity()).norm() < 1e-12 * scale);
@@ -43,7 +42,8 @@ void check_material_laws(const M& m) {
     for (int i = 0; i < 9; ++i) {
       Mat3d up = F, down = F;
       up.data()[i] += h, down.data()[i] -= h;
-      CHECK((energy_density(m, up) - energy_density(m, down)) / (2 * h) == Approx(P.data()[i]).margin(1e-7 * scale).epsilon(1e-7));
+      CHECK((energy_density(m, up) - energy_density(m, down)) / (2 * h) ==
+            Approx(P.data()[i]).margin(1e-7 * scale).epsilon(1e-7));
       const Mat3d slope = (first_piola(m, up) - first_piola(m, down)) / (2 * h);
       for (int j = 0; j < 9; ++j) CHECK(slope.data()[j] == Approx(A(j, i)).margin(2e-7 * scale).epsilon(1e-7));
     }
@@ -77,8 +77,10 @@ void check_material_laws(const M& m) {
   }
   for (double J : {0.6, 0.9, 1.0, 1.2, 2.0}) {
     const double h = 1e-6;
-    CHECK((m.volumetric(J + h).energy - m.volumetric(J - h).energy) / (2 * h) == Approx(m.volumetric(J).stress).margin(1e-7 * scale));
-    CHECK((m.volumetric(J + h).stress - m.volumetric(J - h).stress) / (2 * h) == Approx(m.volumetric(J).stiffness).margin(1e-7 * scale));
+    CHECK((m.volumetric(J + h).energy - m.volumetric(J - h).energy) / (2 * h) ==
+          Approx(m.volumetric(J).stress).margin(1e-7 * scale));
+    CHECK((m.volumetric(J + h).stress - m.volumetric(J - h).stress) / (2 * h) ==
+          Approx(m.volumetric(J).stiffness).margin(1e-7 * scale));
   }
 }
 

@@ -9,7 +9,8 @@
 
 using namespace lumo;
 
-static_assert(HyperelasticMaterial<NeoHookean> && HyperelasticMaterial<StableNeoHookean> && HyperelasticMaterial<MooneyRivlin> && HyperelasticMaterial<Yeoh>);
+static_assert(HyperelasticMaterial<NeoHookean> && HyperelasticMaterial<StableNeoHookean> &&
+              HyperelasticMaterial<MooneyRivlin> && HyperelasticMaterial<Yeoh>);
 static_assert(HyperelasticMaterial<Ogden>);
 static_assert(!HyperelasticMaterial<int>);
 static_assert(!HyperelasticMaterial<Mat3d>);
@@ -29,7 +30,8 @@ TEST_CASE("every other solid obeys the same laws") {
   test::check_material_laws(Yeoh{.c1 = 5.0e4, .c2 = 8.0e3, .c3 = 1.0e3, .bulk = 1.0e6});
   test::check_material_laws(Yeoh{.c1 = 5.0e4, .c2 = -3.0e3, .c3 = 1.0e3, .bulk = 1.0e6});
   test::check_material_laws(Ogden{});
-  test::check_material_laws(Ogden{.terms = {{{6.3e5, 1.3}, {1.2e3, 5.0}, {-1.0e4, -2.0}}}, .bulk = 1.0e7});  // rubber: Ogden 1972
+  test::check_material_laws(
+      Ogden{.terms = {{{6.3e5, 1.3}, {1.2e3, 5.0}, {-1.0e4, -2.0}}}, .bulk = 1.0e7});  // rubber: Ogden 1972
 }
 
 TEST_CASE("two solids that are one in other words agree to rounding") {
@@ -51,19 +53,23 @@ TEST_CASE("two solids that are one in other words agree to rounding") {
   }
   // Equal and nearly equal stretches are no special case.
   for (double apart : {0.0, 1e-16, 1e-12, 1e-8, 1e-4}) {
-    const Mat3d F = test::random_rotation(random) * Mat3d(Vec3d(1.2, 1.2 + apart, 0.8).asDiagonal()) * test::random_rotation(random);
+    const Mat3d F = test::random_rotation(random) * Mat3d(Vec3d(1.2, 1.2 + apart, 0.8).asDiagonal()) *
+                    test::random_rotation(random);
     same(mooney, ogden, F, 1e-11);
   }
 }
 
 TEST_CASE("uniaxial and equibiaxial tension match the closed forms of incompressible rubber") {
-  // Nominal stresses of Treloar 1975 (invariants) and Ogden 1972 (stretches); the error is of the order of shear over bulk modulus.
+  // Nominal stresses of Treloar 1975 (invariants) and Ogden 1972 (stretches); the error is of the order of shear over
+  // bulk modulus.
   const double bulk = 1e10;
   const auto check = [&](const auto& m, auto uniaxial, auto biaxial) {
     for (double stretch : {0.7, 1.3, 2.0, 3.0})
       for (bool two : {false, true}) {
         double low = 0.05, high = 3.0;
-        const auto P = [&](double t) { return first_piola(m, Mat3d((two ? Vec3d(stretch, stretch, t) : Vec3d(stretch, t, t)).asDiagonal())); };
+        const auto P = [&](double t) {
+          return first_piola(m, Mat3d((two ? Vec3d(stretch, stretch, t) : Vec3d(stretch, t, t)).asDiagonal()));
+        };
         for (int k = 0; k < 200; ++k) {
           const double t = 0.5 * (low + high);
           (P(t)(2, 2) > 0.0 ? high : low) = t;
@@ -73,7 +79,9 @@ TEST_CASE("uniaxial and equibiaxial tension match the closed forms of incompress
       }
   };
   const StableNeoHookean stable{.mu = 1.0e5, .lambda = bulk};
-  check(stable, [](double l) { return 1.0e5 * (l - 1 / (l * l)); }, [](double l) { return 1.0e5 * (l - std::pow(l, -5)); });
+  check(
+      stable, [](double l) { return 1.0e5 * (l - 1 / (l * l)); },
+      [](double l) { return 1.0e5 * (l - std::pow(l, -5)); });
   const MooneyRivlin mooney{.c10 = 4.0e4, .c01 = 1.5e4, .bulk = bulk};
   check(
       mooney, [](double l) { return 2 * (l - 1 / (l * l)) * (4.0e4 + 1.5e4 / l); },
@@ -89,7 +97,8 @@ TEST_CASE("uniaxial and equibiaxial tension match the closed forms of incompress
     for (const auto& t : ogden.terms) P += t.mu * (std::pow(l, t.alpha - 1) - std::pow(l, other * t.alpha - 1));
     return P;
   };
-  check(ogden, [&](double l) { return sum(l, -0.5); }, [&](double l) { return sum(l, -2.0); });
+  check(
+      ogden, [&](double l) { return sum(l, -0.5); }, [&](double l) { return sum(l, -2.0); });
 }
 
 TEST_CASE("solids with volume and shape apart have the bulk modulus that they name") {
@@ -144,10 +153,13 @@ TEST_CASE("material parameters out of range are refused in one line") {
   CHECK_THROWS_WITH(validate(NeoHookean{.mu = -1.0}), Catch::Contains("shear modulus") && Catch::Contains("-1 Pa"));
   CHECK_THROWS_AS(validate(NeoHookean{.mu = std::nan("")}), InvalidArgument);
   CHECK_THROWS_AS(validate(NeoHookean{.lambda = -1.0}), InvalidArgument);
-  CHECK_THROWS_WITH(validate(StableNeoHookean{.lambda = -1.0}), Catch::Contains("Lame parameter lambda") && Catch::Contains("-1 Pa"));
+  CHECK_THROWS_WITH(validate(StableNeoHookean{.lambda = -1.0}),
+                    Catch::Contains("Lame parameter lambda") && Catch::Contains("-1 Pa"));
   CHECK_THROWS_WITH(validate(MooneyRivlin{.c10 = 0.0, .c01 = 0.0}), Catch::Contains("shear modulus"));
-  CHECK_THROWS_WITH(validate(Yeoh{.c2 = -1.0}), Catch::Contains("Yeoh c2"));   // without a third term it softens until nothing is left
-  CHECK_NOTHROW(validate(Yeoh{.c1 = 3e4, .c2 = -2.9e3, .c3 = 100.0}));         // least slope at s = 2.9e3/300: c1 − c2²/(3 c3) = 2 kPa
+  CHECK_THROWS_WITH(validate(Yeoh{.c2 = -1.0}),
+                    Catch::Contains("Yeoh c2"));  // without a third term it softens until nothing is left
+  CHECK_NOTHROW(
+      validate(Yeoh{.c1 = 3e4, .c2 = -2.9e3, .c3 = 100.0}));  // least slope at s = 2.9e3/300: c1 − c2²/(3 c3) = 2 kPa
   CHECK_THROWS_AS(validate(Yeoh{.c1 = 3e4, .c2 = -3.0e3, .c3 = 100.0}), InvalidArgument);
   CHECK_THROWS_AS(validate(Yeoh{.c2 = std::nan("")}), InvalidArgument);
   CHECK_THROWS_WITH(validate(Ogden{.terms = {{{1e5, -2.0}, {}, {}}}}), Catch::Contains("mu alpha"));

@@ -1,12 +1,12 @@
-#include "mechanics/bodies.hpp"
 #include "catch.hpp"
+#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/mechanics/materials/mooney_rivlin.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
-#include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/materials/stable_neo_hookean.hpp"
+#include "lumo/mechanics/simulator.hpp"
 #include "lumo/mechanics/solvers/vertex_block_descent.hpp"
-#include "lumo/mechanics/contact/vertex_contact.hpp"
 #include "lumo/support/tbb.hpp"
+#include "mechanics/bodies.hpp"
 
 #include <random>
 
@@ -15,7 +15,8 @@ using namespace lumo;
 static_assert(PressSolver<VertexBlockDescent, NeoHookean, SDFContact, LinearTet>);
 static_assert(PressSolver<QuasiStatic<>, NeoHookean, SDFContact, QuadraticTet>);
 static_assert(!PressSolver<int, NeoHookean, SDFContact, LinearTet>);
-static_assert(DilatationalMaterial<NeoHookean> && DilatationalMaterial<StableNeoHookean> && !DilatationalMaterial<MooneyRivlin>);
+static_assert(DilatationalMaterial<NeoHookean> && DilatationalMaterial<StableNeoHookean> &&
+              !DilatationalMaterial<MooneyRivlin>);
 
 // The name that users type.
 template struct lumo::Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>;
@@ -32,8 +33,7 @@ std::pair<Positions, Positions> moved(const TetMesh& mesh) {
   return {x, start};
 }
 
-template <class Material>
-void check_vertex_blocks(const Material& material) {
+template <class Material> void check_vertex_blocks(const Material& material) {
   const auto check = [&](auto element) {
     using Element = decltype(element);
     const TetMesh mesh = test::small_mesh<Element>();
@@ -47,7 +47,7 @@ void check_vertex_blocks(const Material& material) {
       VertexBlock elastic, whole;
       vertices.add(v, x, start, 0.0, elastic);
       vertices.add(v, x, start, rate, whole);
-      CHECK((elastic.force + f.col(v)).norm() < 1e-12 * f.norm());   // the solid's own forces
+      CHECK((elastic.force + f.col(v)).norm() < 1e-12 * f.norm());  // the solid's own forces
       const double h = 1e-8;
       for (int c = 0; c < 3; ++c) {
         Positions up = x, down = x;
@@ -61,7 +61,8 @@ void check_vertex_blocks(const Material& material) {
         vertices.add(v, up, start, rate, vu);
         vertices.add(v, down, start, rate, vd);
         const Vec3d slope = (vd.force - fd.force - vu.force + fu.force) / (2 * h);
-        CHECK((slope - (whole.block - elastic.block).col(c)).norm() < 0.2 * (whole.block - elastic.block).norm());   // Gauss–Newton: without the bend of C
+        CHECK((slope - (whole.block - elastic.block).col(c)).norm() <
+              0.2 * (whole.block - elastic.block).norm());  // Gauss–Newton: without the bend of C
       }
     }
   };
@@ -75,12 +76,12 @@ struct Bench {
   TetMesh mesh;
 };
 Bench block(int order, int n = 4) {
-  const auto [body, mesh] = test::symmetric_block(Vec3d(5e-3, 5e-3, 5e-3), test::even(n), test::even(n), test::even(n), order);
+  const auto [body, mesh] =
+      test::symmetric_block(Vec3d(5e-3, 5e-3, 5e-3), test::even(n), test::even(n), test::even(n), order);
   return {body, mesh};
 }
 
-template <class Sim>
-Sim quick(Sim sim) {
+template <class Sim> Sim quick(Sim sim) {
   sim.contact.stiffness_N_per_m3 = 1e10;
   sim.solver.config.hold_s = 0.2;
   return sim;
@@ -100,9 +101,9 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
   const TetMesh mesh = test::small_mesh<LinearTet>();
   const VertexElasticity<StableNeoHookean, LinearTet> vertices(mesh, {1e5, 2e6}, {});
   const auto [x, begin] = moved(mesh);
-  const Positions start = begin;   // clang 14 does not capture bindings
+  const Positions start = begin;  // clang 14 does not capture bindings
   const double rate = 300.0;
-  const auto dissipation = [&](const Positions& at) {   // ½ η/Δt Σ V |C − C₀|²
+  const auto dissipation = [&](const Positions& at) {  // ½ η/Δt Σ V |C − C₀|²
     double sum = 0.0;
     for (std::size_t e = 0; e < mesh.tets.size(); ++e) {
       Mat3d F = Mat3d::Zero(), F0 = F;
@@ -144,7 +145,8 @@ TEMPLATE_TEST_CASE("eight vertices at once have the blocks of each alone", "", N
     typename VertexLanes<TestType>::Start remembered(lanes.slots());
     const auto places = [](const Positions& p) {
       std::vector<Lanes::Point> points;
-      for (Eigen::Index v = 0; v < p.cols(); ++v) points.push_back({Lanes::Point::Register{p(0, v), p(1, v), p(2, v), 0.0}});
+      for (Eigen::Index v = 0; v < p.cols(); ++v)
+        points.push_back({Lanes::Point::Register{p(0, v), p(1, v), p(2, v), 0.0}});
       return points;
     };
     const auto now = places(x), before = places(start);
@@ -229,16 +231,18 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   body.patches[0].bonded = false;
   const TetMesh mesh = test::small_mesh<LinearTet>();
   DescentConfig config;
-  config.time_step_s = 1e-4;   // sweeps carry a stiff body's own motion slowly where inertia is small beside stiffness
+  config.time_step_s = 1e-4;  // sweeps carry a stiff body's own motion slowly where inertia is small beside stiffness
   config.sweeps = 300;
   config.viscosity_Pa_s = 1.0;
   const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {}, {1e9}, {}, config);
   const Sphere sphere{10e-3};
   const Touch touch{Vec3d(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3d(4e-3, 3e-3, test::small_size.z())};
-  Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config, Serial{});
+  Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config,
+                                                                 Serial{});
   const auto momentum = [&](const Positions& before) {
     Vec3d sum = Vec3d::Zero();
-    for (Eigen::Index v = 0; v < before.cols(); ++v) sum += model.mass[std::size_t(v)] * (descent.positions().col(v) - before.col(v)) / config.time_step_s;
+    for (Eigen::Index v = 0; v < before.cols(); ++v)
+      sum += model.mass[std::size_t(v)] * (descent.positions().col(v) - before.col(v)) / config.time_step_s;
     return sum;
   };
   descent.step(-1e-3);
@@ -254,7 +258,8 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   CHECK(impulse > 0.0);
 }
 
-TEST_CASE("many sweeps reach the equilibrium that the quasi-static solver finds at the same depth, with the indenter held") {
+TEST_CASE(
+    "many sweeps reach the equilibrium that the quasi-static solver finds at the same depth, with the indenter held") {
   const Bench b = block(1);
   auto dynamic = quick(Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{});
   dynamic.solver.config.sweeps = 200;
@@ -267,7 +272,8 @@ TEST_CASE("many sweeps reach the equilibrium that the quasi-static solver finds 
   still.contact.stiffness_N_per_m3 = 1e10;
   const auto states = still.press(b.body, b.mesh, same);
   for (std::size_t k = 0; k < 2; ++k) {
-    INFO("F " << held[k].force_N << " met " << held[k].met_force_N << " residual/F " << held[k].residual_N / held[k].force_N << " depth " << held[k].depth_m << " static "
+    INFO("F " << held[k].force_N << " met " << held[k].met_force_N << " residual/F "
+              << held[k].residual_N / held[k].force_N << " depth " << held[k].depth_m << " static "
               << states[k].depth_m);
     CHECK(held[k].status == Status::held);
     CHECK_FALSE(held[k].certified);
@@ -321,7 +327,8 @@ TEST_CASE("any executor and either way of taking vertices give the same states")
   const auto other = states(alone);
   for (std::size_t k = 0; k < serial.size(); ++k) {
     CHECK(other[k].force_N == Approx(serial[k].force_N).epsilon(1e-9));
-    for (std::size_t n = 0; n < b.mesh.nodes.size(); ++n) CHECK((other[k].displacement[n] - serial[k].displacement[n]).norm() < 1e-12);
+    for (std::size_t n = 0; n < b.mesh.nodes.size(); ++n)
+      CHECK((other[k].displacement[n] - serial[k].displacement[n]).norm() < 1e-12);
   }
 }
 
@@ -358,7 +365,8 @@ TEST_CASE("quadratic elements and other materials descend too") {
   still.contact.stiffness_N_per_m3 = 1e10;
   const auto states = still.press(b.body, b.mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {held.front().force_N}});
   REQUIRE(states.front().status == Status::converged);
-  INFO(held.front().force_N << " N at " << held.front().depth_m << " m, static " << states.front().depth_m << " residual " << held.front().residual_N);
+  INFO(held.front().force_N << " N at " << held.front().depth_m << " m, static " << states.front().depth_m
+                            << " residual " << held.front().residual_N);
   CHECK(states.front().depth_m == Approx(held.front().depth_m).epsilon(0.02));
 }
 
@@ -372,14 +380,17 @@ TEST_CASE("an element is refused on a mesh of another order") {
   wrong(LinearTet{}, test::small_mesh<QuadraticTet>());
   wrong(QuadraticTet{}, test::small_mesh<LinearTet>());
   const Bench quadratic = block(2, 2);
-  CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(quadratic.body, quadratic.mesh, kPress)), InvalidArgument);
+  CHECK_THROWS_AS((Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent>{}.press(quadratic.body,
+                                                                                            quadratic.mesh, kPress)),
+                  InvalidArgument);
 }
 
 namespace {
 /// A law that gives out under a compression of a hundredth.
 struct Brittle : StableNeoHookean {
   Mat3d distortion_stress(const Mat3d& F) const {
-    return F(2, 2) < 0.99 ? Mat3d(Mat3d::Constant(std::numeric_limits<double>::quiet_NaN())) : StableNeoHookean::distortion_stress(F);
+    return F(2, 2) < 0.99 ? Mat3d(Mat3d::Constant(std::numeric_limits<double>::quiet_NaN()))
+                          : StableNeoHookean::distortion_stress(F);
   }
 };
 }  // namespace
@@ -390,7 +401,9 @@ TEST_CASE("a step that ends in NaN is a status, and what is given is the state b
   sim.solver.config.lanes = false;
   for (const MechanicalState& s : sim.press(b.body, b.mesh, kPress)) {
     CHECK(s.status == (s.load_N > 0.2 ? Status::non_finite : s.status));
-    for (const double v : {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m}) CHECK(std::isfinite(v));
+    for (const double v :
+         {s.force_N, s.met_force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.penetration_m})
+      CHECK(std::isfinite(v));
     CHECK_FALSE(std::isnan(s.residual_N));
     for (const Vec3d& u : s.displacement) CHECK(u.allFinite());
     for (const double p : s.pressure_Pa) CHECK(std::isfinite(p));
@@ -404,7 +417,8 @@ TEST_CASE("what descent cannot do is a status or one line") {
   const Bench b = block(1, 2);
   auto sim = quick(Simulator<StableNeoHookean, SDFContact, LinearTet, VertexBlockDescent>{});
   sim.solver.config.max_advance_m = 1e-4;
-  CHECK(sim.press(b.body, b.mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {5.0, 10.0}}).back().status == Status::max_iterations);
+  CHECK(sim.press(b.body, b.mesh, Scenario<Sphere>{Sphere{10e-3}, 0.0, 0.0, {5.0, 10.0}}).back().status ==
+        Status::max_iterations);
   sim.solver.config.time_limit_s = 0.0;
   CHECK(sim.press(b.body, b.mesh, kPress).back().status == Status::time_limit);
   sim.solver.config = {};

@@ -29,11 +29,14 @@ struct Tangents {
 
 }  // namespace
 
-TEST_CASE("secant pairs: the corrected inverse gives each step of a quadratic for its change, and stays symmetric and positive definite") {
+TEST_CASE(
+    "secant pairs: the corrected inverse gives each step of a quadratic for its change, and stays symmetric and "
+    "positive definite") {
   const Tangents t;
   const auto factor = [&](const Eigen::VectorXd& r) { return t.factor(r); };
   SecantPairs pairs;
-  CHECK((pairs.solve(random_matrix(t.n, 1, 3).col(0), factor) - t.factor(random_matrix(t.n, 1, 3))).norm() == 0.0);   // nothing known: the factor as it is
+  CHECK((pairs.solve(random_matrix(t.n, 1, 3).col(0), factor) - t.factor(random_matrix(t.n, 1, 3))).norm() ==
+        0.0);  // nothing known: the factor as it is
   // Conjugate steps, which BFGS keeps all.
   std::vector<Eigen::VectorXd> steps;
   for (int k = 0; k < 5; ++k) {
@@ -57,7 +60,8 @@ TEST_CASE("secant pairs: steps with a kept factor end where they crawl without t
     Eigen::VectorXd x = Eigen::VectorXd::Zero(t.n), r = -load;
     int steps = 0;
     for (; r.norm() > 1e-10 * load.norm() && steps < 1000; ++steps) {
-      const Eigen::VectorXd step = -pairs.solve(r, [&](const Eigen::VectorXd& q) { return Eigen::VectorXd(0.2 * t.factor(q)); });
+      const Eigen::VectorXd step =
+          -pairs.solve(r, [&](const Eigen::VectorXd& q) { return Eigen::VectorXd(0.2 * t.factor(q)); });
       x += step;
       const Eigen::VectorXd next = t.now * x - load;
       if (corrected) pairs.add(step, next - r);

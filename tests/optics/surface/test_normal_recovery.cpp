@@ -19,12 +19,13 @@ Vec3d dent(const Vec3d& p) {
 
 Vec3d dented_normal(const Vec3d& p) {
   Mat3d f;
-  for (int j = 0; j < 3; ++j) f.col(j) = Vec3d::Unit(j) + (dent(p + 1e-7 * Vec3d::Unit(j)) - dent(p - 1e-7 * Vec3d::Unit(j))) / 2e-7;
+  for (int j = 0; j < 3; ++j)
+    f.col(j) = Vec3d::Unit(j) + (dent(p + 1e-7 * Vec3d::Unit(j)) - dent(p - 1e-7 * Vec3d::Unit(j))) / 2e-7;
   return (f.inverse().transpose() * p.normalized()).normalized();
 }
 
 struct Errors {
-  double recovered = 0.0, own = 0.0;   ///< root mean square over all faces
+  double recovered = 0.0, own = 0.0;  ///< root mean square over all faces
 };
 
 Errors errors(int cells, int order) {
@@ -38,14 +39,17 @@ Errors errors(int cells, int order) {
   Errors e;
   int count = 0;
   for (std::size_t f = 0; f < scene.face_count(); ++f)
-    for (const auto& [b1, b2] : {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
+    for (const auto& [b1, b2] :
+         {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
       ScenePoint at;
       at.face = int(f), at.b1 = b1, at.b2 = b2;
       const Vec3d exact = dented_normal(radius * scene.reference(at).normalized());
       std::array<Vec3d, 6> deformed;
       for (std::size_t k = 0; k < 6; ++k) {
         const std::array<int, 6>& nodes = m.mesh.faces[f].nodes;
-        const auto place = [&](std::size_t n) { return Vec3d(m.mesh.nodes[std::size_t(nodes[n])] + displacement[std::size_t(nodes[n])]); };
+        const auto place = [&](std::size_t n) {
+          return Vec3d(m.mesh.nodes[std::size_t(nodes[n])] + displacement[std::size_t(nodes[n])]);
+        };
         deformed[k] = nodes[k] >= 0 ? place(k) : Vec3d(0.5 * (place(k - 3) + place((k - 2) % 3)));
       }
       e.recovered += (scene.smooth_normal(at) - exact).squaredNorm();
@@ -57,7 +61,8 @@ Errors errors(int cells, int order) {
 
 }  // namespace
 
-TEST_CASE("Recovered normals of a dented sphere: nearer to the exact ones than those of the faces, and of second order", "[scene]") {
+TEST_CASE("Recovered normals of a dented sphere: nearer to the exact ones than those of the faces, and of second order",
+          "[scene]") {
   const Errors coarse = errors(8, 2), fine = errors(16, 2), finest = errors(32, 2);
   for (const Errors& e : {coarse, fine, finest}) {
     INFO(e.recovered << " recovered, " << e.own << " of the faces");

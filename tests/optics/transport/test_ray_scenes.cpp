@@ -1,6 +1,6 @@
 #include "catch.hpp"
-#include "optics/scenes.hpp"
 #include "lumo/optics/transport/light_nodes.hpp"
+#include "optics/scenes.hpp"
 
 using namespace optics_test;
 
@@ -97,7 +97,8 @@ TEST_CASE("Sub-facets follow the quadratic map: normals and areas of a sphere", 
 }
 
 TEST_CASE("Cells of a carrier face cover it once, fit together, and stay the same cells when it moves", "[scene]") {
-  const std::vector<Vec3d> square{{0, 0, 0}, {2, 0, 0}, {2, 6, 0}, {0, 6, 0}}, pentagon{{0, 0, 1}, {2, 0, 1}, {3, 1, 1}, {1, 3, 1}, {0, 1, 1}};
+  const std::vector<Vec3d> square{{0, 0, 0}, {2, 0, 0}, {2, 6, 0}, {0, 6, 0}},
+      pentagon{{0, 0, 1}, {2, 0, 1}, {3, 1, 1}, {1, 3, 1}, {0, 1, 1}};
   for (const auto& [polygon, exact] : {std::pair(square, 12.0), std::pair(pentagon, 5.5)}) {
     std::vector<Vec3d> moved = polygon;
     for (Vec3d& p : moved) p = 1.01 * p - Vec3d(0, 0, 0.1);

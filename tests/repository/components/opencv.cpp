@@ -7,5 +7,7 @@ int main() {
   image.row(1)[5] = 200;
   lumo::write_image("components_opencv.png", image.view());
   const lumo::sense::Image again = lumo::read_image("components_opencv.png");
-  return again.view().width == 4 && again.view().height == 3 && again.view().row(1)[5] == 200 && is_wanted_version() ? 0 : 1;
+  return again.view().width == 4 && again.view().height == 3 && again.view().row(1)[5] == 200 && is_wanted_version()
+             ? 0
+             : 1;
 }

@@ -1,4 +1,5 @@
-// A small search with a material, a contact law, an emitter and two objectives that lumo does not know. Prints one line for each design that is evaluated.
+// A small search with a material, a contact law, an emitter and two objectives that lumo does not know. Prints one line
+// for each design that is evaluated.
 #include "contact.hpp"
 #include "emitter.hpp"
 #include "material.hpp"
@@ -30,9 +31,11 @@ int main(int argc, char** argv) {
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
-  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{{.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
+  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{
+      {.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
-  Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{{}, simulator, Light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16})};
+  Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{
+      {}, simulator, Light({.rays_per_emitter = 1 << 12, .carrier_rays = 1 << 14, .exit_rays = 1 << 16})};
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
   Ensemble contacts = flat_ensemble();
@@ -50,7 +53,8 @@ int main(int argc, char** argv) {
   const auto evaluate_design = [&](const Design& x) {
     Body body = finger(FingerDesign::from(x), card, coarse);
     for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
-    const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2}, std::tuple{own::EvenSight{.load_N = 2.0}, &firmness});
+    const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2},
+                                   std::tuple{own::EvenSight{.load_N = 2.0}, &firmness});
     Verdict v;
     v.why = failed_press(scores.observations.scenarios);
     if (v.why.empty()) v.outputs = {scores.objectives[0]->value, scores.objectives[1]->value};

@@ -15,9 +15,11 @@ namespace {
 
 /// Observations mean(place) + factor · normal numbers; place and fold run through all combinations.
 template <class Mean>
-LabelledResponses draw(int places, int repeats, Mean mean, const Eigen::MatrixXd& factor, std::uint64_t seed, std::vector<int>* fold = nullptr) {
+LabelledResponses draw(int places, int repeats, Mean mean, const Eigen::MatrixXd& factor, std::uint64_t seed,
+                       std::vector<int>* fold = nullptr) {
   synthetic::Normal normal(seed);
-  LabelledResponses d{Eigen::MatrixXd(factor.rows(), places * repeats), {}, Eigen::VectorXd::LinSpaced(places, -0.025, 0.025)};
+  LabelledResponses d{
+      Eigen::MatrixXd(factor.rows(), places * repeats), {}, Eigen::VectorXd::LinSpaced(places, -0.025, 0.025)};
   for (int r = 0; r < repeats; ++r)
     for (int p = 0; p < places; ++p) {
       Eigen::VectorXd z(factor.cols());
@@ -42,15 +44,15 @@ double error_on(const D& decoder, const LabelledResponses& training, const Label
   return double(wrong) / double(test.place.size());
 }
 
-template <Decoder D>
-void check_laws(const D& decoder) {
+template <Decoder D> void check_laws(const D& decoder) {
   const auto mean = [](int p) { return Eigen::VectorXd{{double(p == 0), double(p == 1), double(p == 2)}}; };
   const LabelledResponses d = draw(3, 8, mean, 0.3 * Eigen::MatrixXd::Identity(3, 3), 2);
   LabelledResponses turned = d;
   turned.response = d.response.rowwise().reverse();
   std::reverse(turned.place.begin(), turned.place.end());
   const auto model = decoder.fit(d), other = decoder.fit(turned);
-  for (const Eigen::VectorXd& x : {Eigen::VectorXd{{1.0, 0.0, 0.0}}, Eigen::VectorXd{{0.4, 0.5, 0.1}}, Eigen::VectorXd{{9.0, -9.0, 1e6}}, Eigen::VectorXd{{0.0, 0.0, 0.0}}}) {
+  for (const Eigen::VectorXd& x : {Eigen::VectorXd{{1.0, 0.0, 0.0}}, Eigen::VectorXd{{0.4, 0.5, 0.1}},
+                                   Eigen::VectorXd{{9.0, -9.0, 1e6}}, Eigen::VectorXd{{0.0, 0.0, 0.0}}}) {
     const Decoding a = model.decode(x), b = other.decode(x);
     CHECK(a.probability.sum() == Approx(1.0));
     CHECK(a.probability[a.place] == a.probability.maxCoeff());
@@ -75,7 +77,8 @@ TEST_CASE("decoders keep their laws", "[decoder]") {
 }
 
 TEST_CASE("round noise: templates and discriminant reach the Bayes error", "[decoder]") {
-  // Two Gaussians at distance Δ = 2 with σ = 0.8: error Φ(−Δ/2σ) = 10.56 %. With 6000 test observations its standard error is 0.4 %.
+  // Two Gaussians at distance Δ = 2 with σ = 0.8: error Φ(−Δ/2σ) = 10.56 %. With 6000 test observations its standard
+  // error is 0.4 %.
   const auto mean = [](int p) { return Eigen::VectorXd{{p == 0 ? -1.0 : 1.0, 5.0}}; };
   const Eigen::MatrixXd factor = 0.8 * Eigen::MatrixXd::Identity(2, 2);
   const auto training = draw(2, 400, mean, factor, 1), test = draw(2, 3000, mean, factor, 2);
@@ -124,7 +127,8 @@ TEST_CASE("shrinkage keeps few observations of many features decodable", "[decod
   const Eigen::MatrixXd factor = 0.15 * Eigen::MatrixXd::Identity(11, 11);
   std::vector<int> fold;
   const auto data = draw(6, 5, mean, factor, 5, &fold);
-  const auto shrunk = cross_validate(LinearDecoder{}, data, fold), nearest = cross_validate(NearestTemplate{}, data, fold);
+  const auto shrunk = cross_validate(LinearDecoder{}, data, fold),
+             nearest = cross_validate(NearestTemplate{}, data, fold);
   CHECK(shrunk.accuracy.value > 0.96);
   CHECK(nearest.accuracy.value > 0.96);
   const auto model = LinearDecoder{}.fit(data);
@@ -132,7 +136,8 @@ TEST_CASE("shrinkage keeps few observations of many features decodable", "[decod
   CHECK(model.shrinkage() <= 1.0);
 }
 
-TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a model that has not seen its repetition", "[decoder]") {
+TEST_CASE("leave-one-repetition-out: every observation is decoded once, by a model that has not seen its repetition",
+          "[decoder]") {
   // One feature; repetition 2 of place 1 looks like place 0. Templates without it: place 0 at 0, place 1 at 1.
   LabelledResponses d{Eigen::MatrixXd(1, 6), {0, 1, 0, 1, 0, 1}, Eigen::VectorXd{{-0.005, 0.005}}};
   d.response << 0.0, 1.0, 0.0, 1.0, 0.0, 0.1;

@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
-#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
+#include "lumo/sense/decode/gaussian_process_decoder.hpp"
 #include "lumo/sense/decode/linear_decoder.hpp"
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "sense/synthetic.hpp"
@@ -12,7 +12,8 @@ using namespace lumo::sense;
 
 namespace {
 
-/// Six places 10 mm apart, five re-contacts: 11 regions of a bump that moves with the place; re-contacts shift and scale it, regions are noisy.
+/// Six places 10 mm apart, five re-contacts: 11 regions of a bump that moves with the place; re-contacts shift and
+/// scale it, regions are noisy.
 LabelledResponses recontacts(double shift_m, double scale, double noise, std::uint64_t seed, std::vector<int>& fold) {
   synthetic::Normal normal(seed);
   LabelledResponses d{Eigen::MatrixXd(11, 30), {}, Eigen::VectorXd::LinSpaced(6, -0.025, 0.025)};
@@ -20,7 +21,9 @@ LabelledResponses recontacts(double shift_m, double scale, double noise, std::ui
   for (int r = 0; r < 5; ++r)
     for (int p = 0; p < 6; ++p) {
       const double y = d.place_m[p] + shift_m * normal(), height = 1.0 + scale * normal();
-      for (Eigen::Index b = 0; b < 11; ++b) d.response(b, r * 6 + p) = height * std::exp(-0.5 * std::pow((double(b - 5) * 5e-3 - y) / 8e-3, 2)) + noise * normal();
+      for (Eigen::Index b = 0; b < 11; ++b)
+        d.response(b, r * 6 + p) =
+            height * std::exp(-0.5 * std::pow((double(b - 5) * 5e-3 - y) / 8e-3, 2)) + noise * normal();
       d.place.push_back(p);
       fold.push_back(r);
     }
@@ -47,7 +50,8 @@ TEST_CASE("a Gaussian process decodes places, and tells the coordinate between t
   CHECK_THROWS_AS(model.decode(Eigen::VectorXd::Zero(3)), InvalidArgument);
 }
 
-TEST_CASE("decoders compared on the same folds: pooled over seeds, none of the better ones is worse than templates", "[decoder]") {
+TEST_CASE("decoders compared on the same folds: pooled over seeds, none of the better ones is worse than templates",
+          "[decoder]") {
   int right[4] = {}, all = 0;
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     std::vector<int> fold;

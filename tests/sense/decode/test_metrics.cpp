@@ -49,7 +49,8 @@ TEST_CASE("D, W and Q by hand", "[metrics]") {
   CHECK(m.W_recontact == 0.0);
   CHECK_FALSE(m.Q);
   CHECK_THROWS_AS(recontact_quality(slope), InvalidArgument);
-  slope[0](0, 0) = 0, slope[1](1, 0) = -1, slope[1](1, 2) = 1, slope[1](1, 1) = 0, slope[2](0, 0) = 2, slope[2](0, 1) = 4;
+  slope[0](0, 0) = 0, slope[1](1, 0) = -1, slope[1](1, 2) = 1, slope[1](1, 1) = 0, slope[2](0, 0) = 2,
+              slope[2](0, 1) = 4;
   // Now the medians are (1, 0), (3, 0), (3, 4) as before; deviations 1, 0, 3 | 1, 1, 1 | 1, 1, 2 over √2: median 1/√2.
   const RecontactMetrics n = recontact_metrics(slope);
   CHECK(n.W_recontact == Approx(1.0 / std::sqrt(2.0)));
@@ -63,7 +64,8 @@ TEST_CASE("whiskers are the metrics without one re-contact, the bootstrap is rep
   std::vector<Eigen::MatrixXd> slope(6, Eigen::MatrixXd(11, 5));
   for (std::size_t i = 0; i < 6; ++i)
     for (Eigen::Index c = 0; c < 11; ++c)
-      for (Eigen::Index r = 0; r < 5; ++r) slope[i](c, r) = std::exp(-0.5 * std::pow(double(c) - 2.0 * double(i), 2)) + 0.1 * normal();
+      for (Eigen::Index r = 0; r < 5; ++r)
+        slope[i](c, r) = std::exp(-0.5 * std::pow(double(c) - 2.0 * double(i), 2)) + 0.1 * normal();
   const RecontactQuality q = recontact_quality(slope, 400, 7);
   double low = *q.metrics.Q, high = low;
   for (Eigen::Index out = 0; out < 5; ++out) {
@@ -87,7 +89,8 @@ TEST_CASE("whiskers are the metrics without one re-contact, the bootstrap is rep
 }
 
 TEST_CASE("the interval of Q holds the Q of very many re-contacts as often as it says", "[metrics]") {
-  // Six places; noise of each channel, or contacts that shift (all channels together). Q of 3,001 re-contacts is the truth.
+  // Six places; noise of each channel, or contacts that shift (all channels together). Q of 3,001 re-contacts is the
+  // truth.
   struct World {
     double noise, shift;
   };
@@ -97,7 +100,8 @@ TEST_CASE("the interval of Q holds the Q of very many re-contacts as often as it
       for (std::size_t i = 0; i < 6; ++i)
         for (Eigen::Index r = 0; r < repeats; ++r) {
           const double off = w.shift * normal();
-          for (Eigen::Index c = 0; c < 11; ++c) slope[i](c, r) = std::exp(-0.5 * std::pow(double(c) - 2.0 * double(i) - off, 2)) + w.noise * normal();
+          for (Eigen::Index c = 0; c < 11; ++c)
+            slope[i](c, r) = std::exp(-0.5 * std::pow(double(c) - 2.0 * double(i) - off, 2)) + w.noise * normal();
         }
       return slope;
     };
@@ -116,8 +120,8 @@ TEST_CASE("the interval of Q holds the Q of very many re-contacts as often as it
 
 TEST_CASE("cycle variation, regional change and percentages by hand", "[metrics]") {
   CycleRun run{{Eigen::MatrixXd(1, 3), Eigen::MatrixXd(1, 3)}};
-  run.load[0] << 1.0, 2.0, 4.0;  // deviations 1, 0, 2
-  run.load[1] << 0.0, 3.0, 3.0;  // deviations 3, 0, 0
+  run.load[0] << 1.0, 2.0, 4.0;                  // deviations 1, 0, 2
+  run.load[1] << 0.0, 3.0, 3.0;                  // deviations 3, 0, 0
   CHECK(cycle_variation({run}) == Approx(0.5));  // of 0, 0, 0, 1, 2, 3
   CHECK_THROWS_AS(cycle_variation({}), InvalidArgument);
   Eigen::MatrixXd low(2, 2), high(2, 2);

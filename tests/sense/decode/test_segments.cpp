@@ -10,8 +10,8 @@ using namespace lumo::sense;
 
 namespace {
 
-/// Three places, two re-contacts, loads 2, 5, 10 N: channel c responds with (c + 1) · (place + 1) · load, re-contact 1 by a tenth more; lamps drift by 7 from
-/// one re-contact to the next. Four profiles each, two of them outside.
+/// Three places, two re-contacts, loads 2, 5, 10 N: channel c responds with (c + 1) · (place + 1) · load, re-contact 1
+/// by a tenth more; lamps drift by 7 from one re-contact to the next. Four profiles each, two of them outside.
 struct Made {
   std::vector<Segment> segments;
   std::vector<Profile> profiles;
@@ -19,7 +19,8 @@ struct Made {
     std::int64_t t = 0;
     double lamps = 100.0;
     const auto add = [&](const Segment& s, const Eigen::Vector3d& response) {
-      for (const int k : {-1, 0, 10, 11}) profiles.push_back({t + k, Eigen::VectorXd(response.array() + lamps + (k < 0 || k > 10 ? 1e3 : 0.0)), 0.0});
+      for (const int k : {-1, 0, 10, 11})
+        profiles.push_back({t + k, Eigen::VectorXd(response.array() + lamps + (k < 0 || k > 10 ? 1e3 : 0.0)), 0.0});
       segments.push_back(s);
       segments.back().from_ns = t, segments.back().to_ns = t + 10;
       t += 100;
@@ -32,7 +33,8 @@ struct Made {
         s.kind = "unloaded";
         add(s, Eigen::Vector3d::Zero());
         s.kind = "hold", s.place = place, s.y_mm = 10.0 * place - 10.0, s.repetition = r;
-        for (const double load : {2.0, 5.0, 10.0}) s.load_N = load, add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
+        for (const double load : {2.0, 5.0, 10.0})
+          s.load_N = load, add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
         s.kind = "cycle";
         for (int cycle = 0; cycle < 2; ++cycle) s.cycle = cycle, add(s, channels * (10.0 + cycle));
       }
@@ -59,8 +61,11 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   const auto slopes = slope_profiles(holds);
   REQUIRE(slopes.size() == 3);
   for (int place = 0; place < 3; ++place)
-    for (int r = 0; r < 2; ++r) CHECK((slopes[std::size_t(place)].col(r) - (place + 1) * (1.0 + 0.1 * r) * Eigen::Vector3d(1, 2, 3)).norm() < 1e-9);
-  // By hand: medians (1.05, 2.1, 3.15) · (place + 1); neighbours differ by 1.05 √(14/3), re-contacts by 0.05 (place + 1) √(14/3), whose median is the second place's.
+    for (int r = 0; r < 2; ++r)
+      CHECK((slopes[std::size_t(place)].col(r) - (place + 1) * (1.0 + 0.1 * r) * Eigen::Vector3d(1, 2, 3)).norm() <
+            1e-9);
+  // By hand: medians (1.05, 2.1, 3.15) · (place + 1); neighbours differ by 1.05 √(14/3), re-contacts by 0.05 (place +
+  // 1) √(14/3), whose median is the second place's.
   CHECK(*recontact_metrics(slopes).Q == Approx(10.5));
 
   const auto task = decoding_task(holds, {2.0, 5.0});
@@ -76,8 +81,9 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   CHECK_THROWS_AS(decoding_task(holds, {2.0, 7.0}), InvalidArgument);
   CHECK(common_loads(holds, 2.0) == std::vector<double>{2.0, 5.0, 10.0});
   CHECK(common_loads(holds, 4.0) == std::vector<double>{5.0, 10.0});
-  auto fewer = holds;   // one re-contact ends early
-  fewer.erase(std::find_if(fewer.begin(), fewer.end(), [](const HoldResponse& h) { return h.segment.kind == "hold" && h.segment.load_N == 10.0; }));
+  auto fewer = holds;  // one re-contact ends early
+  fewer.erase(std::find_if(fewer.begin(), fewer.end(),
+                           [](const HoldResponse& h) { return h.segment.kind == "hold" && h.segment.load_N == 10.0; }));
   CHECK(common_loads(fewer, 2.0) == std::vector<double>{2.0, 5.0});
 
   const auto runs = cycle_runs(holds);
@@ -95,7 +101,8 @@ TEST_CASE("indenters and angles are kept apart, and no load of a re-contact coun
   both.insert(both.end(), second.begin(), second.end());
   CHECK_THROWS_AS(slope_profiles(both), InvalidArgument);
   CHECK_THROWS_AS(decoding_task(both, {2.0, 5.0}), InvalidArgument);
-  for (std::size_t i = 0; i < 3; ++i) CHECK((slope_profiles(responses_of(both, 30.0, 0.0))[i] - 3.0 * slope_profiles(first)[i]).norm() < 1e-9);
+  for (std::size_t i = 0; i < 3; ++i)
+    CHECK((slope_profiles(responses_of(both, 30.0, 0.0))[i] - 3.0 * slope_profiles(first)[i]).norm() < 1e-9);
   CHECK(decoding_task(responses_of(both, 10.0, 0.0), {2.0, 5.0}).data.response.cols() == 6);
   CHECK(cycle_runs(both).size() == 12);
   for (HoldResponse& h : second) h.segment.diameter_mm = 10.0, h.segment.angle_deg = 15.0;

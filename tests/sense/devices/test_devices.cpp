@@ -15,7 +15,8 @@ namespace {
 
 std::int64_t fixed_time() { return 123; }
 
-/// The other end of the bus: answers commands as a motor would, with position and velocity as told and the torque as effort.
+/// The other end of the bus: answers commands as a motor would, with position and velocity as told and the torque as
+/// effort.
 struct FakeMotor {
   int fd;
   MiniCheetahProtocol protocol;
@@ -49,7 +50,8 @@ struct Bus {
 
 }  // namespace
 
-TEST_CASE("motors over a socket pair: commands go out, samples come back in the joints' order and direction", "[device]") {
+TEST_CASE("motors over a socket pair: commands go out, samples come back in the joints' order and direction",
+          "[device]") {
   Bus bus;
   FakeMotor fake{bus.motor.get(), {}};
   MiniCheetahMotors::Config c;
@@ -81,7 +83,8 @@ TEST_CASE("motors over a socket pair: commands go out, samples come back in the 
   CHECK_FALSE(motors.next());
   for (const int motor : {1, 2}) {  // torques at the end of the range may be any that are larger
     can_frame full{};
-    full.can_dlc = 6, full.data[0] = std::uint8_t(c.motors[std::size_t(motor - 1)]), full.data[1] = 0x80, full.data[3] = 0x80, full.data[4] = motor == 1 ? 0x0f : 0x08, full.data[5] = 0xff;
+    full.can_dlc = 6, full.data[0] = std::uint8_t(c.motors[std::size_t(motor - 1)]), full.data[1] = 0x80,
+    full.data[3] = 0x80, full.data[4] = motor == 1 ? 0x0f : 0x08, full.data[5] = 0xff;
     fake.send(full);
   }
   const auto clipped = motors.next();

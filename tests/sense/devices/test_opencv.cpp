@@ -19,13 +19,15 @@ namespace {
 Image picture(int which, PixelFormat format = PixelFormat::bgr) {
   synthetic::View v;
   v.width = 64, v.height = 48;
-  return synthetic::paint(v, [&](double, double) { return 40.0 + 20.0 * which; }, 10.0, std::uint64_t(which), format);
+  return synthetic::paint(
+      v, [&](double, double) { return 40.0 + 20.0 * which; }, 10.0, std::uint64_t(which), format);
 }
 
 bool same(const ImageView& a, const Image& b) {
   if (a.width != b.width || a.height != b.height || a.format != b.format) return false;
   for (int y = 0; y < a.height; ++y)
-    if (std::memcmp(a.row(y), b.view().row(y), std::size_t(a.width) * std::size_t(channels(a.format))) != 0) return false;
+    if (std::memcmp(a.row(y), b.view().row(y), std::size_t(a.width) * std::size_t(channels(a.format))) != 0)
+      return false;
   return true;
 }
 
@@ -49,7 +51,8 @@ TEST_CASE("a folder of images is a camera, a damaged file is a frame without pix
   const TemporaryFolder folder;
   for (int k = 0; k < 3; ++k) write_image(folder / ("f" + std::to_string(k) + ".png"), picture(k).view());
   std::ofstream(folder / "bad.png") << "\x89PNG broken";
-  FolderCamera camera(folder.path.string(), {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
+  FolderCamera camera(folder.path.string(),
+                      {{10, "f1.png", 0.001, 64.0}, {20, "bad.png"}, {30, "gone.png"}, {40, "f0.png"}});
   auto f = camera.next();
   REQUIRE(f);
   CHECK(same(f->image, picture(1)));
@@ -171,7 +174,7 @@ TEST_CASE("a video's decoder may hang, crash or eat memory: the camera fails, an
         CHECK_FALSE(video.is_open());
       }
     }
-    CHECK(::kill(pid, 0) == -1);   // gone, and reaped
+    CHECK(::kill(pid, 0) == -1);  // gone, and reaped
   }
 }
 

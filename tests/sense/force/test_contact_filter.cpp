@@ -23,7 +23,8 @@ ContactFilter<MomentArm>::Config config() {
 }  // namespace
 
 TEST_CASE("with a known place the filter is the closed form of a random walk seen through noise", "[filter]") {
-  // Place known exactly, no offsets to speak of: the torque's variance is Riccati's fixed point, the force's that over the arm squared.
+  // Place known exactly, no offsets to speak of: the torque's variance is Riccati's fixed point, the force's that over
+  // the arm squared.
   auto c = config();
   c.location_bias_m = 0.0, c.creep_m_per_sqrt_s = 1e-9, c.torque_bias_Nm = 0.0, c.force_prior_N = 1e6;
   ContactFilter<MomentArm> f(MomentArm{arm}, c);
@@ -86,7 +87,8 @@ TEST_CASE("intervals of the filter hold what they promise when the world is as a
   for (int run = 0; run < runs; ++run) {
     synthetic::Normal normal(100 + std::uint64_t(run));
     ContactFilter<MomentArm> f(MomentArm{arm}, c);
-    double y = -0.02 + 0.04 * normal.uniform(), torque = 0.3 + 0.1 * normal(), place_bias = c.location_bias_m * normal(), torque_bias = c.torque_bias_Nm * normal();
+    double y = -0.02 + 0.04 * normal.uniform(), torque = 0.3 + 0.1 * normal(),
+           place_bias = c.location_bias_m * normal(), torque_bias = c.torque_bias_Nm * normal();
     const double dt = 1e-3, kp = std::exp(-dt / c.location_bias_s), kt = std::exp(-dt / c.torque_bias_s);
     for (int k = 0; k < 600; ++k) {
       const std::int64_t t = k * 1'000'000LL;
@@ -127,7 +129,8 @@ TEST_CASE("the torque's offset is learnt while nothing touches", "[filter]") {
 TEST_CASE("two joints keep the place when the eye is closed, one does not", "[filter]") {
   Eigen::Isometry3d pad = Eigen::Isometry3d::Identity(), second = pad;
   pad.translate(Eigen::Vector3d(0, 0.045, 0)), second.translate(Eigen::Vector3d(0, 0.07, 0));
-  const SerialChain chain({{Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitX(), pad}, {second, Eigen::Vector3d::UnitX(), pad}});
+  const SerialChain chain(
+      {{Eigen::Isometry3d::Identity(), Eigen::Vector3d::UnitX(), pad}, {second, Eigen::Vector3d::UnitX(), pad}});
   ContactFilter<SerialChain>::Config c;
   c.link = 1, c.torque_bias_Nm = 0.002, c.torque_Nm_per_sqrt_s = 0.05;
   ContactFilter<SerialChain> two(chain, c);

@@ -29,19 +29,21 @@ struct HandScene {
   std::vector<double> joints{0.0, 0.0, 0.0, 0.0};
   std::vector<Touch> touches;
   double lamps = 1.0, slope_DN = 0.0, noise_DN = 1.2;
-  int covered = -1;   ///< link whose holes something hides
+  int covered = -1;  ///< link whose holes something hides
   std::uint64_t seed = 1;
 
-  /// Middle of a link's pad [px], and where its tip points [rad in the image]. Links 0 and 1 are one finger, 2 and 3 the other.
+  /// Middle of a link's pad [px], and where its tip points [rad in the image]. Links 0 and 1 are one finger, 2 and 3
+  /// the other.
   std::array<double, 3> pose(int link) const {
     const bool second = link >= 2;
     const double q1 = joints[second ? 2 : 0], q2 = joints[second ? 3 : 1], up = -0.5 * std::numbers::pi;
     const double first = up + q1, length = 35.0 * px_per_mm, x = second ? 470.0 : 170.0, y = 430.0;
     if (link % 2 == 0) return {x + length * std::cos(first), y + length * std::sin(first), first};
     const double turned = first + q2;
-    return {x + 2.0 * length * std::cos(first) + length * std::cos(turned), y + 2.0 * length * std::sin(first) + length * std::sin(turned), turned};
+    return {x + 2.0 * length * std::cos(first) + length * std::cos(turned),
+            y + 2.0 * length * std::sin(first) + length * std::sin(turned), turned};
   }
-  static bool clockwise(int link) { return link < 2; }   // the fingers' pads face each other
+  static bool clockwise(int link) { return link < 2; }  // the fingers' pads face each other
   static HandLink link(int k) {
     HandLink l;
     l.name = std::to_string(k);
@@ -65,7 +67,8 @@ struct HandScene {
         for (int k = 0; k < 4; ++k) {
           const auto [x, y, turn] = pose(k);
           const double du = (u - x) / px_per_mm, dv = (v - y) / px_per_mm, s = clockwise(k) ? 1.0 : -1.0;
-          const double along = du * std::cos(turn) + dv * std::sin(turn), across = s * (-du * std::sin(turn) + dv * std::cos(turn));
+          const double along = du * std::cos(turn) + dv * std::sin(turn),
+                       across = s * (-du * std::sin(turn) + dv * std::cos(turn));
           if (std::abs(along) > 30.0 || across < -8.0 || across > 9.0) continue;
           if (across < 0.0) {
             light = std::hypot(std::abs(along) - 22.0, across + 4.0) < 1.5 && covered != k ? 20.0 : 90.0;
@@ -86,9 +89,12 @@ struct HandScene {
   }
 };
 
-inline std::vector<HandLink> all_links() { return {HandScene::link(0), HandScene::link(1), HandScene::link(2), HandScene::link(3)}; }
+inline std::vector<HandLink> all_links() {
+  return {HandScene::link(0), HandScene::link(1), HandScene::link(2), HandScene::link(3)};
+}
 
-/// A hand that has seen its workspace in free motion: both fingers together, small steps, so that each picture's holes are near those before.
+/// A hand that has seen its workspace in free motion: both fingers together, small steps, so that each picture's holes
+/// are near those before.
 inline HandObserver practised_hand() {
   HandScene s;
   std::vector<LinkMap> first;

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
 #include "lumo/sense/live/live_hand.hpp"
+#include "lumo/sense/recording/hand_log.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>
@@ -27,7 +27,7 @@ TEST_CASE("a link's map is the turn, shift and scale that its points were given"
     CHECK((fit.origin_px - made.origin_px).norm() < 1e-9);
     CHECK((fit.along_px_per_m - made.along_px_per_m).norm() < 1e-6);
     CHECK(fit.residual_px < 1e-9);
-    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);   // a mirror image is no turn
+    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
   }
   CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
   points.setZero();
@@ -42,7 +42,7 @@ TEST_CASE("links are found by their holes to a fraction of a pixel, and are not 
     const Image image = s.paint();
     for (int l = 0; l < 4; ++l) {
       LinkMap guess = s.map(l);
-      guess.origin_px += Eigen::Vector2d(6.0, -7.0);   // 3 mm off
+      guess.origin_px += Eigen::Vector2d(6.0, -7.0);  // 3 mm off
       const auto found = register_link(image.view(), HandScene::link(l), guess);
       INFO(k << " link " << l);
       REQUIRE(found);
@@ -59,7 +59,8 @@ TEST_CASE("links are found by their holes to a fraction of a pixel, and are not 
   CHECK_FALSE(register_link(HandScene{}.paint().view(), HandScene::link(0), outside));
 }
 
-TEST_CASE("contacts on several links at once are found where they are, bright and dark, whatever the lamps do", "[hand]") {
+TEST_CASE("contacts on several links at once are found where they are, bright and dark, whatever the lamps do",
+          "[hand]") {
   HandObserver hand = practised_hand();
   CHECK(hand.references(0) == 25);
   double worst = 0.0;
@@ -73,16 +74,20 @@ TEST_CASE("contacts on several links at once are found where they are, bright an
     CHECK(free.seen == std::vector<bool>(4, true));
     INFO("round " << round);
     CHECK(free.contacts.empty());
-    for (const auto& c : free.contacts) UNSCOPED_INFO("free " << c.link << " y " << 1e3 * c.y_m << " peak " << c.peak_DN);
+    for (const auto& c : free.contacts)
+      UNSCOPED_INFO("free " << c.link << " y " << 1e3 * c.y_m << " peak " << c.peak_DN);
     const double place = -20.0 + 3.5 * round;
     s.touches = {{0, place, 25.0}, {1, -place, -22.0}, {3, 0.5 * place, 30.0}};
     const HandEstimate grasp = hand.observe(1000 + round, s.sample(), s.paint().view());
-    for (const auto& c : grasp.contacts) UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area " << 1e6 * c.area_m2);
+    for (const auto& c : grasp.contacts)
+      UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area "
+                           << 1e6 * c.area_m2);
     REQUIRE(grasp.contacts.size() == 3);
     for (std::size_t c = 0; c < 3; ++c) {
       CHECK(grasp.contacts[c].link == s.touches[c].link);
       worst = std::max(worst, std::abs(1e3 * grasp.contacts[c].y_m - s.touches[c].y_mm));
-      CHECK((grasp.contacts[c].pixel - s.map(s.touches[c].link).pixel(grasp.contacts[c].y_m, grasp.contacts[c].z_m)).norm() < 2.0);
+      CHECK((grasp.contacts[c].pixel - s.map(s.touches[c].link).pixel(grasp.contacts[c].y_m, grasp.contacts[c].z_m))
+                .norm() < 2.0);
     }
   }
   CHECK(worst < 2.0);
@@ -94,7 +99,9 @@ TEST_CASE("two contacts on one link are two, and what cannot be seen or compared
   s.joints = {0.1, 0.1, -0.1, -0.1};
   s.touches = {{2, -15.0, 25.0}, {2, 14.0, 28.0}};
   HandEstimate e = hand.observe(1, s.sample(), s.paint().view());
-  for (const auto& c : e.contacts) UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area " << 1e6 * c.area_m2);
+  for (const auto& c : e.contacts)
+    UNSCOPED_INFO(c.link << " y " << 1e3 * c.y_m << " z " << 1e3 * c.z_m << " peak " << c.peak_DN << " area "
+                         << 1e6 * c.area_m2);
   REQUIRE(e.contacts.size() == 2);
   CHECK(1e3 * e.contacts[0].y_m == Approx(-15.0).margin(2.0));
   CHECK(1e3 * e.contacts[1].y_m == Approx(14.0).margin(2.0));
@@ -105,7 +112,7 @@ TEST_CASE("two contacts on one link are two, and what cannot be seen or compared
   CHECK(e.contacts.empty());
   s.covered = -1;
   JointVector far = s.sample();
-  far[3] = 2.0;   // the picture is near a reference, the joints are not: nothing is known of such a picture
+  far[3] = 2.0;  // the picture is near a reference, the joints are not: nothing is known of such a picture
   e = hand.observe(3, far, s.paint().view());
   CHECK(e.seen == std::vector<bool>{true, true, true, false});
   e = hand.observe(4, s.sample(), Image::black(640, 480, PixelFormat::grey).view());
@@ -143,17 +150,19 @@ static_assert(Camera<SceneCamera>);
 
 }  // namespace
 
-TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock", "[hand]") {
+TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
+          "[hand]") {
   std::vector<HandScene> scenes;
   Session session;
   for (int l = 0; l < 4; ++l) {
     SessionLink link{HandScene::link(l), Eigen::Matrix2Xd(2, 2)};
-    for (int k = 0; k < 2; ++k) link.hole_px.col(k) = HandScene{}.map(l).pixel(link.link.hole_m(0, k), link.link.hole_m(1, k)).array().round();
+    for (int k = 0; k < 2; ++k)
+      link.hole_px.col(k) = HandScene{}.map(l).pixel(link.link.hole_m(0, k), link.link.hole_m(1, k)).array().round();
     session.links.push_back(link);
   }
   for (int i = 0; i < 24; ++i) {
     HandScene s;
-    const double q = 0.02 * (i < 12 ? i : 23 - i);   // there and back
+    const double q = 0.02 * (i < 12 ? i : 23 - i);  // there and back
     s.joints = {q, q, -q, -q};
     s.seed = std::uint64_t(900 + i);
     if (i == 20) s.touches = {{0, -9.0, 26.0}, {3, 12.0, 30.0}};
@@ -162,12 +171,13 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   Segment free;
   free.kind = "free", free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
   session.segments = {free};
-  session.joint_clock = {0, -5.0, 0.0, 0.0};   // the joints' clock is 5 s ahead
+  session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
   session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;
   std::vector<JointSample> joints;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
-    joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero, Effort::torque_Nm});
+    joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero,
+                      Effort::torque_Nm});
   }
   const TimeSeries positions = joint_positions(joints, session);
   CHECK((*positions.at(SceneCamera::stamp(7) - 10'000'000, 0.1) - Eigen::VectorXd(scenes[7].sample())).norm() < 1e-12);
@@ -176,15 +186,17 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   SceneCamera camera(scenes);
   std::vector<HandEstimate> estimates;
   int pictures = 0;
-  const int references = observe_hand(camera, hand, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
-    CHECK_FALSE(image.empty());
-    ++pictures;
-    if (e) estimates.push_back(*e);
-  });
+  const int references =
+      observe_hand(camera, hand, positions, session, [&](const std::optional<HandEstimate>& e, const ImageView& image) {
+        CHECK_FALSE(image.empty());
+        ++pictures;
+        if (e) estimates.push_back(*e);
+      });
   CHECK(pictures == 24);
   CHECK(references == 16);
   REQUIRE(estimates.size() == 8);
-  const std::string table = "link,stamp_ns,force_N,y_mm\n0," + std::to_string(SceneCamera::stamp(20)) + ",8,-9\n3," + std::to_string(SceneCamera::stamp(20)) + ",9,12\n1," +
+  const std::string table = "link,stamp_ns,force_N,y_mm\n0," + std::to_string(SceneCamera::stamp(20)) + ",8,-9\n3," +
+                            std::to_string(SceneCamera::stamp(20)) + ",9,12\n1," +
                             std::to_string(SceneCamera::stamp(21)) + ",1,0\n";
   std::istringstream in(table);
   const HandTouches truth = HandTouches::from_table(in, "truth.csv");
@@ -195,11 +207,11 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
     CHECK(e.seen == std::vector<bool>(4, true));
     score.add(e, truth.at(e.stamp_ns));
   }
-  CHECK((score.touches == 2 && score.found == 2));   // that of 1 N does not count
+  CHECK((score.touches == 2 && score.found == 2));  // that of 1 N does not count
   CHECK((score.contacts == 2 && score.unfounded == 0));
   CHECK(score.mae_m < 2e-3);
   HandScore wrong;
-  wrong.add(estimates[4], {{2, -9.0e-3, 8.0}});   // another link is touched
+  wrong.add(estimates[4], {{2, -9.0e-3, 8.0}});  // another link is touched
   CHECK((wrong.touches == 1 && wrong.found == 0 && wrong.contacts == 2 && wrong.unfounded == 2));
 
   // Without joints near a picture nothing is said of it.
@@ -207,9 +219,10 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   SceneCamera again(scenes);
   joints.erase(joints.begin() + 17, joints.end());
   int unseen = 0;
-  observe_hand(again, blind, joint_positions(joints, session), session, [&](const std::optional<HandEstimate>& e, const ImageView&) {
-    if (e) unseen += e->seen == std::vector<bool>(4, false) && e->contacts.empty();
-  });
+  observe_hand(again, blind, joint_positions(joints, session), session,
+               [&](const std::optional<HandEstimate>& e, const ImageView&) {
+                 if (e) unseen += e->seen == std::vector<bool>(4, false) && e->contacts.empty();
+               });
   CHECK(unseen == 7);
   CHECK_THROWS_AS(hand_observer(Session{}), InvalidArgument);
   joints[3].position_rad = JointVector::Zero(2);
@@ -220,7 +233,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
 
 TEST_CASE("a live hand is told picture by picture, with the joints at the time of each", "[hand][live]") {
   struct Stage {
-    int picture = -1;   ///< the newest
+    int picture = -1;  ///< the newest
     static std::int64_t stamp(int k) { return 1'000'000'000 + 40'000'000LL * k; }
     static double turn(int k) { return 0.06 + 0.01 * k; }
   } stage;
@@ -239,7 +252,8 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
     }
     StreamState state() const { return stage->picture == 9 ? StreamState::ended : StreamState::open; }
   } camera{&stage};
-  struct HandMotors {   // every 20 ms, with the newest a little older than the picture; nothing comes with pictures 6 and 7
+  struct HandMotors {  // every 20 ms, with the newest a little older than the picture; nothing comes with pictures 6
+                       // and 7
     Stage* stage;
     int count = 0;
     std::optional<JointSample> next() {
@@ -251,7 +265,8 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
       const double q = 0.06 + 0.01 * k;
       JointVector joints(4);
       joints << q, 0.06, -q, -0.06;
-      return JointSample{std::int64_t(double(Stage::stamp(0)) + 40e6 * k), joints, JointVector::Zero(4), JointVector::Zero(4), Effort::torque_Nm};
+      return JointSample{std::int64_t(double(Stage::stamp(0)) + 40e6 * k), joints, JointVector::Zero(4),
+                         JointVector::Zero(4), Effort::torque_Nm};
     }
     StreamState state() const { return StreamState::open; }
   } motors{&stage};
@@ -264,7 +279,7 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
         INFO("picture " << k);
         CHECK(e.stamp_ns == Stage::stamp(k));
         CHECK(image.width == 640);
-        const bool known = k != 7;   // 6 is near enough to the samples before it
+        const bool known = k != 7;  // 6 is near enough to the samples before it
         CHECK(std::count(e.seen.begin(), e.seen.end(), true) == (known ? 4 : 0));
         CHECK(e.contacts.size() == (known && k >= 3 ? 1u : 0u));
         if (!e.contacts.empty()) {

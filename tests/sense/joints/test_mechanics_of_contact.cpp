@@ -1,9 +1,9 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
+#include "lumo/sense/devices/mini_cheetah.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_solution.hpp"
-#include "lumo/sense/devices/mini_cheetah.hpp"
 #include "lumo/sense/joints/moment_arm.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
@@ -26,7 +26,9 @@ Eigen::Isometry3d pose(const Vec3d& at, double angle = 0.0, const Vec3d& axis = 
 
 /// Two joints, 70 mm apart, pads 45 mm beyond their joints; the second is skewed so that nothing cancels by symmetry.
 SerialChain two_links() {
-  return SerialChain({{pose({0, 0, 0}), Vec3d::UnitX(), pose({0, 0.045, 0.01})}, {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3d(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3d::UnitY())}});
+  return SerialChain(
+      {{pose({0, 0, 0}), Vec3d::UnitX(), pose({0, 0.045, 0.01})},
+       {pose({0.002, 0.07, 0}, 0.3, {0, 1, 1}), Vec3d(1, 0.1, 0), pose({0, 0.045, 0.008}, 0.2, Vec3d::UnitY())}});
 }
 
 JointVector angles(double a, double b) {
@@ -149,7 +151,8 @@ TEST_CASE("torque alone: two joints tell place and force, one tells their produc
   CHECK(s.rank == 1);
   CHECK(s.force_N == Approx(6.0));  // at the middle: the fixed-arm baseline
   const double h = 1e-6;
-  CHECK((0.05 + s.y_m + h * 0.01 * s.null_direction[0]) * (s.force_N + h * s.null_direction[1]) == Approx(0.3).margin(1e-10));
+  CHECK((0.05 + s.y_m + h * 0.01 * s.null_direction[0]) * (s.force_N + h * s.null_direction[1]) ==
+        Approx(0.3).margin(1e-10));
 }
 
 TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian]") {
@@ -174,21 +177,29 @@ TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian
 
 TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says what it does not tell", "[torque]") {
   TorqueModel truth;
-  truth.torque_constant_Nm_per_A = 0.9, truth.coulomb_Nm = 0.03, truth.stribeck_Nm = 0.015, truth.viscous_Nm_s_per_rad = 0.004, truth.bias_Nm = -0.012;
-  truth.gravity_sin_Nm = 0.05, truth.gravity_cos_Nm = -0.02, truth.stribeck_velocity_rad_per_s = 0.25, truth.noise_Nm = 0.004;
+  truth.torque_constant_Nm_per_A = 0.9, truth.coulomb_Nm = 0.03, truth.stribeck_Nm = 0.015,
+  truth.viscous_Nm_s_per_rad = 0.004, truth.bias_Nm = -0.012;
+  truth.gravity_sin_Nm = 0.05, truth.gravity_cos_Nm = -0.02, truth.stribeck_velocity_rad_per_s = 0.25,
+  truth.noise_Nm = 0.004;
   synthetic::Normal normal(12);
   const auto run = [&](auto motion, int samples) {
     std::vector<JointSample> list;
     for (int i = 0; i < samples; ++i) {
       const auto [q, v] = motion(1e-3 * i);
       const double torque = truth.unloaded(q, v) + truth.noise_Nm * normal();
-      list.push_back({i * 1'000'000LL, JointVector::Constant(1, q), JointVector::Constant(1, v), JointVector::Constant(1, torque / 0.9), Effort::current_A});
+      list.push_back({i * 1'000'000LL, JointVector::Constant(1, q), JointVector::Constant(1, v),
+                      JointVector::Constant(1, torque / 0.9), Effort::current_A});
     }
     return list;
   };
   TorqueModel start;
   start.torque_constant_Nm_per_A = 0.9;
-  const auto sweep = run([](double t) { return std::pair(1.2 * std::sin(0.9 * t) + 0.5 * std::sin(2.3 * t), 1.08 * std::cos(0.9 * t) + 1.15 * std::cos(2.3 * t)); }, 12000);
+  const auto sweep = run(
+      [](double t) {
+        return std::pair(1.2 * std::sin(0.9 * t) + 0.5 * std::sin(2.3 * t),
+                         1.08 * std::cos(0.9 * t) + 1.15 * std::cos(2.3 * t));
+      },
+      12000);
   const auto full = identify_unloaded(sweep, 0, start);
   CHECK(full.linear.complete());
   CHECK(full.model.coulomb_Nm == Approx(truth.coulomb_Nm).epsilon(0.03));
@@ -199,7 +210,8 @@ TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says
   CHECK(full.model.stribeck_velocity_rad_per_s == Approx(0.25).epsilon(0.1));
   CHECK(full.model.noise_Nm == Approx(truth.noise_Nm).epsilon(0.05));
 
-  // One speed, one way, a small range: Coulomb, viscous and bias cannot be told apart, nor sine and cosine of the weight.
+  // One speed, one way, a small range: Coulomb, viscous and bias cannot be told apart, nor sine and cosine of the
+  // weight.
   const auto poor = identify_unloaded(run([](double t) { return std::pair(0.02 * t, 0.02 * 20.0); }, 3000), 0, start);
   CHECK_FALSE(poor.linear.complete());
   CHECK(poor.linear.rank <= 2);
@@ -214,9 +226,12 @@ TEST_CASE("an unloaded run gives friction, bias and weight back, a poor one says
 
 TEST_CASE("the motor protocol packs what its bytes say", "[motor]") {
   const MiniCheetahProtocol p;
-  // By hand: 0 in a symmetric range is half of all ones, rounded: 0x8000 of 16 bits, 0x800 of 12; kp 500 is 0xfff, kd 0 is 0.
-  CHECK(p.pack({0.0, 0.0, 500.0, 0.0, 0.0}) == MiniCheetahProtocol::Bytes{0x80, 0x00, 0x80, 0x0f, 0xff, 0x00, 0x08, 0x00});
-  CHECK(p.pack({-99.0, 99.0, -1.0, 5.0, 18.0}) == MiniCheetahProtocol::Bytes{0x00, 0x00, 0xff, 0xf0, 0x00, 0xff, 0xff, 0xff});
+  // By hand: 0 in a symmetric range is half of all ones, rounded: 0x8000 of 16 bits, 0x800 of 12; kp 500 is 0xfff, kd 0
+  // is 0.
+  CHECK(p.pack({0.0, 0.0, 500.0, 0.0, 0.0}) ==
+        MiniCheetahProtocol::Bytes{0x80, 0x00, 0x80, 0x0f, 0xff, 0x00, 0x08, 0x00});
+  CHECK(p.pack({-99.0, 99.0, -1.0, 5.0, 18.0}) ==
+        MiniCheetahProtocol::Bytes{0x00, 0x00, 0xff, 0xf0, 0x00, 0xff, 0xff, 0xff});
   CHECK_THROWS_AS(p.pack({std::numeric_limits<double>::quiet_NaN(), 0, 0, 0, 0}), InvalidArgument);
   const std::array<std::uint8_t, 6> reply{3, 0xff, 0xff, 0x00, 0x08, 0x00};
   const auto r = p.unpack(reply);
@@ -267,7 +282,8 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
 
   const SerialChain chain = two_links();
   ForceSample s;
-  s.position_rad = angles(0.3, 0.8), s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012}), s.true_y_m = 0.012, s.true_force_N = 6.0;
+  s.position_rad = angles(0.3, 0.8), s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012}),
+  s.true_y_m = 0.012, s.true_force_N = 6.0;
   const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), 1, -0.025, 0.025, 0.01);
   CHECK(two.torque_only.samples == 1);
   CHECK(two.torque_only.mae_N < 1e-3);
@@ -279,7 +295,9 @@ TEST_CASE("contact torques are motor minus model, on the frames' clock", "[torqu
   TorqueModel m;
   m.torque_constant_Nm_per_A = 0.5, m.bias_Nm = 0.1;
   std::vector<JointSample> samples;
-  for (int i = 0; i < 5; ++i) samples.push_back({i * 1'000'000LL, JointVector::Constant(1, 0.1 * i), JointVector::Zero(1), JointVector::Constant(1, 1.0 + i), Effort::current_A});
+  for (int i = 0; i < 5; ++i)
+    samples.push_back({i * 1'000'000LL, JointVector::Constant(1, 0.1 * i), JointVector::Zero(1),
+                       JointVector::Constant(1, 1.0 + i), Effort::current_A});
   const ContactTorques torques(samples, {m}, ClockMap{0, 1.0, 0.0, 0.0}, 0.5e-3);
   const auto v = torques.at(1'000'000'000 + 1'000'000);  // 1.5 ms of the joints' clock
   REQUIRE(v);
@@ -296,7 +314,8 @@ TEST_CASE("a planar finger is the serial chain of the same joints, and the momen
     for (int k = 1; k < joints; ++k) ways.push_back(0.03 + 0.01 * k);
     const PlanarFinger finger(ways, 0.05);
     std::vector<SerialChain::Link> links(static_cast<std::size_t>(joints));
-    for (int k = 1; k < joints; ++k) links[std::size_t(k)].joint.translation() = Vec3d(0.0, ways[std::size_t(k - 1)], 0.0);
+    for (int k = 1; k < joints; ++k)
+      links[std::size_t(k)].joint.translation() = Vec3d(0.0, ways[std::size_t(k - 1)], 0.0);
     links.back().finger.translation() = Vec3d(0.0, 0.05, 0.0);
     const SerialChain chain(links);
     for (int trial = 0; trial < 20; ++trial) {

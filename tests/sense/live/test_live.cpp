@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
+#include "lumo/sense/joints/moment_arm.hpp"
 #include "lumo/sense/live/live_force.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
@@ -12,10 +12,10 @@
 #include <cmath>
 #include <cstddef>
 #include <filesystem>
-#include <stdexcept>
 #include <fstream>
 #include <mutex>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,7 +27,8 @@ namespace {
 
 using synthetic::ms;
 
-/// A finger, its camera and its motor on a clock that goes on by a millisecond whenever somebody looks. It is pressed from two seconds on.
+/// A finger, its camera and its motor on a clock that goes on by a millisecond whenever somebody looks. It is pressed
+/// from two seconds on.
 struct Bench {
   static constexpr double joint_to_origin_m = 0.055, place_m = 12.0e-3;
   static constexpr std::int64_t begin = 5'000'000 * ms;
@@ -36,7 +37,7 @@ struct Bench {
   bool with_motor = true, camera_there = true;
   std::int64_t camera_goes_ns = INT64_MAX, motor_goes_ns = INT64_MAX, dark_from_ns = INT64_MAX;
   double step_Nm = 0.0, noise_Nm = 0.006;
-  int backlog = 0;   ///< samples that queued up before, and are stamped when they are read
+  int backlog = 0;  ///< samples that queued up before, and are stamped when they are read
 
   double since_s(std::int64_t t) const { return 1e-9 * double(t - begin); }
   double force_N(std::int64_t t) const { return std::clamp(8.0 * (since_s(t) - 2.0) / 0.3, 0.0, 8.0); }
@@ -57,7 +58,11 @@ class BenchCamera {
     const double change = 1.6 * bench_->force_N(t);
     image_ = synthetic::paint(
         {320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5},
-        [&](double y, double across) { return synthetic::leds(y, across, 90.0) + change * std::exp(-0.5 * std::pow((y - Bench::place_m) / 4.5e-3, 2)); }, 2.0, 500 + std::uint64_t(count_));
+        [&](double y, double across) {
+          return synthetic::leds(y, across, 90.0) +
+                 change * std::exp(-0.5 * std::pow((y - Bench::place_m) / 4.5e-3, 2));
+        },
+        2.0, 500 + std::uint64_t(count_));
     if (t >= bench_->dark_from_ns) image_ = Image::black(320, 240, PixelFormat::bgr);
     return Frame{image_.view(), t, 0.001, 64.0, count_++};
   }
@@ -76,15 +81,21 @@ class BenchMotor {
  public:
   explicit BenchMotor(Bench& bench) : bench_(&bench) {}
   std::optional<JointSample> next() {
-    if (bench_->backlog > 0 && bench_->backlog-- > 0) return JointSample{bench_->now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Zero(1), Effort::torque_Nm};
+    if (bench_->backlog > 0 && bench_->backlog-- > 0)
+      return JointSample{bench_->now, JointVector::Zero(1), JointVector::Zero(1), JointVector::Zero(1),
+                         Effort::torque_Nm};
     if (state() != StreamState::open || next_ > bench_->now) return std::nullopt;
     const std::int64_t t = std::exchange(next_, next_ + 2 * ms);
     const TorqueModel m = bench_->joint();
-    double torque = m.unloaded(0.3, 0.0) + bench_->force_N(t) * (Bench::joint_to_origin_m + Bench::place_m) + m.noise_Nm * normal_();
+    double torque = m.unloaded(0.3, 0.0) + bench_->force_N(t) * (Bench::joint_to_origin_m + Bench::place_m) +
+                    m.noise_Nm * normal_();
     if (bench_->step_Nm > 0.0) torque = bench_->step_Nm * std::round(torque / bench_->step_Nm);
-    return JointSample{t, JointVector::Constant(1, 0.3), JointVector::Zero(1), JointVector::Constant(1, torque), Effort::torque_Nm};
+    return JointSample{t, JointVector::Constant(1, 0.3), JointVector::Zero(1), JointVector::Constant(1, torque),
+                       Effort::torque_Nm};
   }
-  StreamState state() const { return !bench_->with_motor || bench_->now >= bench_->motor_goes_ns ? StreamState::failed : StreamState::open; }
+  StreamState state() const {
+    return !bench_->with_motor || bench_->now >= bench_->motor_goes_ns ? StreamState::failed : StreamState::open;
+  }
 
  private:
   Bench* bench_;
@@ -96,7 +107,9 @@ static_assert(Actuator<BenchMotor>);
 
 const LongitudinalBins bench_bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
 
-BayesLocalizer make_bayes(const GreenProfile& readout, const UnloadedReference& unloaded) { return BayesLocalizer(finger_localizer(readout, unloaded)); }
+BayesLocalizer make_bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  return BayesLocalizer(finger_localizer(readout, unloaded));
+}
 
 std::vector<ForceEstimate> press(Bench& bench, double seconds, const JointReference& joints) {
   BenchCamera camera(bench);
@@ -105,11 +118,13 @@ std::vector<ForceEstimate> press(Bench& bench, double seconds, const JointRefere
   LiveWait wait;
   wait.now_ns = [] { return Bench::now; };
   estimate_forces_live(
-      camera, motor, joints, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m}, [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; },
-      "bench", 0, wait);
+      camera, motor, joints, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m},
+      [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; }, "bench", 0, wait);
   return told;
 }
-std::vector<ForceEstimate> press(Bench& bench, double seconds) { return press(bench, seconds, {{bench.joint()}, {0.01}, 0.0}); }
+std::vector<ForceEstimate> press(Bench& bench, double seconds) {
+  return press(bench, seconds, {{bench.joint()}, {0.01}, 0.0});
+}
 
 }  // namespace
 
@@ -117,7 +132,7 @@ TEST_CASE("force and place are told picture by picture while the streams come", 
   Bench bench;
   const auto told = press(bench, 4.0);
   CHECK(told.size() > 80);
-  CHECK(told.size() < 100);   // 30 pictures a second for three seconds
+  CHECK(told.size() < 100);  // 30 pictures a second for three seconds
   int pressed = 0;
   for (const ForceEstimate& e : told) {
     const double t = bench.since_s(e.stamp_ns);
@@ -132,11 +147,12 @@ TEST_CASE("force and place are told picture by picture while the streams come", 
     CHECK(*e.contact[0].y_m == Approx(Bench::place_m).margin(1.5e-3));
   }
   CHECK(pressed > 35);
-  CHECK(told.front().state == EstimatorState::ok);   // what begins is not missing
+  CHECK(told.front().state == EstimatorState::ok);  // what begins is not missing
   CHECK_FALSE(told.front().faults.any());
 }
 
-TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, and what had queued up tells nothing", "[live]") {
+TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, and what had queued up tells nothing",
+          "[live]") {
   Bench bench;
   bench.step_Nm = 36.0 / 4095.0, bench.noise_Nm = 0.002, bench.backlog = 400;
   std::vector<JointSample> before;
@@ -146,10 +162,13 @@ TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, an
   bench.now = Bench::begin;
   JointReference joints = identify_joints(before, Session{}, INT64_MAX);
   CHECK(joints.effort_step == Approx(bench.step_Nm));
-  CHECK(identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), Session{}, INT64_MAX).effort_step == 0.0);   // too few to tell
+  CHECK(
+      identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), Session{}, INT64_MAX).effort_step ==
+      0.0);  // too few to tell
   const auto told = press(bench, 4.0, joints);
   int stuck = 0, dropped = 0;
-  for (const ForceEstimate& e : told) stuck += e.faults.has(Fault::torque_stuck), dropped += e.faults.has(Fault::joint_dropped);
+  for (const ForceEstimate& e : told)
+    stuck += e.faults.has(Fault::torque_stuck), dropped += e.faults.has(Fault::joint_dropped);
   CHECK(told.size() > 80);
   CHECK(stuck == 0);
   CHECK(dropped == 0);
@@ -159,15 +178,16 @@ TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, an
 
 TEST_CASE("what a camera gives that cannot be used does not silence the estimate", "[live]") {
   Bench bench;
-  bench.dark_from_ns = Bench::begin + 2000 * ms, bench.camera_goes_ns = Bench::begin + 3500 * ms, bench.motor_goes_ns = Bench::begin + 3500 * ms;
+  bench.dark_from_ns = Bench::begin + 2000 * ms, bench.camera_goes_ns = Bench::begin + 3500 * ms,
+  bench.motor_goes_ns = Bench::begin + 3500 * ms;
   int dark = 0;
   for (const ForceEstimate& e : press(bench, 60.0))
     if (bench.since_s(e.stamp_ns) > 2.3) {
       ++dark;
       CHECK(e.state == EstimatorState::torque_only);
-      CHECK((e.faults.has(Fault::frame_black) || e.faults.has(Fault::frame_repeated)));   // all alike
+      CHECK((e.faults.has(Fault::frame_black) || e.faults.has(Fault::frame_repeated)));  // all alike
     }
-  CHECK(dark >= 5);   // every 0.2 s
+  CHECK(dark >= 5);  // every 0.2 s
 }
 
 TEST_CASE("a camera or motor that goes is a state, and the end only when both have gone", "[live]") {
@@ -205,11 +225,12 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   std::vector<double> asked;
   {
     LogRecorder recorder(name, to_json(plan), [](const ImageView& v) { return encode_image(".png", v); });
-    record_live(camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, "bench", wait);
+    record_live(
+        camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, "bench", wait);
     recorder.finish();
     CHECK(recorder.frames() == 31);
     CHECK(recorder.lost_frames() == 0);
-    CHECK(recorder.lost_samples() <= 6);   // before the first picture
+    CHECK(recorder.lost_samples() <= 6);  // before the first picture
   }
   CHECK(asked.front() == 0.0);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
@@ -229,7 +250,8 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
     std::optional<Frame> truth;
     while (!truth) truth = again.next();
     REQUIRE(f->image.width == truth->image.width);
-    for (int y = 0; y < f->image.height; ++y) REQUIRE(std::equal(f->image.row(y), f->image.row(y) + 3 * f->image.width, truth->image.row(y)));
+    for (int y = 0; y < f->image.height; ++y)
+      REQUIRE(std::equal(f->image.row(y), f->image.row(y) + 3 * f->image.width, truth->image.row(y)));
   }
 }
 
@@ -242,7 +264,7 @@ TEST_CASE("a recorder leaves out what goes back in time or cannot be seen, and s
   const JointSample sample{140, JointVector::Zero(2), JointVector::Zero(2), JointVector::Zero(2), Effort::current_A};
   {
     LogRecorder recorder(name, to_json(Session{}), [](const ImageView& v) { return encode_image(".png", v); });
-    recorder.add(sample);   // nothing to be stamped by yet
+    recorder.add(sample);  // nothing to be stamped by yet
     recorder.add(frame(100));
     recorder.add(frame(100));
     recorder.add(frame(90));
@@ -282,7 +304,7 @@ TEST_CASE("a recording that breaks off is a log up to there", "[live]") {
   BenchMotor motor(bench);
   struct {
     BenchCamera* inner;
-    std::optional<Frame> next() {   // falls silent after half a second
+    std::optional<Frame> next() {  // falls silent after half a second
       auto f = inner->next();
       return f && f->stamp_ns > Bench::begin + 500 * ms ? std::nullopt : f;
     }
@@ -292,12 +314,13 @@ TEST_CASE("a recording that breaks off is a log up to there", "[live]") {
   wait.now_ns = [] { return Bench::now; };
   try {
     LogRecorder recorder(name, to_json(Session{}), [](const ImageView& v) { return encode_image(".png", v); });
-    record_live(silent, motor, recorder, [](double) { return true; }, "bench", wait);
+    record_live(
+        silent, motor, recorder, [](double) { return true; }, "bench", wait);
     FAIL("a silent camera must be told");
   } catch (const InputError& e) {
     CHECK(std::string(e.what()) == "bench: has given no picture for 2 s");
   }
-  const RecordedLog log = read_log_folder(name);   // written by the recorder's end
+  const RecordedLog log = read_log_folder(name);  // written by the recorder's end
   CHECK(log.frames.size() == 15);
   CHECK(log.joints.size() > 1000);
 }
@@ -333,14 +356,15 @@ TEST_CASE("pictures that the disk is too far behind with are left out and counte
   });
   for (std::int64_t t = 0; t < 100; ++t) recorder.add(Frame{image.view(), t, 0.0, 0.0, t});
   CHECK(recorder.frames() >= recorder.most_waiting);
-  CHECK(recorder.frames() <= recorder.most_waiting + 1);   // one may be under way
+  CHECK(recorder.frames() <= recorder.most_waiting + 1);  // one may be under way
   CHECK(recorder.frames() + recorder.lost_frames() == 100);
   shut.unlock();
   recorder.finish();
   CHECK(read_log_folder(folder.path.string()).frames.size() == recorder.frames());
 }
 
-TEST_CASE("a plan is announced in the order of time, moved where it begins too soon, and keeps what was done", "[live]") {
+TEST_CASE("a plan is announced in the order of time, moved where it begins too soon, and keeps what was done",
+          "[live]") {
   const auto segment = [](double from_s, double to_s, int place) {
     Segment s;
     s.from_ns = std::int64_t(1e9 * from_s), s.to_ns = std::int64_t(1e9 * to_s), s.place = place;
@@ -352,13 +376,13 @@ TEST_CASE("a plan is announced in the order of time, moved where it begins too s
   const Segment* first = plan.announced(1.0);
   REQUIRE(first);
   CHECK(first->place == 0);
-  CHECK(first->from_ns == 3'000'000'000);   // as the plan says
+  CHECK(first->from_ns == 3'000'000'000);  // as the plan says
   CHECK(plan.announced(1.0) == nullptr);
   REQUIRE(plan.announced(7.0));
   CHECK(plan.announced(7.0) == nullptr);
   CHECK(plan.done(7'999'999'999).size() == 1);
   CHECK(plan.done(8'000'000'000).size() == 2);
-  for (const double begin_s : {0.0, 1.0, 1e6, -50.0}) {   // too soon, or of another recording's clock
+  for (const double begin_s : {0.0, 1.0, 1e6, -50.0}) {  // too soon, or of another recording's clock
     const RecordingPlan moved({segment(begin_s, begin_s + 1.0, 0), segment(begin_s + 5.0, begin_s + 6.5, 1)});
     CHECK(moved.segments()[0].from_ns == 2'000'000'000);
     CHECK(moved.seconds() == Approx(8.5));

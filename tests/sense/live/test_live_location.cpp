@@ -14,7 +14,8 @@ using namespace lumo::sense;
 
 namespace {
 
-/// A camera that has nothing at every other call, loses a picture, sees nothing in another, and is touched from one and a half seconds on.
+/// A camera that has nothing at every other call, loses a picture, sees nothing in another, and is touched from one and
+/// a half seconds on.
 class LiveScene {
  public:
   explicit LiveScene(int frames, bool with_leds = true) : frames_(frames), with_leds_(with_leds) {}
@@ -25,7 +26,8 @@ class LiveScene {
     image_ = synthetic::paint(
         {320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5},
         [&](double y, double across) {
-          return (with_leds_ ? synthetic::leds(y, across, 90.0) : 60.0) + (k < 45 ? 0.0 : 14.0 * std::exp(-0.5 * std::pow((y - place(k)) / 4.5e-3, 2)));
+          return (with_leds_ ? synthetic::leds(y, across, 90.0) : 60.0) +
+                 (k < 45 ? 0.0 : 14.0 * std::exp(-0.5 * std::pow((y - place(k)) / 4.5e-3, 2)));
         },
         2.0, 300 + std::uint64_t(k));
     if (k == 70) image_ = Image::black(320, 240, PixelFormat::bgr);
@@ -46,7 +48,9 @@ static_assert(Camera<LiveScene>);
 
 const LongitudinalBins bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
 
-PeakLocalizer make_peak(const GreenProfile& readout, const UnloadedReference& unloaded) { return PeakLocalizer({readout.positions_m(), unloaded.noise()}); }
+PeakLocalizer make_peak(const GreenProfile& readout, const UnloadedReference& unloaded) {
+  return PeakLocalizer({readout.positions_m(), unloaded.noise()});
+}
 
 }  // namespace
 
@@ -67,18 +71,22 @@ TEST_CASE("a finger before a live camera is located picture by picture, until th
         return true;
       },
       "camera");
-  CHECK(told == 100 - 31);   // the first second is rest
+  CHECK(told == 100 - 31);  // the first second is rest
 }
 
 TEST_CASE("whoever is told may end it, and a camera that shows no finger is refused", "[localizer]") {
   LiveScene camera(100), nothing(100, false), none(0), one(1);
   int count = 0;
-  locate_live(camera, Session{}, bins, make_peak, [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; }, "camera");
+  locate_live(
+      camera, Session{}, bins, make_peak,
+      [&](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return ++count < 5; }, "camera");
   CHECK(count == 5);
   CHECK(camera.state() == StreamState::open);
   const auto refused = [&](auto& scene) {
     try {
-      locate_live(scene, Session{}, bins, make_peak, [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; }, "the camera", {.patience_s = 0.2});
+      locate_live(scene, Session{}, bins, make_peak,
+                  [](std::int64_t, const std::optional<LocationEstimate>&, Faults) { return true; }, "the camera",
+                  {.patience_s = 0.2});
     } catch (const InputError& e) {
       return std::string(e.what());
     }
@@ -91,5 +99,5 @@ TEST_CASE("whoever is told may end it, and a camera that shows no finger is refu
     std::optional<Frame> next() { return std::nullopt; }
     StreamState state() const { return StreamState::open; }
   } silent;
-  CHECK(refused(silent) == "the camera: has given no picture for 0.2 s");   // and does not wait for ever
+  CHECK(refused(silent) == "the camera: has given no picture for 0.2 s");  // and does not wait for ever
 }

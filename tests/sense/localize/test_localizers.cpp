@@ -2,8 +2,8 @@
 
 #include "lumo/core/units.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
-#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
+#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "sense/synthetic.hpp"
 
 using namespace lumo;
@@ -16,7 +16,8 @@ constexpr std::int64_t frame_ns = 33'333'333;
 
 Profile bump(double y, double height, double width, double noise, synthetic::Normal& normal, std::int64_t stamp = 0) {
   Profile p{stamp, Eigen::VectorXd(places.size()), 0.0};
-  for (Eigen::Index i = 0; i < places.size(); ++i) p.value[i] = height * std::exp(-0.5 * std::pow((places[i] - y) / width, 2)) + noise * normal();
+  for (Eigen::Index i = 0; i < places.size(); ++i)
+    p.value[i] = height * std::exp(-0.5 * std::pow((places[i] - y) / width, 2)) + noise * normal();
   return p;
 }
 
@@ -30,18 +31,19 @@ BayesLocalizer::Config bayes(double noise) {
 }
 
 /// Laws of LocationEstimator, for any model.
-template <LocationEstimator L>
-void check_laws(L fresh) {
+template <LocationEstimator L> void check_laws(L fresh) {
   synthetic::Normal normal(3);
   L a = fresh, b = fresh;
   std::vector<Profile> frames;
-  for (int k = 0; k < 12; ++k) frames.push_back(bump(k < 6 ? 5e-3 : -9e-3, k % 6 < 2 ? 0.0 : 10.0, 4e-3, 0.3, normal, k * frame_ns));
+  for (int k = 0; k < 12; ++k)
+    frames.push_back(bump(k < 6 ? 5e-3 : -9e-3, k % 6 < 2 ? 0.0 : 10.0, 4e-3, 0.3, normal, k * frame_ns));
   for (int k = 0; k < 8; ++k) a.update(frames[std::size_t(k)]);
   LocationEstimate before;
   for (int k = 0; k < 8; ++k) before = b.update(frames[std::size_t(k)]);
   // causal: b sees another future, what it said does not change; an old frame changes nothing
   const auto same = [](const LocationEstimate& x, const LocationEstimate& y) {
-    return x.contacts == y.contacts && x.contact[0].y_m == y.contact[0].y_m && x.contact[0].variance_m2 == y.contact[0].variance_m2;
+    return x.contacts == y.contacts && x.contact[0].y_m == y.contact[0].y_m &&
+           x.contact[0].variance_m2 == y.contact[0].variance_m2;
   };
   Profile old = frames[2];
   old.value.setConstant(1e3);
@@ -110,7 +112,8 @@ TEST_CASE("the number of contacts is told, with lamps and room that drift", "[lo
     constexpr int trials = 150;
     for (int t = 0; t < trials; ++t) {
       BayesLocalizer l(c);
-      const double y1 = -22e-3 + 14e-3 * normal.uniform(), y2 = 6e-3 + 16e-3 * normal.uniform(), w = (3.0 + 1.5 * normal.uniform()) * 1e-3;
+      const double y1 = -22e-3 + 14e-3 * normal.uniform(), y2 = 6e-3 + 16e-3 * normal.uniform(),
+                   w = (3.0 + 1.5 * normal.uniform()) * 1e-3;
       const double lamp = 0.01 * normal(), room = 0.3 * normal();
       LocationEstimate e;
       for (int k = 0; k < 4; ++k) {
@@ -120,7 +123,8 @@ TEST_CASE("the number of contacts is told, with lamps and room that drift", "[lo
         e = l.update(f);
       }
       right += e.contacts == expected;
-      if (e.contacts == 2 && expected == 2) error = std::max({error, std::abs(e.contact[0].y_m - y1), std::abs(e.contact[1].y_m - y2)});
+      if (e.contacts == 2 && expected == 2)
+        error = std::max({error, std::abs(e.contact[0].y_m - y1), std::abs(e.contact[1].y_m - y2)});
     }
     INFO("contacts " << expected);
     CHECK(right >= trials * 97 / 100);
@@ -129,7 +133,8 @@ TEST_CASE("the number of contacts is told, with lamps and room that drift", "[lo
 }
 
 TEST_CASE("intervals of the probabilistic localiser hold what they promise", "[localizer]") {
-  // Bumps as assumed, white noise, no further error: 90 % intervals must hold 90 % of the places, at small and large signals.
+  // Bumps as assumed, white noise, no further error: 90 % intervals must hold 90 % of the places, at small and large
+  // signals.
   auto c = bayes(1.0);
   c.bias_sigma_m = 0.0, c.shape_error = 0.0, c.spacing_m = 0.25e-3, c.ambient_sigma = 0.0;
   for (const double height : {6.0, 15.0, 60.0}) {
@@ -173,7 +178,8 @@ TEST_CASE("a contact that moves on is followed", "[localizer]") {
 TEST_CASE("a contact's random walk widens the place as much at any frame rate", "[localizer]") {
   auto c = bayes(1.0);
   c.change_rate_per_s = 1e-9, c.shape_error = 0.0, c.ambient_sigma = 0.0;
-  c.width_m.fill(2e-3), c.from_m = -12e-3, c.to_m = 12e-3;  // no bump reaches the profile's ends, where darkness would tell something
+  c.width_m.fill(2e-3), c.from_m = -12e-3,
+                        c.to_m = 12e-3;  // no bump reaches the profile's ends, where darkness would tell something
   const auto variance = [](const BayesLocalizer& l) {
     const double mean = l.place().dot(l.grid_m());
     return l.place().dot((l.grid_m().array() - mean).square().matrix());
@@ -184,16 +190,19 @@ TEST_CASE("a contact's random walk widens the place as much at any frame rate", 
     l.update(bump(0.0, 400.0, 2e-3, 0.0, none, 0));
     const double before = variance(l);
     // Darkness says nothing of where: all places explain it alike.
-    for (int k = 1; k <= rate; ++k) l.update(Profile{k * (1'000'000'000LL / rate), Eigen::VectorXd::Zero(places.size()), 0.0});
+    for (int k = 1; k <= rate; ++k)
+      l.update(Profile{k * (1'000'000'000LL / rate), Eigen::VectorXd::Zero(places.size()), 0.0});
     INFO(rate << " frames per second");
     CHECK(variance(l) - before == Approx(1e-6).epsilon(0.03));  // 1 mm/√s for a second
   }
 }
 
 TEST_CASE("what profiles add one by one is what all of them tell together", "[localizer]") {
-  // White noise alone: estimates taken as independent, with the noises that they state, must end with the variance that the posterior has.
+  // White noise alone: estimates taken as independent, with the noises that they state, must end with the variance that
+  // the posterior has.
   auto c = bayes(1.0);
-  c.shape_error = 0.0, c.ambient_sigma = 0.0, c.bias_sigma_m = 0.0, c.change_rate_per_s = 1e-6, c.spacing_m = 0.1e-3, c.creep_m_per_sqrt_s = 0.2e-3;
+  c.shape_error = 0.0, c.ambient_sigma = 0.0, c.bias_sigma_m = 0.0, c.change_rate_per_s = 1e-6, c.spacing_m = 0.1e-3,
+  c.creep_m_per_sqrt_s = 0.2e-3;
   c.from_m = -15e-3, c.to_m = 15e-3;
   synthetic::Normal normal(8);
   BayesLocalizer l(c);
@@ -202,11 +211,13 @@ TEST_CASE("what profiles add one by one is what all of them tell together", "[lo
   for (int k = 0; k < 12; ++k) {
     e = l.update(bump(2e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
     REQUIRE(e.contacts == 1);
-    information = 1.0 / ((information > 0.0 ? 1.0 / information + 4e-8 * 1e-9 * double(frame_ns) : 1e9)) + 1.0 / e.contact[0].noise_variance_m2;
+    information = 1.0 / ((information > 0.0 ? 1.0 / information + 4e-8 * 1e-9 * double(frame_ns) : 1e9)) +
+                  1.0 / e.contact[0].noise_variance_m2;
   }
   CHECK(1.0 / information == Approx(e.contact[0].variance_m2).epsilon(0.15));
   // Another contact, far away: what it tells is its own.
-  for (int k = 12; k < 24 && std::abs(e.contact[0].y_m - 2e-3) < 1e-3; ++k) e = l.update(bump(-8e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
+  for (int k = 12; k < 24 && std::abs(e.contact[0].y_m - 2e-3) < 1e-3; ++k)
+    e = l.update(bump(-8e-3, 15.0, 4e-3, 1.0, normal, k * frame_ns));
   CHECK(e.contact[0].y_m == Approx(-8e-3).margin(1.5e-3));
   CHECK(e.contact[0].noise_variance_m2 == Approx(e.contact[0].variance_m2));
   c.bias_sigma_m = 0.7e-3;
@@ -228,7 +239,8 @@ TEST_CASE("a contact near a clear end, which throws its light back, is found whe
     for (int k = 0; k < 40; ++k) {
       const double y = (k % 2 == 0 ? 1.0 : -1.0) * (23.0e-3 + 0.1e-3 * k);
       Profile p = bump(y, 20.0, 4e-3, 0.3, normal);
-      const Profile image = bump(std::copysign(60e-3, y) - y, 10.0, 4e-3, 0.0, normal);   // the pad ends at ±30 mm, half of the light comes back
+      const Profile image = bump(std::copysign(60e-3, y) - y, 10.0, 4e-3, 0.0,
+                                 normal);  // the pad ends at ±30 mm, half of the light comes back
       p.value += image.value;
       auto c = bayes(0.3);
       c.from_m = -27.5e-3, c.to_m = 27.5e-3;

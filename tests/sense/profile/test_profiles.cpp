@@ -1,9 +1,9 @@
 #include "catch.hpp"
 
-#include "lumo/sense/profile/green_profile.hpp"
-#include "lumo/sense/profile/led_detector.hpp"
 #include "lumo/sense/devices/photodiodes.hpp"
 #include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/profile/green_profile.hpp"
+#include "lumo/sense/profile/led_detector.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"
 #include "sense/synthetic.hpp"
 
@@ -21,7 +21,8 @@ AxisMap map_of(const View& v, double sigma_px = 0.1) {
 }
 
 /// Mean green of all pixels whose centre lies in the bin and the band: straight from the definition.
-Eigen::VectorXd direct_profile(const View& v, const Image& image, const LongitudinalBins& bins, double low, double high) {
+Eigen::VectorXd direct_profile(const View& v, const Image& image, const LongitudinalBins& bins, double low,
+                               double high) {
   Eigen::VectorXd sum = Eigen::VectorXd::Zero(bins.size()), count = sum;
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width; ++x) {
@@ -29,7 +30,8 @@ Eigen::VectorXd direct_profile(const View& v, const Image& image, const Longitud
       const double along = v.y(p.dot(d)), across = (-p.x() * d.y() + p.y() * d.x()) / v.px_per_m;
       if (across < low || across >= high) continue;
       for (Eigen::Index b = 0; b < bins.size(); ++b)
-        if (along >= bins.edges_m[b] && along < bins.edges_m[b + 1]) sum[b] += image.view().green(x, y), count[b] += 1.0;
+        if (along >= bins.edges_m[b] && along < bins.edges_m[b + 1])
+          sum[b] += image.view().green(x, y), count[b] += 1.0;
     }
   return sum.cwiseQuotient(count);
 }
@@ -67,13 +69,15 @@ TEST_CASE("the axis map's variance is that of fits to jittered places", "[profil
     for (int t = 0; t < trials; ++t) {
       Eigen::Matrix2Xd pixel(2, 5);
       Eigen::VectorXd place(5);
-      for (int k = 0; k < 5; ++k) place[k] = 11e-3 * (k - 2), pixel.col(k) = v.pixel(place[k]) + sigma * Eigen::Vector2d(normal(), normal());
+      for (int k = 0; k < 5; ++k)
+        place[k] = 11e-3 * (k - 2), pixel.col(k) = v.pixel(place[k]) + sigma * Eigen::Vector2d(normal(), normal());
       const AxisMap m = AxisMap::fit(pixel, place, 1e-3);
       const double error = m.y_m(m.u_px(v.pixel(y))) - y;
       sum += error, squares += error * error;
     }
     const double found = squares / trials - std::pow(sum / trials, 2);
-    CHECK(expected.variance_m2(expected.u_px(v.pixel(y))) == Approx(found).epsilon(0.08));  // standard error of a variance from 4000: 2.2 %
+    CHECK(expected.variance_m2(expected.u_px(v.pixel(y))) ==
+          Approx(found).epsilon(0.08));  // standard error of a variance from 4000: 2.2 %
   }
 }
 
@@ -103,7 +107,8 @@ TEST_CASE("an upright view in one format gives sums that are exact", "[profiles]
   map.origin_px = v.origin, map.half_length_px = 100.0, map.coefficients = {0.0, 10.0_mm, 0.0};
   const Image image = synthetic::paint(v, smooth_light, 20.0, 3);
   const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 10);
-  GreenProfile readout({map, bins, -14.95_mm, 14.95_mm, v.width, v.height, PixelFormat::bgr});  // 299 rows: more than 16 bits take
+  GreenProfile readout(
+      {map, bins, -14.95_mm, 14.95_mm, v.width, v.height, PixelFormat::bgr});  // 299 rows: more than 16 bits take
   Profile p;
   REQUIRE(readout.read(Frame{image.view(), 0}, p));
   for (int b = 0; b < 10; ++b) {
@@ -121,19 +126,28 @@ TEST_CASE("every n-th line along the finger is read, level or upright", "[profil
     const Image image = synthetic::paint(v, smooth_light, 0.0, 3);
     const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 25);
     const auto profile = [&](int step) {
-      GreenProfile readout({.map = map_of(v), .bins = bins, .band_low_m = -5.0_mm, .band_high_m = 5.0_mm, .width = v.width, .height = v.height, .row_step = step});
+      GreenProfile readout({.map = map_of(v),
+                            .bins = bins,
+                            .band_low_m = -5.0_mm,
+                            .band_high_m = 5.0_mm,
+                            .width = v.width,
+                            .height = v.height,
+                            .row_step = step});
       Profile p;
       REQUIRE(readout.read(Frame{image.view(), 0}, p));
       return p.value;
     };
     INFO("angle " << angle);
-    // The light's slope across the finger is 7.2 DN over the band of 90 lines: every third line is off by no more than a line's 0.1 DN, and rounding.
+    // The light's slope across the finger is 7.2 DN over the band of 90 lines: every third line is off by no more than
+    // a line's 0.1 DN, and rounding.
     CHECK((profile(3) - profile(1)).cwiseAbs().maxCoeff() < 0.3);
   }
 }
 
-TEST_CASE("where the perspective is beyond what a camera sees, the rest of the map is the best for what is left", "[profiles]") {
-  // Places as y = b s/(1 + c s) with c = 0.6 has them, which the fit does not take. Independent: scan a and b for c = ½.
+TEST_CASE("where the perspective is beyond what a camera sees, the rest of the map is the best for what is left",
+          "[profiles]") {
+  // Places as y = b s/(1 + c s) with c = 0.6 has them, which the fit does not take. Independent: scan a and b for c =
+  // ½.
   Eigen::Matrix2Xd pixel = Eigen::Matrix2Xd::Zero(2, 5);
   Eigen::VectorXd y(5);
   for (int k = 0; k < 5; ++k) pixel(0, k) = 100.0 * (k - 2), y[k] = 20e-3 * (0.5 * (k - 2)) / (1.0 + 0.3 * (k - 2));
@@ -148,10 +162,12 @@ TEST_CASE("where the perspective is beyond what a camera sees, the rest of the m
   };
   const double best = misfit(map.coefficients[0], map.coefficients[1]);
   CHECK(map.residual_px > 0.1);
-  // u(y) − u and its linearisation (y(u) − y)/y'(u) have nearby minima: no place within a tenth of the coefficients is much better.
+  // u(y) − u and its linearisation (y(u) − y)/y'(u) have nearby minima: no place within a tenth of the coefficients is
+  // much better.
   double least = best;
   for (int i = -20; i <= 20; ++i)
-    for (int j = -20; j <= 20; ++j) least = std::min(least, misfit(map.coefficients[0] + 1e-4 * i, map.coefficients[1] * (1.0 + 0.01 * j)));
+    for (int j = -20; j <= 20; ++j)
+      least = std::min(least, misfit(map.coefficients[0] + 1e-4 * i, map.coefficients[1] * (1.0 + 0.01 * j)));
   INFO("misfit " << best << ", least " << least);
   CHECK(best < 1.5 * least);
 }
@@ -175,8 +191,10 @@ TEST_CASE("what is not of the readout's size is refused and changes nothing", "[
 
 TEST_CASE("the positive profile counts what got brighter and forgets what got darker", "[profiles]") {
   const View v;
-  const auto dark = synthetic::paint(v, [](double, double) { return 100.0; }, 0.0, 1);
-  const auto touched = synthetic::paint(v, [](double y, double across) { return y > 5e-3 && y < 10e-3 ? (across > 0.0 ? 120.0 : 60.0) : 100.0; }, 0.0, 1);
+  const auto dark = synthetic::paint(
+      v, [](double, double) { return 100.0; }, 0.0, 1);
+  const auto touched = synthetic::paint(
+      v, [](double y, double across) { return y > 5e-3 && y < 10e-3 ? (across > 0.0 ? 120.0 : 60.0) : 100.0; }, 0.0, 1);
   const auto bins = LongitudinalBins::uniform(-25.0_mm, 25.0_mm, 10);
   const GreenProfile::Config config{map_of(v), bins, -8.0_mm, 8.0_mm};
   PositiveGreenProfile positive(config, dark);
@@ -185,14 +203,16 @@ TEST_CASE("the positive profile counts what got brighter and forgets what got da
   REQUIRE(positive.read(Frame{touched.view(), 0}, p));
   REQUIRE(plain.read(Frame{touched.view(), 0}, q));
   for (int b = 0; b < 10; ++b) {
-    CHECK(p.value[b] == Approx(b == 6 ? 10.0 : 0.0).margin(0.5));  // a row and two columns of 144 and 45 stand on the border
+    CHECK(p.value[b] ==
+          Approx(b == 6 ? 10.0 : 0.0).margin(0.5));  // a row and two columns of 144 and 45 stand on the border
     CHECK(q.value[b] - 100.0 == Approx(b == 6 ? -10.0 : 0.0).margin(0.7));
   }
 }
 
 TEST_CASE("full pixels are counted", "[profiles]") {
   const View v;
-  const auto image = synthetic::paint(v, [](double y, double) { return y > 0.0 ? 255.0 : 10.0; }, 0.0, 1);
+  const auto image = synthetic::paint(
+      v, [](double y, double) { return y > 0.0 ? 255.0 : 10.0; }, 0.0, 1);
   GreenProfile readout({map_of(v)});
   Profile p;
   REQUIRE(readout.read(Frame{image.view(), 0}, p));
@@ -209,7 +229,8 @@ TEST_CASE("five LEDs are found by their pitch, with the map, among reflections a
         [](double y, double across) {
           // a lamp's reflection beside the row and a spot in the row, out of step
           const double other = 200.0 * std::exp(-0.5 * (std::pow(y - 6e-3, 2) + std::pow(across - 9e-3, 2)) / 1e-6);
-          return synthetic::leds(y, across) + other + 150.0 * std::exp(-0.5 * (std::pow(y + 16e-3, 2) + across * across) / 1e-6);
+          return synthetic::leds(y, across) + other +
+                 150.0 * std::exp(-0.5 * (std::pow(y + 16e-3, 2) + across * across) / 1e-6);
         },
         2.0, 4);
     LedDetector detector;
@@ -233,8 +254,11 @@ TEST_CASE("five LEDs are found by their pitch, with the map, among reflections a
 TEST_CASE("no row of LEDs, no detection", "[leds]") {
   const View v;
   CHECK_FALSE(LedDetector{}.find(Image::black(64, 48).view()));
-  CHECK_FALSE(LedDetector{}.find(synthetic::paint(v, [](double, double) { return 60.0; }, 3.0, 8).view()));
-  const auto four = synthetic::paint(v, [](double y, double across) { return y > 16e-3 ? 8.0 : synthetic::leds(y, across); }, 2.0, 4);
+  CHECK_FALSE(LedDetector{}.find(synthetic::paint(
+                                     v, [](double, double) { return 60.0; }, 3.0, 8)
+                                     .view()));
+  const auto four = synthetic::paint(
+      v, [](double y, double across) { return y > 16e-3 ? 8.0 : synthetic::leds(y, across); }, 2.0, 4);
   CHECK_FALSE(LedDetector{}.find(four.view()));
   CHECK_THROWS_AS(LedDetector{}.find(ImageView{}), InvalidArgument);
 }
@@ -243,14 +267,16 @@ TEST_CASE("the unloaded reference has the moments of its profiles", "[profiles]"
   UnloadedReference r;
   for (const double x : {1.0, 2.0, 4.0}) r.add({0, Eigen::Vector2d(x, 10.0 * x), 0.0});
   CHECK(r.mean()[0] == Approx(7.0 / 3.0));
-  CHECK(r.noise(0.0)[0] == Approx(std::sqrt((16.0 + 1.0 + 25.0) / 9.0 / 2.0 * (4.0 / 3.0))));  // deviations −4/3, −1/3, 5/3
+  CHECK(r.noise(0.0)[0] ==
+        Approx(std::sqrt((16.0 + 1.0 + 25.0) / 9.0 / 2.0 * (4.0 / 3.0))));  // deviations −4/3, −1/3, 5/3
   CHECK(r.noise(0.0)[1] == Approx(10.0 * r.noise(0.0)[0]));
   CHECK_THROWS_AS(r.add({0, Eigen::VectorXd::Zero(3), 0.0}), InvalidArgument);
   CHECK_THROWS_AS(r.add({0, Eigen::Vector2d(0.0, std::nan("")), 0.0}), InvalidArgument);
 }
 
 TEST_CASE("photodiodes give calibrated light, a camera in memory gives each frame once", "[profiles]") {
-  PhotodiodeArray array({Eigen::Vector3d(-0.01, 0.0, 0.01), Eigen::Vector3d(0.1, 0.1, 0.2), Eigen::Vector3d(1.0, 2.0, 4.0), 3.3});
+  PhotodiodeArray array(
+      {Eigen::Vector3d(-0.01, 0.0, 0.01), Eigen::Vector3d(0.1, 0.1, 0.2), Eigen::Vector3d(1.0, 2.0, 4.0), 3.3});
   Profile p;
   REQUIRE(array.read({8, Eigen::Vector3d(1.1, 0.6, 3.3)}, p));
   CHECK((p.value - Eigen::Vector3d(1.0, 1.0, 12.4)).norm() < 1e-12);

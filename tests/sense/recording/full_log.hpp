@@ -30,7 +30,9 @@ inline lumo::sense::RecordedLog full_log(lumo::sense::Effort unit) {
   for (int k = 0; k < 7; ++k) {
     const std::int64_t t = 1'700'000'000'000'000'001 + 33'333'333LL * k;
     log.frames.push_back({t, frame_file(std::size_t(k)), k % 2 == 0 ? 0.001 : 0.0, k % 2 == 0 ? 64.0 + k : 0.0});
-    for (int j = 0; j < 5; ++j) log.joints.push_back({t + j * 1'000'003LL, joints_of(0.1 * k, -j), joints_of(1.0 / 3.0, 1e-300), joints_of(k, 0.7 * j), unit});
+    for (int j = 0; j < 5; ++j)
+      log.joints.push_back(
+          {t + j * 1'000'003LL, joints_of(0.1 * k, -j), joints_of(1.0 / 3.0, 1e-300), joints_of(k, 0.7 * j), unit});
     log.wrenches.push_back({t + 3'000'000'000, Vec3d(0.1, 0.2, -k), Vec3d(k, 0, 1e-9)});
     log.markers.push_back({t + 3'000'000'001, 1e-4 * k});
     log.photodiodes.push_back({t, Eigen::Vector3d(0.5, 0.25 * k, 1.0)});

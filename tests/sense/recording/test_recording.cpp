@@ -1,11 +1,11 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/localize/bayes_localizer.hpp"
+#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
+#include "lumo/sense/localize/bayes_localizer.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 #include "sense/synthetic.hpp"
@@ -49,7 +49,12 @@ void record(const std::string& folder) {
   for (int k = 0; k < 105; ++k) {
     const std::int64_t t = k * 33'333'333LL;
     const Image image = synthetic::paint(
-        view, [&](double y, double across) { return synthetic::leds(y, across, 90.0) + 1.6 * force(t) * std::exp(-0.5 * std::pow((y - place(t)) / 4.5e-3, 2)); }, 2.0, 100 + std::uint64_t(k));
+        view,
+        [&](double y, double across) {
+          return synthetic::leds(y, across, 90.0) +
+                 1.6 * force(t) * std::exp(-0.5 * std::pow((y - place(t)) / 4.5e-3, 2));
+        },
+        2.0, 100 + std::uint64_t(k));
     log.frames.push_back({t, "f" + std::to_string(1000 + k) + ".png", 0.001, 64.0});
     write_image(folder + "/frames/" + log.frames.back().file, image.view());
     log.wrenches.push_back({t, Vec3d(0, 0, -force(t)), Vec3d::Zero()});
@@ -59,7 +64,8 @@ void record(const std::string& folder) {
   for (std::int64_t t = 0; t < 3500 * ms; t += 2 * ms) {
     const double s = 0.4e-9 * double(t), q = 0.75 * std::sin(s), v = 0.3 * std::cos(s);
     const double torque = m.unloaded(q, v) + force(t) * (joint_to_origin_m + place(t)) + m.noise_Nm * normal();
-    log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v), JointVector::Constant(1, torque / constant), Effort::current_A});
+    log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v),
+                          JointVector::Constant(1, torque / constant), Effort::current_A});
   }
   log.session.segments = {{0, 480 * ms, "unloaded"}};
   write_log_folder(log);
@@ -76,7 +82,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   const Segment& quiet = session.segments.at(0);
 
   // LEDs, map, readout and reference from the unloaded stretch.
-  const auto leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(read_image(log.path + "/frames/" + log.frames[0].file).view());
+  const auto leds = LedDetector{session.led_count, session.led_pitch_m, session.led_first_y_m, session.distal}.find(
+      read_image(log.path + "/frames/" + log.frames[0].file).view());
   REQUIRE(leds);
   CHECK(leds->map.y_m(leds->map.u_px(Eigen::Vector2d(160.0, 120.0))) == Approx(0.0).margin(0.1e-3));
   GreenProfile readout({leds->map, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), -7.0_mm, 7.0_mm, 320, 240});
@@ -86,9 +93,11 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   for (auto f = first.next(); f && f->stamp_ns <= quiet.to_ns; f = first.next())
     if (readout.read(*f, p)) unloaded.add(p);
   BayesLocalizer::Config localizer;
-  localizer.position_m = readout.positions_m(), localizer.noise = unloaded.noise(), localizer.unloaded = unloaded.mean();
+  localizer.position_m = readout.positions_m(), localizer.noise = unloaded.noise(),
+  localizer.unloaded = unloaded.mean();
 
-  // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns one way only.
+  // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns
+  // one way only.
   std::vector<JointSample> joints = log.joints;
   for (JointSample& s : joints) s.stamp_ns = session.joint_clock(s.stamp_ns);
   std::vector<JointSample> still;
@@ -129,7 +138,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   config.torque = {torque.model};
   config.joints.period_s = 2e-3;
   config.filter.torque_bias_Nm = 0.01;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m}, unloaded, config);
+  Estimator estimator(camera, actuator, readout, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m},
+                      unloaded, config);
   const ContactTorques torques(joints, {torque.model});
   std::vector<ForceSample> samples;
   double location_error = 0.0;
@@ -142,7 +152,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
     if (truth < 5.0 || !measured) continue;
     CHECK(e.state == EstimatorState::ok);
     ForceSample s;
-    s.stamp_ns = now, s.position_rad = measured->head(1), s.contact_torque_Nm = measured->tail(1), s.fused_N = e.contact[0].force_N, s.true_y_m = place(now), s.true_force_N = truth;
+    s.stamp_ns = now, s.position_rad = measured->head(1), s.contact_torque_Nm = measured->tail(1),
+    s.fused_N = e.contact[0].force_N, s.true_y_m = place(now), s.true_force_N = truth;
     if (e.contacts == 1) s.estimated_y_m = estimator.location().contact[0].y_m;
     if (e.contacts == 1 && e.contact[0].y_m) {
       location_error += std::abs(*e.contact[0].y_m - s.true_y_m), ++located;
@@ -154,11 +165,14 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   CHECK(located == int(samples.size()));
   CHECK(location_error / located < 0.5e-3);
   CHECK(covered >= located * 9 / 10);
-  const ForceErrors e = force_errors(MomentArm{session.joint_to_origin_m}, std::span<const ForceSample>(samples), 0, -25.0_mm, 25.0_mm, 0.01);
-  INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N << ", fixed arm " << e.fixed_arm.mae_N << " N");
+  const ForceErrors e = force_errors(MomentArm{session.joint_to_origin_m}, std::span<const ForceSample>(samples), 0,
+                                     -25.0_mm, 25.0_mm, 0.01);
+  INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N
+                    << ", fixed arm " << e.fixed_arm.mae_N << " N");
   CHECK(e.fused.samples == int(samples.size()));
   CHECK(e.fused.mae_N < 0.15);
-  CHECK(e.optical.mae_N < 0.6);  // half a second without contact tells little of the joint; the filter goes on learning between presses
+  CHECK(e.optical.mae_N <
+        0.6);  // half a second without contact tells little of the joint; the filter goes on learning between presses
   CHECK(e.fused.mae_N < 0.5 * e.optical.mae_N);
   CHECK(e.fixed_arm.mae_N > 1.0);
   CHECK(*e.recovery() > 0.95);

@@ -35,7 +35,8 @@ TEST_CASE("a session reads back as it was written", "[session]") {
   s.joint_clock = {1'700'000'000'000'000'001, -0.25, 2e-5, 1e-4};
   s.segments = {{1, 9'007'199'254'740'993, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}, {5, 6, "unloaded"}};
   SessionLink link;
-  link.link.name = "left \"distal\"", link.link.joints = {0, 1}, link.link.z_clockwise = true, link.link.hole_radius_m = 0.0018;
+  link.link.name = "left \"distal\"", link.link.joints = {0, 1}, link.link.z_clockwise = true,
+  link.link.hole_radius_m = 0.0018;
   link.link.hole_m = Eigen::Matrix2Xd(2, 3), link.hole_px = Eigen::Matrix2Xd(2, 3);
   link.link.hole_m << -0.022, 0.022, 0.0, -0.004, -0.004, -0.0055;
   link.hole_px << 101, 180.5, 140, 60, 62, 75;
@@ -60,29 +61,41 @@ TEST_CASE("a session reads back as it was written", "[session]") {
 }
 
 TEST_CASE("every fault of a session is one line that names file and key", "[session]") {
-  CHECK(message("{") .starts_with("s.json: is no JSON: "));
+  CHECK(message("{").starts_with("s.json: is no JSON: "));
   CHECK(message("[]") == "s.json: must be an object");
   CHECK(message("{}") == "s.json.format: must be \"lumo-log\"");
   CHECK(message(R"({"format": "lumo-log", "version": 2})") == "s.json.version: must be 1");
   CHECK(message(head + R"(, "tittle": ""})") == "s.json: key 'tittle' is not known, the nearest is 'title'");
-  CHECK(message(head + R"(, "leds": {"pitch": 11}})") == "s.json.leds: key 'pitch' is not known, the nearest is 'pitch_mm'");
+  CHECK(message(head + R"(, "leds": {"pitch": 11}})") ==
+        "s.json.leds: key 'pitch' is not known, the nearest is 'pitch_mm'");
   CHECK(message(head + R"(, "leds": {"pitch_mm": "11 mm"}})") == "s.json.leds.pitch_mm: must be a finite number");
   CHECK(message(head + R"(, "leds": {"pitch_mm": -1}})") == "s.json: led pitch is -1 mm, must lie in (0, 1000) mm");
-  CHECK(message(head + R"(, "leds": {"depth_mm": -1}})") == "s.json: depth of the LEDs is -1 mm, must lie in [0, 1000] mm");
-  CHECK(message(head + R"(, "leds": {"camera_distance_mm": 5}})").starts_with("s.json: distance of the camera is 5 mm, must lie in [10, 100000] mm"));
-  CHECK(message(head + R"(, "leds": {"depth_mm": 900, "camera_distance_mm": 20}})").starts_with("s.json: LEDs lie 900 mm deep before a camera at 20 mm"));
-  CHECK(message(head + R"(, "joint_to_joint_mm": [0]})") == "s.json: way from joint to joint is 0 mm, must lie in (0, 10000] mm");
+  CHECK(message(head + R"(, "leds": {"depth_mm": -1}})") ==
+        "s.json: depth of the LEDs is -1 mm, must lie in [0, 1000] mm");
+  CHECK(message(head + R"(, "leds": {"camera_distance_mm": 5}})")
+            .starts_with("s.json: distance of the camera is 5 mm, must lie in [10, 100000] mm"));
+  CHECK(message(head + R"(, "leds": {"depth_mm": 900, "camera_distance_mm": 20}})")
+            .starts_with("s.json: LEDs lie 900 mm deep before a camera at 20 mm"));
+  CHECK(message(head + R"(, "joint_to_joint_mm": [0]})") ==
+        "s.json: way from joint to joint is 0 mm, must lie in (0, 10000] mm");
   CHECK(message(head + R"(, "leds": {"distal": [1]}})") == "s.json.leds.distal: must be two numbers");
   const std::string holes = R"("joints": [0], "holes_mm": [-22, -4, 22, -4], "holes_px": [10, 20, 90, 20])";
   CHECK(message(head + R"(, "links": [{}]})") == "s.json: link 0: link '': no joint moves it, at least one must");
   CHECK(message(head + R"(, "links": [{"joints": [0.5]}]})") == "s.json.links[0].joints: must be whole numbers");
-  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3]}]})") == "s.json.links[0].holes_mm: must be pairs y, z");
-  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3, 4]}]})") == "s.json: link 0: has 2 holes and 0 places of them in the picture, must have as many");
-  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "z_clockwise": 1}]})") == "s.json.links[0].z_clockwise: must be true or false");
-  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "pad_y_mm": [5, 4]}]})") == "s.json: link 0: length of a link's pad is -1 mm, must lie in [1, 10000] mm");
-  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") == "s.json.segments[0].place: must be a whole number within 1e9");
-  CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") == "s.json.segments[1].from_ns: must be a whole number of 64 bits");
-  CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") == "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
+  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3]}]})") ==
+        "s.json.links[0].holes_mm: must be pairs y, z");
+  CHECK(message(head + R"(, "links": [{"joints": [0], "holes_mm": [1, 2, 3, 4]}]})") ==
+        "s.json: link 0: has 2 holes and 0 places of them in the picture, must have as many");
+  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "z_clockwise": 1}]})") ==
+        "s.json.links[0].z_clockwise: must be true or false");
+  CHECK(message(head + R"(, "links": [{)" + holes + R"(, "pad_y_mm": [5, 4]}]})") ==
+        "s.json: link 0: length of a link's pad is -1 mm, must lie in [1, 10000] mm");
+  CHECK(message(head + R"(, "segments": [{"place": 1.5}]})") ==
+        "s.json.segments[0].place: must be a whole number within 1e9");
+  CHECK(message(head + R"(, "segments": [{}, {"from_ns": 18446744073709551615}]})") ==
+        "s.json.segments[1].from_ns: must be a whole number of 64 bits");
+  CHECK(message(head + R"(, "segments": [{"from_ns": 5, "to_ns": 4}]})") ==
+        "s.json: segment 0 ends at 4 ns, before it begins at 5 ns");
   CHECK(message(head + R"(, "torque_constant_Nm_per_A": []})") == "s.json: has 0 torque constants, must have 1 to 8");
   CHECK(message(head + R"(, "video": "../x"})") == "s.json: video must be a file name beside session.json");
   CHECK(message(head + R"(, "title": 1e999})").starts_with("s.json: is no JSON"));
@@ -92,15 +105,20 @@ TEST_CASE("every fault of a session is one line that names file and key", "[sess
 }
 
 TEST_CASE("numbers do not wrap, and brackets in a text are text", "[session]") {
-  CHECK(message(head + R"(, "segments": [{"place": 18446744073709551612}]})") == "s.json.segments[0].place: must be a whole number within 1e9");
+  CHECK(message(head + R"(, "segments": [{"place": 18446744073709551612}]})") ==
+        "s.json.segments[0].place: must be a whole number within 1e9");
   CHECK(session_from_json(head + R"(, "title": ")" + std::string(65, '[') + "\"}", "s.json").title.size() == 65);
-  CHECK(message(head + R"(, "title": "]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\\" , "theta_mm": )" + std::string(70, '[')) ==
-        "s.json: is nested deeper than 64 levels");
-  CHECK(message(head + R"(, "joint_clock": {"offset_s": 1e300}})").starts_with("s.json: offset of a clock is 1e+300 s"));
+  CHECK(
+      message(head +
+              R"(, "title": "]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]]\\" , "theta_mm": )" +
+              std::string(70, '[')) == "s.json: is nested deeper than 64 levels");
+  CHECK(
+      message(head + R"(, "joint_clock": {"offset_s": 1e300}})").starts_with("s.json: offset of a clock is 1e+300 s"));
   CHECK(message(head + R"(, "joint_clock": {"drift": -2}})").starts_with("s.json: drift of a clock"));
   CHECK(message(head + R"(, "torque_constant_Nm_per_A": [0]})").starts_with("s.json: torque constant is 0"));
   CHECK(message(head + R"(, "joint_delay_s": 1e9})").starts_with("s.json: delay is"));
-  CHECK(message(head + R"(, "segments": [{"from_ns": -9000000000000000000}]})").starts_with("s.json: stamp -9000000000000000000 ns"));
+  CHECK(message(head + R"(, "segments": [{"from_ns": -9000000000000000000}]})")
+            .starts_with("s.json: stamp -9000000000000000000 ns"));
 }
 
 TEST_CASE("what is written can be read: lengths keep their bits, and what could not be read is refused", "[session]") {
@@ -108,7 +126,8 @@ TEST_CASE("what is written can be read: lengths keep their bits, and what could 
   for (int k = 0; k < 2000; ++k) {
     std::ostringstream json;
     json.precision(2 + k % 15);
-    json << head << ", \"joint_to_origin_mm\": " << 200.0 * draw.uniform() << ", \"leds\": {\"pitch_mm\": " << 1.0 + 30.0 * draw.uniform() << "}}";
+    json << head << ", \"joint_to_origin_mm\": " << 200.0 * draw.uniform()
+         << ", \"leds\": {\"pitch_mm\": " << 1.0 + 30.0 * draw.uniform() << "}}";
     const Session s = session_from_json(json.str(), "s.json"), r = session_from_json(to_json(s), "s.json");
     REQUIRE(r.joint_to_origin_m == s.joint_to_origin_m);
     REQUIRE(r.led_pitch_m == s.led_pitch_m);

@@ -1,10 +1,10 @@
 #include "catch.hpp"
 
 #include "lumo/sense/recording/alignment.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
 #include "lumo/sense/recording/normal_force.hpp"
 #include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "sense/synthetic.hpp"
 
 #include <functional>
@@ -16,8 +16,7 @@ using namespace lumo::sense;
 
 namespace {
 
-template <class Read>
-auto from(const std::string& text, Read read) {
+template <class Read> auto from(const std::string& text, Read read) {
   std::istringstream in(text);
   return read(in, "t.csv");
 }
@@ -59,12 +58,16 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
   const auto s = from(joint_log_text(samples), joints);
   const auto r = from(frame_log_text(records), frames);
   const auto w = from(wrench_log_text(wrench), wrenches);
-  const auto m = from(marker_log_text(marker), [](std::istream& in, const std::string& n) { return read_marker_log(in, n); });
-  const auto l = from(photodiode_log_text(light), [](std::istream& in, const std::string& n) { return read_photodiode_log(in, n); });
+  const auto m =
+      from(marker_log_text(marker), [](std::istream& in, const std::string& n) { return read_marker_log(in, n); });
+  const auto l = from(photodiode_log_text(light),
+                      [](std::istream& in, const std::string& n) { return read_photodiode_log(in, n); });
   REQUIRE(s.size() == 40);
   for (std::size_t i = 0; i < 40; ++i) {
-    CHECK((s[i].stamp_ns == samples[i].stamp_ns && s[i].position_rad == samples[i].position_rad && s[i].velocity_rad_per_s == samples[i].velocity_rad_per_s && s[i].effort == samples[i].effort));
-    CHECK((r[i].stamp_ns == records[i].stamp_ns && r[i].file == records[i].file && r[i].exposure_s == 0.001 && r[i].gain == 64.0));
+    CHECK((s[i].stamp_ns == samples[i].stamp_ns && s[i].position_rad == samples[i].position_rad &&
+           s[i].velocity_rad_per_s == samples[i].velocity_rad_per_s && s[i].effort == samples[i].effort));
+    CHECK((r[i].stamp_ns == records[i].stamp_ns && r[i].file == records[i].file && r[i].exposure_s == 0.001 &&
+           r[i].gain == 64.0));
     CHECK((w[i].force_N == wrench[i].force_N && w[i].torque_Nm == wrench[i].torque_Nm));
     CHECK(m[i].displacement_m == marker[i].displacement_m);
     CHECK(l[i].signal_V == light[i].signal_V);
@@ -75,7 +78,10 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
 }
 
 TEST_CASE("what a student writes by hand is read: any order, spaces, seconds, other line ends", "[log]") {
-  const auto s = from("\xef\xbb\xbf" "current_A_0, time_s , velocity_rad_per_s_0,position_rad_0\r\n0.5, 0.001,0,1\r\n 0.6 ,0.002,-1e-1,2\r\n\r\n", joints);
+  const auto s = from(
+      "\xef\xbb\xbf"
+      "current_A_0, time_s , velocity_rad_per_s_0,position_rad_0\r\n0.5, 0.001,0,1\r\n 0.6 ,0.002,-1e-1,2\r\n\r\n",
+      joints);
   REQUIRE(s.size() == 2);
   CHECK(s[1].stamp_ns == 2'000'000);
   CHECK(s[1].effort[0] == 0.6);
@@ -93,8 +99,10 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(joint("position_rad_0\n") == "t.csv:1: column 'stamp_ns' (or 'time_s') is missing");
   CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0\n") == "t.csv:1: column 'torque_Nm_0' is missing");
   CHECK(joint("stamp_ns,position_deg_0\n") == "t.csv:1: column 'position_rad_0' is missing");
-  CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0,note\n") == "t.csv:1: column 'note' is not known");
-  CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0,torque_Nm_0\n") == "t.csv:1: column 'torque_Nm_0' is not known");
+  CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0,note\n") ==
+        "t.csv:1: column 'note' is not known");
+  CHECK(joint("stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0,torque_Nm_0\n") ==
+        "t.csv:1: column 'torque_Nm_0' is not known");
   CHECK(joint("stamp_ns,stamp_ns\n") == "t.csv:1: column 'stamp_ns' is there twice");
   CHECK(joint("stamp_ns,,x\n") == "t.csv:1: column 2 has no name");
   CHECK(joint(head + "1,2,3\n") == "t.csv:2: has 3 fields, the header 4");
@@ -103,13 +111,15 @@ TEST_CASE("every fault of a table is one line with file, line and column", "[log
   CHECK(joint(head + "1,2,3,1e999\n") == "t.csv:2: column current_A_0: '1e999' is no finite number");
   CHECK(joint(head + "1,2,3,4,\n") == "t.csv:2: has 5 fields, the header 4");
   CHECK(joint(head + "1.5,2,3,4\n") == "t.csv:2: column stamp_ns: '1.5' is no whole number of 64 bits");
-  CHECK(joint(head + "99999999999999999999,2,3,4\n") == "t.csv:2: column stamp_ns: '99999999999999999999' is no whole number of 64 bits");
+  CHECK(joint(head + "99999999999999999999,2,3,4\n") ==
+        "t.csv:2: column stamp_ns: '99999999999999999999' is no whole number of 64 bits");
   CHECK(joint(head + "5,2,3,4\n5,2,3,4\n") == "t.csv:3: column stamp_ns: '5' does not exceed the stamp before it");
   CHECK(joint(head + "5,2,3,4\n\n6,2,3,4\n") == "t.csv:3: is empty, only the end of the file may be");
   CHECK(joint(head + "5,\"2\",3,4\n") == "t.csv:2: holds a quote at byte 3, fields are not quoted");
   CHECK(joint(head + std::string("5,2\0,3,4\n", 9)) == "t.csv:2: holds a zero byte, is no text");
   CHECK(joint(head + std::string(100000, '1')) == "t.csv:2: is longer than 65536 bytes");
-  CHECK(joint("time_s,position_rad_0,velocity_rad_per_s_0,current_A_0\n1e30,0,0,0\n") == "t.csv:2: column time_s: '1e30' s is beyond the range of stamps");
+  CHECK(joint("time_s,position_rad_0,velocity_rad_per_s_0,current_A_0\n1e30,0,0,0\n") ==
+        "t.csv:2: column time_s: '1e30' s is beyond the range of stamps");
   CHECK(frame("stamp_ns,file\n1,../x.png\n") == "t.csv:2: column file: '../x.png' is no path below frames/");
   CHECK(frame("stamp_ns,file\n1,/etc/x\n") == "t.csv:2: column file: '/etc/x' is no path below frames/");
   CHECK(frame("stamp_ns,file,exposure_s\n1,a.png,-1\n") == "t.csv:2: column exposure_s: '-1' s is negative");
@@ -156,7 +166,8 @@ TEST_CASE("interpolation is exact on lines, silent in gaps, and its residual is 
 }
 
 TEST_CASE("damaged tables are read or refused in one line, never worse", "[log]") {
-  const std::string good = "stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0\n1,0.5,-1e-3,2\n2,0.25,0,3.5\n900,1,1,1\n";
+  const std::string good =
+      "stamp_ns,position_rad_0,velocity_rad_per_s_0,current_A_0\n1,0.5,-1e-3,2\n2,0.25,0,3.5\n900,1,1,1\n";
   synthetic::Normal draw(3);
   int read = 0, refused = 0;
   for (int k = 0; k < 20000; ++k) {
@@ -164,15 +175,23 @@ TEST_CASE("damaged tables are read or refused in one line, never worse", "[log]"
     for (int n = 1 + int(4.0 * draw.uniform()); n > 0; --n) {
       const auto at = std::size_t(draw.uniform() * double(bad.size()));
       switch (int(4.0 * draw.uniform())) {
-        case 0: bad[at] = char(256.0 * draw.uniform()); break;
-        case 1: bad.erase(at, std::size_t(8.0 * draw.uniform())); break;
-        case 2: bad.insert(at, bad.substr(std::size_t(draw.uniform() * double(bad.size())), 9)); break;
-        default: bad.insert(at, 1, ",\n\r-e.9"[int(7.0 * draw.uniform())]);
+        case 0:
+          bad[at] = char(256.0 * draw.uniform());
+          break;
+        case 1:
+          bad.erase(at, std::size_t(8.0 * draw.uniform()));
+          break;
+        case 2:
+          bad.insert(at, bad.substr(std::size_t(draw.uniform() * double(bad.size())), 9));
+          break;
+        default:
+          bad.insert(at, 1, ",\n\r-e.9"[int(7.0 * draw.uniform())]);
       }
       if (bad.empty()) bad = "x";
     }
     try {
-      for (const JointSample& s : from(bad, joints)) REQUIRE((s.effort.allFinite() && s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite()));
+      for (const JointSample& s : from(bad, joints))
+        REQUIRE((s.effort.allFinite() && s.position_rad.allFinite() && s.velocity_rad_per_s.allFinite()));
       ++read;
     } catch (const InputError& e) {
       REQUIRE(std::string(e.what()).find('\n') == std::string::npos);
@@ -193,20 +212,25 @@ TEST_CASE("stamps at the ends of 64 bits overflow nothing", "[log]") {
     }
   CHECK(ClockMap{limit - 5, 0.25, 0.0, 0.0}(limit - 1'000'000'000) == limit - 750'000'000);
   std::istringstream far("stamp_ns,displacement_m\n9223372036854775807,0\n");
-  CHECK_THROWS_WITH(read_marker_log(far, "m.csv"), Catch::Contains("m.csv:2: column stamp_ns") && Catch::Contains("beyond the range"));
+  CHECK_THROWS_WITH(read_marker_log(far, "m.csv"),
+                    Catch::Contains("m.csv:2: column stamp_ns") && Catch::Contains("beyond the range"));
   CHECK_THROWS_AS(marker_log_text({{std::numeric_limits<std::int64_t>::min(), 0.0}}), InvalidArgument);
   CHECK_THROWS_AS(marker_log_text({{5, 0.0}, {5, 0.1}}), InvalidArgument);
-  CHECK_THROWS_AS(TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
+  CHECK_THROWS_AS(TimeSeries({0, std::numeric_limits<std::int64_t>::max()}, Eigen::MatrixXd::Zero(1, 2)),
+                  InvalidArgument);
 }
 
-TEST_CASE("normal force over time: positive where the finger is pressed, tared, on the clock that is asked for", "[log]") {
-  // The sensor's clock is 2 s behind and runs 1e-6 too slow; it reads 0.5 N too much, and the object presses with 3 N at 1 s.
+TEST_CASE("normal force over time: positive where the finger is pressed, tared, on the clock that is asked for",
+          "[log]") {
+  // The sensor's clock is 2 s behind and runs 1e-6 too slow; it reads 0.5 N too much, and the object presses with 3 N
+  // at 1 s.
   Session session;
   session.wrench_clock = {0, 2.0, 1e-6, 0.0};
   std::vector<WrenchSample> samples;
   for (int k = 0; k <= 40; ++k) {
     const std::int64_t t = k * 50'000'000LL;
-    if (k != 30) samples.push_back({t, Vec3d(9.0, -7.0, -(0.5 + (k == 20 ? 3.0 : 0.0))), Vec3d(1, 2, 3)});   // one is lost
+    if (k != 30)
+      samples.push_back({t, Vec3d(9.0, -7.0, -(0.5 + (k == 20 ? 3.0 : 0.0))), Vec3d(1, 2, 3)});  // one is lost
   }
   const TimeSeries raw = normal_force(samples);
   CHECK((*raw.at(1'000'000'000, 0.1))[0] == 3.5);
@@ -214,18 +238,22 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
   CHECK((*normal_force(samples, session.wrench_clock, 0.5).at(session.wrench_clock(1'000'000'000), 0.1))[0] == 3.0);
 
   const auto second = [&](double s) { return session.wrench_clock(std::int64_t(1e9 * s)); };
-  session.segments = {{second(0.0), second(0.5), "unloaded"}, {second(0.9), second(1.1), "hold", 1, -15.0, 0}, {second(1.8), second(3.0), "hold", 2, -5.0, 0}};
+  session.segments = {{second(0.0), second(0.5), "unloaded"},
+                      {second(0.9), second(1.1), "hold", 1, -15.0, 0},
+                      {second(1.8), second(3.0), "hold", 2, -5.0, 0}};
   session.segments.back().load_N = 4.0;
   const LogTruth truth = LogTruth::from_log(session, samples);
   CHECK(*truth.at(second(1.0)).force_N == Approx(3.0));
   CHECK(*truth.at(second(1.0)).y_m == Approx(-15e-3));
-  CHECK(*truth.at(second(0.975)).force_N == Approx(1.5).epsilon(1e-3));   // halfway up; the clock is off by 1 µs within a second
+  CHECK(*truth.at(second(0.975)).force_N ==
+        Approx(1.5).epsilon(1e-3));  // halfway up; the clock is off by 1 µs within a second
   CHECK_FALSE(truth.at(second(0.6)).y_m);
   CHECK(*truth.at(second(0.6)).force_N == Approx(0.0).margin(1e-12));
-  CHECK_FALSE(truth.at(second(1.48)).force_N);                          // where a sample is lost
-  CHECK(*truth.at(second(2.5)).force_N == 4.0);                         // after the sensor's end: as the segment says
+  CHECK_FALSE(truth.at(second(1.48)).force_N);   // where a sample is lost
+  CHECK(*truth.at(second(2.5)).force_N == 4.0);  // after the sensor's end: as the segment says
   CHECK_FALSE(truth.at(second(3.5)).force_N);
 
   session.wrench_clock.drift = -0.1;
-  CHECK_THROWS_AS(LogTruth::from_log(session, {{0}, {1}, {2}, {3}, {4}, {5}, {6}}), InvalidArgument);   // two of them come to the same nanosecond
+  CHECK_THROWS_AS(LogTruth::from_log(session, {{0}, {1}, {2}, {3}, {4}, {5}, {6}}),
+                  InvalidArgument);  // two of them come to the same nanosecond
 }

@@ -6,16 +6,17 @@
 
 namespace lumo {
 
-/// What a contact law answers to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³] = d²E/dg².
+/// What a contact law answers to a gap [m]: energy per reference area [J/m²], pressure [Pa] = −dE/dg, stiffness [N/m³]
+/// = d²E/dg².
 struct ContactResponse {
   double energy;
   double pressure;
   double stiffness;
 };
 
-/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`, Coulomb's coefficient, and
-/// acts all over the surface unless it has `points`.
-/// Laws: no pressure at gaps ≥ 0; pressure ≥ 0; pressure and stiffness are the derivatives of the energy.
+/// A contact law between the body's surface and a rigid surface. It is frictionless unless it has a `friction`,
+/// Coulomb's coefficient, and acts all over the surface unless it has `points`. Laws: no pressure at gaps ≥ 0; pressure
+/// ≥ 0; pressure and stiffness are the derivatives of the energy.
 template <class C>
 concept ContactHandler = requires(const C& contact, double gap) {
   { contact.respond(gap) } -> std::convertible_to<ContactResponse>;
@@ -23,27 +24,33 @@ concept ContactHandler = requires(const C& contact, double gap) {
   validate(contact);
 };
 
-/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
+/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the
+/// area.
 enum class ContactPoints { surface, vertices };
 
-template <ContactHandler Contact>
-constexpr ContactPoints contact_points() {
-  if constexpr (requires { { Contact::points } -> std::convertible_to<ContactPoints>; }) return Contact::points;
-  else return ContactPoints::surface;
+template <ContactHandler Contact> constexpr ContactPoints contact_points() {
+  if constexpr (requires {
+                  { Contact::points } -> std::convertible_to<ContactPoints>;
+                })
+    return Contact::points;
+  else
+    return ContactPoints::surface;
 }
 
 /// Coulomb's coefficient of a law; 0 where it has none.
-template <ContactHandler Contact>
-double friction_coefficient(const Contact& contact) {
-  if constexpr (requires { contact.friction; }) return contact.friction;
-  else return 0.0;
+template <ContactHandler Contact> double friction_coefficient(const Contact& contact) {
+  if constexpr (requires { contact.friction; })
+    return contact.friction;
+  else
+    return 0.0;
 }
 
 /// Area [m²] that the law gives each vertex instead of its share of the surface; 0: its share.
-template <ContactHandler Contact>
-double area_per_vertex(const Contact& contact) {
-  if constexpr (requires { contact.area_per_vertex_m2; }) return contact.area_per_vertex_m2;
-  else return 0.0;
+template <ContactHandler Contact> double area_per_vertex(const Contact& contact) {
+  if constexpr (requires { contact.area_per_vertex_m2; })
+    return contact.area_per_vertex_m2;
+  else
+    return 0.0;
 }
 
 /// Answer of a spring of `stiffness` [N/m³] to a gap: nothing while it is open.
@@ -69,8 +76,7 @@ inline void validate(const SDFContact& c) {
 static_assert(ContactHandler<SDFContact>);
 
 /// A contact law with all its pressures multiplied by a factor.
-template <class Contact>
-struct Firmness {
+template <class Contact> struct Firmness {
   const Contact* law;
   double factor;
   double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
@@ -83,8 +89,7 @@ struct Firmness {
   }
 };
 
-template <class Contact>
-void validate(const Firmness<Contact>& c) {
+template <class Contact> void validate(const Firmness<Contact>& c) {
   validate(*c.law);
   require_in_range("factor on contact pressures", c.factor, 1e-6, 1e6, "");
 }

@@ -11,7 +11,7 @@ namespace lumo {
 
 /// Contact field and pressure per mesh node; see MechanicalState.
 struct ContactField {
-  std::vector<double> field;        ///< > 0 in contact
+  std::vector<double> field;  ///< > 0 in contact
   std::vector<double> pressure_Pa;
 };
 
@@ -23,17 +23,20 @@ struct SetOverlap {
   double ratio() const { return either > 0.0 ? both / either : 1.0; }
 };
 
-/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw overlaps are no
-/// measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a smooth contact grows as the distance to its
-/// edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3), scaled by its own slope, *is* that distance; inside it is continued linearly.
+/// Signed distance φ [m] to the edge of contact, > 0 inside, at the surface's nodes, and the pressure lumped there. Raw
+/// overlaps are no measure of contact: they are a few µm and perforated by the facets' sag. Outside, the gap of a
+/// smooth contact grows as the distance to its edge to the power 3/2 (Hertz 1882; Johnson 1985, §4.2), so g^(2/3),
+/// scaled by its own slope, *is* that distance; inside it is continued linearly.
 template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x);
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
+                           const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
 inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x);
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
+                                  const std::vector<double>& b, const Positions& x);
 
 namespace detail {
 
@@ -53,7 +56,9 @@ struct ClipPolygon {
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
         const double t = a.field[k] / (a.field[k] - b.field[k]);
-        kept.push_back({a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
+        kept.push_back({a.u + t * (b.u - a.u),
+                        a.v + t * (b.v - a.v),
+                        {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
       }
     }
     corners = std::move(kept);
@@ -62,19 +67,20 @@ struct ClipPolygon {
   double fraction() const {
     double twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
-      twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) - (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
+      twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) -
+               (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
     return std::abs(twice);
   }
 };
 
 // Calls visit(area, a at the corners, b at the corners) for every sub-triangle of the surface.
-template <class Visit>
-void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
+template <class Visit> void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&& visit) {
   const std::size_t parts = surface.nodes_per_face() == 6 ? 4 : 1;
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (std::size_t part = 0; part < parts; ++part) {
       std::array<int, 3> node;
-      for (std::size_t k = 0; k < 3; ++k) node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
+      for (std::size_t k = 0; k < 3; ++k)
+        node[k] = surface.face(f).nodes[parts == 4 ? std::size_t(face_parts()[part][k]) : k];
       const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]);
       visit(0.5 * (b - a).cross(c - a).norm(), node);
     }
@@ -84,12 +90,14 @@ void for_sub_triangles(const ContactSurface& surface, const Positions& x, Visit&
 struct EdgeSample {
   Vec3d point;
   Vec3d outward;
-  double spacing;   // of the nodes about it
+  double spacing;  // of the nodes about it
 };
 
-// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of contact. With
-// G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the distance is 2 G / (α + slope).
-inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x, const std::vector<double>& gap, double tolerance) {
+// Every free sub-triangle near the edge looks along the slope of G = g^(2/3), which falls to zero at the edge of
+// contact. With G = αρ + βρ² the squared slope is linear in G, so that a local fit of slope² over G gives α, and the
+// distance is 2 G / (α + slope).
+inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, const Positions& x,
+                                               const std::vector<double>& gap, double tolerance) {
   struct Free {
     Vec3d middle, outward;
     double power, slope, spacing;
@@ -104,7 +112,8 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     }
     const Vec3d a = x.col(node[0]), b = x.col(node[1]), c = x.col(node[2]), e1 = b - a, e2 = c - a;
     const Vec3d normal = e1.cross(e2);
-    const Vec3d gradient = ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
+    const Vec3d gradient =
+        ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
                  std::sqrt(2.3 * area)};
     if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
@@ -118,18 +127,21 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
       const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
       if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
       const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power, gs += k * other.power * square;
+      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power,
+          gs += k * other.power * square;
     }
     const double spread = gg - g * g / w;
     const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, 0.25 * s / w), here = std::max(start + bend * f.power, 0.25 * s / w);
-    samples.push_back({f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
+    const double start = std::max((s - bend * g) / w, 0.25 * s / w),
+                 here = std::max(start + bend * f.power, 0.25 * s / w);
+    samples.push_back(
+        {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
   }
   return samples;
 }
 
-// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann, Gross 2008
-// (algebraic spheres through oriented points).
+// Signed distance (> 0 inside) from p to the circle that fits the samples about it best. Source: Guennebaud, Germann,
+// Gross 2008 (algebraic spheres through oriented points).
 inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& samples, const Vec3d& p) {
   double w = 0.0, pn = 0.0, pp = 0.0;
   Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
@@ -158,7 +170,8 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
 }  // namespace detail
 
 template <ContactHandler Contact, class Tool>
-ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x) {
+ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, const Contact& contact,
+                           const Moving<Tool>& rigid, const Positions& x) {
   const std::size_t n = mesh.nodes.size();
   std::vector<double> area(n, 0.0), gap(n, std::numeric_limits<double>::quiet_NaN()), spacing(n, 0.0);
   ContactField c{std::vector<double>(n, -std::numeric_limits<double>::infinity()), std::vector<double>(n, 0.0)};
@@ -167,7 +180,8 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
     for (const SurfacePoint& p : surface.points(f)) {
       const double g = rigid.distance(surface.position(f, p, x));
       overlap = std::max(overlap, -g);
-      const std::array<int, 3> corner = mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
+      const std::array<int, 3> corner =
+          mesh.order == 2 ? face_parts()[std::size_t(p.part)] : std::array<int, 3>{0, 1, 2};
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t node = std::size_t(surface.face(f).nodes[std::size_t(corner[k])]);
         area[node] += p.area_m2 * p.hat[k];
@@ -195,10 +209,13 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   return c;
 }
 
-inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a, const std::vector<double>& b, const Positions& x) {
+inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
+                                  const std::vector<double>& b, const Positions& x) {
   SetOverlap sum;
   detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
-    const auto at = [&](std::size_t k) { return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]}; };
+    const auto at = [&](std::size_t k) {
+      return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]};
+    };
     const detail::ClipPolygon whole{{{0, 0, at(0)}, {1, 0, at(1)}, {0, 1, at(2)}}};
     detail::ClipPolygon in_a = whole, in_b = whole;
     in_a.clip(0);

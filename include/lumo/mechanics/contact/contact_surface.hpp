@@ -2,8 +2,8 @@
 
 #include "lumo/mechanics/contact/contact_handler.hpp"
 #include "lumo/mechanics/elements/equations.hpp"
-#include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
+#include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/morphology/body.hpp"
 
 #include <algorithm>
@@ -12,13 +12,14 @@
 
 namespace lumo {
 
-/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference area.
+/// A point of the surface at which the gap is taken: shape functions of its face there, and its share of the reference
+/// area.
 struct SurfacePoint {
   std::array<double, 6> shape;
   double area_m2;
-  double weight_m2;             ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
-  int part;                     ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
-  std::array<double, 3> hat;    ///< barycentric coordinates in that sub-triangle
+  double weight_m2;           ///< area that the contact law's pressure acts on: area_m2, unless the law says otherwise
+  int part;                   ///< which of the face's four sub-triangles (one in a linear mesh) it lies in
+  std::array<double, 3> hat;  ///< barycentric coordinates in that sub-triangle
 };
 
 /// Corners of a face's sub-triangles, as places in BoundaryFace::nodes.
@@ -31,15 +32,15 @@ inline const std::array<std::array<int, 3>, 4>& face_parts() {
 class ContactSurface {
  public:
   /// Faces of the patches for which `chosen` holds, with points inside them.
-  template <class Choose>
-  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
+  template <class Choose> ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen) : mesh_(&mesh) {
     for (const BoundaryFace& f : mesh.faces)
       if (chosen(body.patches[std::size_t(f.patch)])) add(f);
   }
 
   /// The same with the points that a contact law wants.
   template <class Choose, ContactHandler Contact>
-  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law) : ContactSurface(mesh, body, chosen) {
+  ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law)
+      : ContactSurface(mesh, body, chosen) {
     if (contact_points<Contact>() == ContactPoints::vertices) gather_at_vertices(area_per_vertex(law));
   }
 
@@ -49,7 +50,8 @@ class ContactSurface {
 
   Vec3d position(std::size_t f, const SurfacePoint& p, const Positions& x) const {
     Vec3d at = Vec3d::Zero();
-    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k) at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
+    for (std::size_t k = 0; k < std::size_t(mesh_->nodes_per_face()); ++k)
+      at += p.shape[k] * Vec3d(x.col(faces_[f].nodes[k]));
     return at;
   }
 
@@ -78,10 +80,10 @@ class ContactSurface {
 
 /// Contact energy, forces and stiffness between a surface and one rigid thing, for a given signed distance.
 struct ContactSums {
-  double energy = 0.0;        ///< [J]
-  double push_N = 0.0;        ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
-  double push_stiffness = 0.0;///< ∂²energy/∂advance² [N/m]
-  double penetration_m = 0.0; ///< largest overlap
+  double energy = 0.0;  ///< [J]
+  double push_N = 0.0;  ///< force on the indenter along −direction: −∂energy/∂advance … with the sign of a reaction
+  double push_stiffness = 0.0;  ///< ∂²energy/∂advance² [N/m]
+  double penetration_m = 0.0;   ///< largest overlap
 };
 
 inline void ContactSurface::add(const BoundaryFace& face) {
@@ -89,7 +91,8 @@ inline void ContactSurface::add(const BoundaryFace& face) {
   std::vector<SurfacePoint> points;
   // Corners of the sub-triangles in (u, v); each is quartered once more and takes the three-point rule there.
   const std::array<std::array<double, 2>, 6> uv = {{{0, 0}, {1, 0}, {0, 1}, {0.5, 0}, {0.5, 0.5}, {0, 0.5}}};
-  const std::array<std::array<double, 3>, 6> quarter = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
+  const std::array<std::array<double, 3>, 6> quarter = {
+      {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {.5, .5, 0}, {0, .5, .5}, {.5, 0, .5}}};
   const int parts = order == 2 ? 4 : 1;
   for (int part = 0; part < parts; ++part) {
     const std::array<int, 3> corner = order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
@@ -98,9 +101,11 @@ inline void ContactSurface::add(const BoundaryFace& face) {
         SurfacePoint p{};
         p.part = part;
         for (std::size_t k = 0; k < 3; ++k)
-          for (std::size_t m = 0; m < 3; ++m) p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
+          for (std::size_t m = 0; m < 3; ++m)
+            p.hat[m] += (int(k) == q ? 2.0 / 3.0 : 1.0 / 6.0) * quarter[std::size_t(small[k])][m];
         double u = 0.0, v = 0.0;
-        for (std::size_t m = 0; m < 3; ++m) u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
+        for (std::size_t m = 0; m < 3; ++m)
+          u += p.hat[m] * uv[std::size_t(corner[m])][0], v += p.hat[m] * uv[std::size_t(corner[m])][1];
         p.shape = face_shape(u, v, order);
         const auto d = face_shape_derivatives(u, v, order);
         Vec3d by_u = Vec3d::Zero(), by_v = Vec3d::Zero();
@@ -121,10 +126,13 @@ inline void ContactSurface::add(const BoundaryFace& face) {
 inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
   std::vector<double> area(mesh_->nodes.size(), 0.0);
   std::vector<char> done(mesh_->nodes.size(), 0);
-  const auto corners = [&](int part) { return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2}; };
+  const auto corners = [&](int part) {
+    return mesh_->order == 2 ? face_parts()[std::size_t(part)] : std::array<int, 3>{0, 1, 2};
+  };
   for (std::size_t f = 0; f < faces_.size(); ++f)
     for (const SurfacePoint& p : points_[f])
-      for (std::size_t k = 0; k < 3; ++k) area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
+      for (std::size_t k = 0; k < 3; ++k)
+        area[std::size_t(faces_[f].nodes[std::size_t(corners(p.part)[k])])] += p.area_m2 * p.hat[k];
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     points_[f].clear();
     for (int part = 0; part < (mesh_->order == 2 ? 4 : 1); ++part)
@@ -140,11 +148,10 @@ inline void ContactSurface::gather_at_vertices(double area_per_vertex) {
 }
 
 /// A rigid thing that moves by `advance` along `direction`: anything with distance(p) and sample(p) in its own frame.
-template <class Tool>
-struct Moving {
+template <class Tool> struct Moving {
   const Tool* tool;
-  Vec3d origin;      ///< of the tool's frame, now [m]
-  Vec3d direction;   ///< of its advance, unit
+  Vec3d origin;     ///< of the tool's frame, now [m]
+  Vec3d direction;  ///< of its advance, unit
 
   double distance(const Vec3d& p) const { return tool->distance(p - origin); }
   DistanceSample sample(const Vec3d& p) const { return tool->sample(p - origin); }
@@ -158,17 +165,21 @@ struct NoFriction {
     Vec3d traction;
     Mat3d stiffness;
   };
-  Answer answer(std::size_t, std::size_t, const Vec3d&, const Vec3d&, const Vec3d&, double) const { return {Vec3d::Zero(), Mat3d::Zero()}; }
+  Answer answer(std::size_t, std::size_t, const Vec3d&, const Vec3d&, const Vec3d&, double) const {
+    return {Vec3d::Zero(), Mat3d::Zero()};
+  }
 };
 
-// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that the rigid thing
-// reaches, or all when the law sees other gaps than the present ones.
+// Calls visit(face, point number, point, position) for the surface points that can be in contact: those of faces that
+// the rigid thing reaches, or all when the law sees other gaps than the present ones.
 template <class Tool, class Visit>
-void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid, const std::vector<std::vector<double>>* seen, Visit&& visit) {
+void for_contact_points(const ContactSurface& surface, const Positions& x, const Moving<Tool>& rigid,
+                        const std::vector<std::vector<double>>* seen, Visit&& visit) {
   for (std::size_t f = 0; f < surface.size(); ++f) {
     const auto [middle, radius] = surface.ball(f, x);
     const bool near = rigid.distance(middle) <= radius;
-    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; }))) continue;
+    if (!near && !(seen && std::any_of((*seen)[f].begin(), (*seen)[f].end(), [](double g) { return g < 0.0; })))
+      continue;
     const std::vector<SurfacePoint>& points = surface.points(f);
     for (std::size_t k = 0; k < points.size(); ++k) visit(f, k, points[k], surface.position(f, points[k], x));
   }
@@ -179,34 +190,39 @@ void for_contact_points(const ContactSurface& surface, const Positions& x, const
 /// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
 using SeenGaps = std::vector<std::vector<double>>;
 
-/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is linearised about them,
-/// p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says otherwise; the energy is not meant then.
-/// Friction, where a history of it is given, enters forces but not the energy.
+/// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is
+/// linearised about them, p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says
+/// otherwise; the energy is not meant then. Friction, where a history of it is given, enters forces but not the energy.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, std::type_identity_t<Positions>* force,
+ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
+                               const Positions& x, std::type_identity_t<Positions>* force,
                                const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-    const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
-    if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
-    if (gamma >= 0.0) return;
-    const ContactResponse r = contact.respond(gamma);
-    sums.energy += p.weight_m2 * r.energy;
-    const double pressure = r.pressure + r.stiffness * (gamma - gap);
-    const Vec3d normal = rigid.sample(at).gradient;
-    Vec3d traction = p.weight_m2 * pressure * normal;
-    if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
-    sums.push_N += traction.dot(rigid.direction);
-    if (!force) return;
-    for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n) force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
-  });
+  detail::for_contact_points(
+      surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gap = rigid.distance(at), gamma = seen ? (*seen)[f][k] : gap;
+        if (gap < 0.0) sums.penetration_m = std::max(sums.penetration_m, -gap);
+        if (gamma >= 0.0) return;
+        const ContactResponse r = contact.respond(gamma);
+        sums.energy += p.weight_m2 * r.energy;
+        const double pressure = r.pressure + r.stiffness * (gamma - gap);
+        const Vec3d normal = rigid.sample(at).gradient;
+        Vec3d traction = p.weight_m2 * pressure * normal;
+        if (friction) traction += p.weight_m2 * friction->answer(f, k, at, rigid.origin, normal, pressure).traction;
+        sums.push_N += traction.dot(rigid.direction);
+        if (!force) return;
+        for (std::size_t n = 0; n < std::size_t(surface.nodes_per_face()); ++n)
+          force->col(surface.face(f).nodes[n]) -= p.shape[n] * traction;
+      });
   return sums;
 }
 
 /// Adds the contact stiffness to a system's lower triangle; `coupling` (one per equation) receives ∂²energy/∂x∂advance.
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
-ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid, const Positions& x, const Equations& eq,
-                                double* values, std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
+                                const Positions& x, const Equations& eq, double* values,
+                                std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr,
+                                const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
   Eigen::Matrix<double, 18, 18> K;
@@ -220,42 +236,48 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
         if (row >= column && column >= 0) values[eq.slot(row, column)] += K(Eigen::Index(i), Eigen::Index(j));
       }
   };
-  detail::for_contact_points(surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
-    const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
-    if (gamma >= 0.0) return;
-    if (f != open) {
-      flush();
-      open = f;
-      K.setZero();
-    }
-    const DistanceSample d = rigid.sample(at);
-    const ContactResponse r = contact.respond(gamma);
-    Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
-    if (friction) block += p.weight_m2 * friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance)).stiffness;
-    sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
-    for (std::size_t a = 0; a < nodes; ++a) {
-      for (std::size_t b = 0; b < nodes; ++b)
-        K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
-      if (!coupling) continue;
-      const Vec3d c = -p.shape[a] * (block * rigid.direction);
-      for (std::size_t i = 0; i < 3; ++i)
-        if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0) (*coupling)[row] += c[Eigen::Index(i)];
-    }
-  });
+  detail::for_contact_points(
+      surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
+        const double gamma = seen ? (*seen)[f][k] : rigid.distance(at);
+        if (gamma >= 0.0) return;
+        if (f != open) {
+          flush();
+          open = f;
+          K.setZero();
+        }
+        const DistanceSample d = rigid.sample(at);
+        const ContactResponse r = contact.respond(gamma);
+        Mat3d block = p.weight_m2 * (r.stiffness * d.gradient * d.gradient.transpose() - r.pressure * d.hessian);
+        if (friction)
+          block += p.weight_m2 *
+                   friction->answer(f, k, at, rigid.origin, d.gradient, r.pressure + r.stiffness * (gamma - d.distance))
+                       .stiffness;
+        sums.push_stiffness += rigid.direction.dot(block * rigid.direction);
+        for (std::size_t a = 0; a < nodes; ++a) {
+          for (std::size_t b = 0; b < nodes; ++b)
+            K.template block<3, 3>(Eigen::Index(3 * a), Eigen::Index(3 * b)) += p.shape[a] * p.shape[b] * block;
+          if (!coupling) continue;
+          const Vec3d c = -p.shape[a] * (block * rigid.direction);
+          for (std::size_t i = 0; i < 3; ++i)
+            if (const int row = eq.of[3 * std::size_t(surface.face(f).nodes[a]) + i]; row >= 0)
+              (*coupling)[row] += c[Eigen::Index(i)];
+        }
+      });
   flush();
   return sums;
 }
 
-/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at the positions
-/// `linear` with the rigid thing at `then`.
+/// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at
+/// the positions `linear` with the rigid thing at `then`.
 template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x, const Moving<Tool>& then, const Positions& linear,
-                        const Positions& dx, double ds) {
+SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x,
+                        const Moving<Tool>& then, const Positions& linear, const Positions& dx, double ds) {
   SeenGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
-      gaps[f].push_back(now.distance(surface.position(f, p, x)) +
-                        then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
+      gaps[f].push_back(
+          now.distance(surface.position(f, p, x)) +
+          then.sample(surface.position(f, p, linear)).gradient.dot(surface.position(f, p, dx) - ds * now.direction));
   return gaps;
 }
 

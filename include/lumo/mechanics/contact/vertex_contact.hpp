@@ -4,15 +4,16 @@
 
 namespace lumo {
 
-/// Penalty at the mesh's nodes with Coulomb friction, as Newton 1.8 has it: faces may overlap the indenter between their nodes. A solver that
-/// goes in time steps takes each node's tangent plane of the indenter at the step's start (`plane_frozen`).
-/// Newton's stiffness k_e [N/m] belongs to a vertex, whatever its share of the surface: that is stiffness_N_per_m3 · area_per_vertex_m2.
+/// Penalty at the mesh's nodes with Coulomb friction, as Newton 1.8 has it: faces may overlap the indenter between
+/// their nodes. A solver that goes in time steps takes each node's tangent plane of the indenter at the step's start
+/// (`plane_frozen`). Newton's stiffness k_e [N/m] belongs to a vertex, whatever its share of the surface: that is
+/// stiffness_N_per_m3 · area_per_vertex_m2.
 struct VertexContact {
   static constexpr ContactPoints points = ContactPoints::vertices;
   static constexpr bool plane_frozen = true;
   double stiffness_N_per_m3 = 1e11;
-  double friction = 0.5;              ///< Coulomb's coefficient
-  double area_per_vertex_m2 = 0.0;    ///< the same for all; 0: each vertex has its share of the surface
+  double friction = 0.5;            ///< Coulomb's coefficient
+  double area_per_vertex_m2 = 0.0;  ///< the same for all; 0: each vertex has its share of the surface
 
   ContactResponse respond(double gap) const { return penalty(stiffness_N_per_m3, gap); }
 };

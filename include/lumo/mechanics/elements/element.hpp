@@ -9,8 +9,7 @@
 namespace lumo {
 
 /// Gradients of Lagrange's shape functions by (λ₁, λ₂, λ₃) at xi, 3 × nodes, in the node order of TetMesh.
-template <int Nodes>
-Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
+template <int Nodes> Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
   static constexpr double corner[4][3] = {{-1, -1, -1}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
   Eigen::Matrix<double, 3, Nodes> g;
   const std::array<double, 4> l = {1.0 - xi.sum(), xi.x(), xi.y(), xi.z()};
@@ -24,9 +23,10 @@ Eigen::Matrix<double, 3, Nodes> shape_gradients(const Vec3d& xi) {
   return g;
 }
 
-/// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in the node order of TetMesh, on the
-/// reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is shared. `order` is the mesh's.
-/// Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares of the mass to 1.
+/// A tetrahedral finite element: gradients of its shape functions by λ₁, λ₂, λ₃ at its quadrature points, 3 × nodes in
+/// the node order of TetMesh, on the reference tetrahedron λ₁, λ₂, λ₃ ≥ 0, λ₁ + λ₂ + λ₃ ≤ 1, and how its mass is
+/// shared. `order` is the mesh's. Laws: gradients sum to zero and reproduce linear fields, weights sum to 1/6, shares
+/// of the mass to 1.
 template <class E>
 concept TetElement = requires(const E& element) {
   requires E::order == 1 || E::order == 2;
@@ -38,8 +38,8 @@ concept TetElement = requires(const E& element) {
   { element.mean_dilatation } -> std::convertible_to<bool>;
 };
 
-/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures locking near
-/// incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
+/// Quadratic tetrahedron; with `mean_dilatation` its volumetric energy sees the element's mean of J, which cures
+/// locking near incompressibility (Nagtegaal, Parks, Rice 1974). Four-point quadrature of degree 2.
 struct QuadraticTet {
   static constexpr int order = 2;
   static constexpr int nodes = 10;
@@ -51,11 +51,13 @@ struct QuadraticTet {
     return shape_gradients<nodes>(Vec3d(q == 1 ? a : b, q == 2 ? a : b, q == 3 ? a : b));
   }
   static double weight(int) { return 1.0 / 24.0; }
-  /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be negative.
+  /// In proportion to the diagonal of the consistent matrix (Hinton, Rock, Zienkiewicz 1976): row sums would be
+  /// negative.
   static double mass_share(int a) { return a < 4 ? 1.0 / 36.0 : 4.0 / 27.0; }
 };
 
-/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes that use it.
+/// Linear tetrahedron: locks at ν = 0.495 (20–60 % too stiff on pads like LUMO's). Offered for comparison with codes
+/// that use it.
 struct LinearTet {
   static constexpr int order = 1;
   static constexpr int nodes = 4;
@@ -67,8 +69,9 @@ struct LinearTet {
   static double mass_share(int) { return 0.25; }
 };
 
-/// Eight linear tetrahedra in place of one quadratic, on its ten nodes; with `mean_dilatation` the volumetric energy sees the mean of J over the eight, which
-/// cures their locking (de Souza Neto, Pires, Owen 2005, patches of linear elements, here with an energy). Without it, linear tetrahedra of half the size.
+/// Eight linear tetrahedra in place of one quadratic, on its ten nodes; with `mean_dilatation` the volumetric energy
+/// sees the mean of J over the eight, which cures their locking (de Souza Neto, Pires, Owen 2005, patches of linear
+/// elements, here with an energy). Without it, linear tetrahedra of half the size.
 struct LinearPatchTet {
   static constexpr int order = 2;
   static constexpr int nodes = 10;
@@ -79,9 +82,13 @@ struct LinearPatchTet {
     using Gradients = Eigen::Matrix<double, 3, nodes>;
     Gradients g = Gradients::Zero();
     const auto& part = parts[q];
-    const auto edge = [&](int k) { return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1], place[part[k]][2] - place[part[0]][2]); };
+    const auto edge = [&](int k) {
+      return Vec3d(place[part[k]][0] - place[part[0]][0], place[part[k]][1] - place[part[0]][1],
+                   place[part[k]][2] - place[part[0]][2]);
+    };
     for (int k = 1; k < 4; ++k) {
-      const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1), slope = 8.0 * u.cross(v);   // u × v · edge(k) = 1/8, six times the volume
+      const Vec3d u = edge(k % 3 + 1), v = edge((k + 1) % 3 + 1),
+                  slope = 8.0 * u.cross(v);  // u × v · edge(k) = 1/8, six times the volume
       for (int i = 0; i < 3; ++i) g(i, part[k]) = slope[i], g(i, part[0]) -= slope[i];
     }
     return g;
@@ -94,14 +101,18 @@ struct LinearPatchTet {
     return shared / 32.0;
   }
 
-  /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9, which mirrored() leaves in place.
-  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3}, {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
+  /// Nodes of the eight: at the corners, and the octahedron between them cut along the line from node 4 to node 9,
+  /// which mirrored() leaves in place.
+  static constexpr int parts[8][4] = {{0, 4, 6, 7}, {4, 1, 5, 8}, {6, 5, 2, 9}, {7, 8, 9, 3},
+                                      {4, 9, 5, 6}, {4, 9, 6, 7}, {4, 9, 7, 8}, {4, 9, 8, 5}};
 
  private:
-  static constexpr double place[10][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0.5, 0, 0}, {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
+  static constexpr double place[10][3] = {{0, 0, 0},     {1, 0, 0},   {0, 1, 0},   {0, 0, 1},     {0.5, 0, 0},
+                                          {0.5, 0.5, 0}, {0, 0.5, 0}, {0, 0, 0.5}, {0.5, 0, 0.5}, {0, 0.5, 0.5}};
 };
 
-/// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of BoundaryFace.
+/// Shape functions of the six-node (or three-node) boundary triangle at barycentric (1−u−v, u, v), in the node order of
+/// BoundaryFace.
 inline std::array<double, 6> face_shape(double u, double v, int order) {
   const double w = 1.0 - u - v;
   if (order == 1) return {w, u, v, 0.0, 0.0, 0.0};
@@ -112,7 +123,12 @@ inline std::array<double, 6> face_shape(double u, double v, int order) {
 inline std::array<std::array<double, 2>, 6> face_shape_derivatives(double u, double v, int order) {
   if (order == 1) return {{{-1, -1}, {1, 0}, {0, 1}, {0, 0}, {0, 0}, {0, 0}}};
   const double w = 1.0 - u - v;
-  return {{{1 - 4 * w, 1 - 4 * w}, {4 * u - 1, 0}, {0, 4 * v - 1}, {4 * (w - u), -4 * u}, {4 * v, 4 * u}, {-4 * v, 4 * (w - v)}}};
+  return {{{1 - 4 * w, 1 - 4 * w},
+           {4 * u - 1, 0},
+           {0, 4 * v - 1},
+           {4 * (w - u), -4 * u},
+           {4 * v, 4 * u},
+           {-4 * v, 4 * (w - v)}}};
 }
 
 }  // namespace lumo

@@ -10,34 +10,39 @@
 
 namespace lumo {
 
-/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a mesh.
-template <TetElement Element>
-class ElementPoints {
-
+/// Gradients of the shape functions by the place at rest, and volumes, at the quadrature points of all tetrahedra of a
+/// mesh.
+template <TetElement Element> class ElementPoints {
  public:
   using Gradients = Eigen::Matrix<double, 3, Element::nodes>;
 
-  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to no element, or be missing.
+  /// Throws InvalidArgument where the mesh is not of the element's order: nodes in the middle of edges would belong to
+  /// no element, or be missing.
   explicit ElementPoints(const TetMesh& mesh) {
     if (mesh.order != Element::order)
-      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order, ", must be the same"));
+      throw InvalidArgument(message("elements are of order ", Element::order, ", the mesh is of order ", mesh.order,
+                                    ", must be the same"));
     gradients_.reserve(mesh.tets.size() * Element::points);
     weights_.reserve(mesh.tets.size() * Element::points);
     for (const auto& t : mesh.tets)
       for (int q = 0; q < Element::points; ++q) {
         const Gradients by_xi = Element::gradients(q);
         Mat3d jacobian = Mat3d::Zero();
-        for (int a = 0; a < Element::nodes; ++a) jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
+        for (int a = 0; a < Element::nodes; ++a)
+          jacobian += mesh.nodes[std::size_t(t[std::size_t(a)])] * Vec3d(by_xi.col(a)).transpose();
         const Mat3d to_x = inverse_transposed(jacobian);
         Gradients& by_x = gradients_.emplace_back();
         for (int a = 0; a < Element::nodes; ++a)
-          for (int i = 0; i < 3; ++i) by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
+          for (int i = 0; i < 3; ++i)
+            by_x(i, a) = to_x(i, 0) * by_xi(0, a) + to_x(i, 1) * by_xi(1, a) + to_x(i, 2) * by_xi(2, a);
         weights_.push_back(Element::weight(q) * jacobian.determinant());
       }
   }
 
   /// [1/m], of tetrahedron e at point q.
-  const Gradients& gradient(std::size_t e, int q) const { return gradients_[e * std::size_t(Element::points) + std::size_t(q)]; }
+  const Gradients& gradient(std::size_t e, int q) const {
+    return gradients_[e * std::size_t(Element::points) + std::size_t(q)];
+  }
   /// Volume that the point stands for [m³].
   double weight(std::size_t e, int q) const { return weights_[e * std::size_t(Element::points) + std::size_t(q)]; }
 

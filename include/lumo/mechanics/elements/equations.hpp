@@ -17,13 +17,14 @@ struct Parity {
 };
 
 /// Numbers the free displacement components of a sector's nodes, and holds the sparsity pattern of its tangent.
-/// Bonded faces are closed sets: all their nodes are fixed. On a bounding plane an even field has no normal component and an odd
-/// field has only that one.
+/// Bonded faces are closed sets: all their nodes are fixed. On a bounding plane an even field has no normal component
+/// and an odd field has only that one.
 struct Equations {
-  std::vector<int> of;      ///< 3 · node + component → equation, −1 where fixed
+  std::vector<int> of;  ///< 3 · node + component → equation, −1 where fixed
   int count = 0;
-  SparseLower pattern;      ///< lower triangle; values are scratch
-  std::vector<int> slots;   ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by column), −1 where fixed
+  SparseLower pattern;     ///< lower triangle; values are scratch
+  std::vector<int> slots;  ///< per tet, (3N)(3N+1)/2 positions in the pattern's values (row ≥ column, column by
+                           ///< column), −1 where fixed
 
   Equations(const Sector& sector, const Body& body, Parity parity);
 

@@ -13,16 +13,19 @@ using SparseLower = Eigen::SparseMatrix<double, Eigen::ColMajor, int>;
 
 enum class FactorStatus { positive_definite, not_positive_definite, non_finite };
 
-/// Direct solver for symmetric positive definite systems. analyze() sees the pattern once; copies share or copy that analysis.
-/// Laws: factorize() reports every matrix that is not positive definite or not finite; equal input, equal bits.
+/// Direct solver for symmetric positive definite systems. analyze() sees the pattern once; copies share or copy that
+/// analysis. Laws: factorize() reports every matrix that is not positive definite or not finite; equal input, equal
+/// bits.
 template <class S>
-concept LinearSolver = std::copyable<S> && std::default_initializable<S> && requires(S solver, const SparseLower& lower, const Eigen::MatrixXd& rhs) {
+concept LinearSolver = std::copyable<S> && std::default_initializable<S> &&
+    requires(S solver, const SparseLower& lower, const Eigen::MatrixXd& rhs) {
   solver.analyze(lower);
   { solver.factorize(lower) } -> std::same_as<FactorStatus>;
   { solver.solve(rhs) } -> std::convertible_to<Eigen::MatrixXd>;
 };
 
-/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal one.
+/// Eigen's own sparse Cholesky factorisation: needs nothing else, but is some twenty times slower than a supernodal
+/// one.
 class EigenCholesky {
  public:
   EigenCholesky() = default;
@@ -38,7 +41,8 @@ class EigenCholesky {
   }
   FactorStatus factorize(const SparseLower& lower) {
     // A Cholesky factorisation of NaN reports success, so finiteness is checked here.
-    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all()) return FactorStatus::non_finite;
+    if (!Eigen::Map<const Eigen::ArrayXd>(lower.valuePtr(), lower.nonZeros()).isFinite().all())
+      return FactorStatus::non_finite;
     solver_.factorize(lower);
     return solver_.info() == Eigen::Success ? FactorStatus::positive_definite : FactorStatus::not_positive_definite;
   }
@@ -48,6 +52,5 @@ class EigenCholesky {
   SparseLower pattern_;
   Eigen::SimplicialLLT<SparseLower, Eigen::Lower> solver_;
 };
-
 
 }  // namespace lumo

@@ -21,15 +21,14 @@ inline Positions positions_of(const TetMesh& mesh) {
 }
 
 /// The elastic energy of a tetrahedral mesh with its first and second derivatives.
-template <HyperelasticMaterial Material, TetElement Element>
-class Solid {
-
+template <HyperelasticMaterial Material, TetElement Element> class Solid {
  public:
   static constexpr int N = Element::nodes;
   using Gradients = Eigen::Matrix<double, 3, N>;
 
   /// Throws InvalidArgument where the mesh is not of the element's order.
-  Solid(const TetMesh& mesh, Material material, Element element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
+  Solid(const TetMesh& mesh, Material material, Element element)
+      : mesh_(&mesh), material_(material), element_(element), points_(mesh) {}
 
   /// Stored energy [J]; +∞ when an element is inverted at a quadrature point.
   double energy(const Positions& x) const {
@@ -46,14 +45,17 @@ class Solid {
     return sum;
   }
 
-  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature point.
+  /// Volume ratios that the volumetric energy sees: one per element with the locking cure, else one per quadrature
+  /// point.
   std::vector<double> volume_ratios(const Positions& x) const {
     std::vector<double> J;
     J.reserve(mesh_->tets.size() * cells());
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
-      if (element_.mean_dilatation) J.push_back(s.mean_J);
-      else J.insert(J.end(), s.J.begin(), s.J.end());
+      if (element_.mean_dilatation)
+        J.push_back(s.mean_J);
+      else
+        J.insert(J.end(), s.J.begin(), s.J.end());
     }
     return J;
   }
@@ -67,15 +69,17 @@ class Solid {
         const Gradients slope = product(cofactor(s.F[std::size_t(q)]), gradient(e, q));
         double rate = 0.0;
         for (int a = 0; a < N; ++a) rate += Vec3d(dx.col(node(e, a))).dot(Vec3d(slope.col(a)));
-        if (element_.mean_dilatation) J[e] += weight(e, q) / s.volume * rate;
-        else J[e * cells() + std::size_t(q)] += rate;
+        if (element_.mean_dilatation)
+          J[e] += weight(e, q) / s.volume * rate;
+        else
+          J[e * cells() + std::size_t(q)] += rate;
       }
     }
     return J;
   }
 
-  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). With `seen` volume ratios the volumetric stress is linearised about
-  /// them, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
+  /// Adds the nodal forces ∂energy/∂x [N] to `force` (3 × nodes). With `seen` volume ratios the volumetric stress is
+  /// linearised about them, U'(θ) + U''(θ)(J − θ): see QuasiStatic.
   void add_forces(const Positions& x, Positions& force, const std::vector<double>* seen = nullptr) const {
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e) {
       const ElementState s = state(e, x);
@@ -84,7 +88,9 @@ class Solid {
         const double J = element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)], theta = ratio(e, q, s, seen);
         const VolumetricSample u = material_.volumetric(theta);
         const Mat3d& F = s.F[std::size_t(q)];
-        f += product(weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)), gradient(e, q));
+        f += product(
+            weight(e, q) * (material_.distortion_stress(F) + (u.stress + u.stiffness * (J - theta)) * cofactor(F)),
+            gradient(e, q));
       }
       for (int a = 0; a < N; ++a) force.col(node(e, a)) += f.col(a);
     }
@@ -115,7 +121,8 @@ class Solid {
     return least;
   }
 
-  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element that is inside out.
+  /// Smallest undeformed volume that a quadrature point stands for [m³]; not positive where the mesh has an element
+  /// that is inside out.
   double smallest_volume() const {
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t e = 0; e < mesh_->tets.size(); ++e)
@@ -171,7 +178,8 @@ class Solid {
     return element_.mean_dilatation ? s.mean_J : s.J[std::size_t(q)];
   }
 
-  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen, Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
+  void element_tangent(std::size_t e, const Positions& x, const std::vector<double>* seen,
+                       Eigen::Matrix<double, 3 * N, 3 * N>& K) const {
     const ElementState s = state(e, x);
     Gradients dJ = Gradients::Zero();  // V ∂(mean J)/∂x
     K.setZero();
@@ -189,8 +197,9 @@ class Solid {
       A = A * weight(e, q);
       // Plain loops: Eigen's expressions of blocks were the dearest thing to compile in a simulator.
       for (int a = 0; a < N; ++a) {
-        std::array<double, 27> T;   // 9 × 3, by columns
-        for (std::size_t k = 0; k < 27; ++k) T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
+        std::array<double, 27> T;  // 9 × 3, by columns
+        for (std::size_t k = 0; k < 27; ++k)
+          T[k] = A.data()[k] * g(0, a) + A.data()[k + 27] * g(1, a) + A.data()[k + 54] * g(2, a);
         for (int b = a; b < N; ++b)
           for (int j = 0; j < 3; ++j) {
             const double* t = T.data() + 9 * j;

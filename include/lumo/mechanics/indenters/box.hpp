@@ -32,7 +32,8 @@ inline DistanceSample distance_to_box(const Vec3d& half, const Vec3d& p) {
   return {r, n, h};
 }
 
-/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress without limit: round them.
+/// Rigid box with edges along the finger's axes, rounded where `edge_radius_m` > 0. Sharp edges concentrate stress
+/// without limit: round them.
 struct Box {
   Vec3d size_m{10e-3, 10e-3, 10e-3};
   double edge_radius_m = 0.5e-3;
@@ -51,7 +52,8 @@ struct Box {
 };
 
 inline void validate(const Box& b) {
-  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()}) require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
+  for (double side : {b.size_m.x(), b.size_m.y(), b.size_m.z()})
+    require_in_range("box side", side * 1e3, 0.1, 1000.0, "mm");
   require_in_range("edge radius of the box", b.edge_radius_m * 1e3, 0.0, 0.499 * b.size_m.minCoeff() * 1e3, "mm");
 }
 

@@ -7,10 +7,11 @@
 
 namespace lumo {
 
-/// Rigid capsule about its own z axis: all points within half a diameter of a segment. Lying (see Oriented) it is a bar with round ends.
+/// Rigid capsule about its own z axis: all points within half a diameter of a segment. Lying (see Oriented) it is a bar
+/// with round ends.
 struct Capsule {
   double diameter_m = 10e-3;
-  double length_m = 20e-3;    ///< of the segment, without the caps
+  double length_m = 20e-3;  ///< of the segment, without the caps
 
   bool operator==(const Capsule&) const = default;
 

@@ -7,7 +7,8 @@
 
 namespace lumo {
 
-/// Rigid cylinder about its own z axis, with rounded rims where `edge_radius_m` > 0: a flat punch; lying (see Oriented), a bar.
+/// Rigid cylinder about its own z axis, with rounded rims where `edge_radius_m` > 0: a flat punch; lying (see
+/// Oriented), a bar.
 struct Cylinder {
   double diameter_m = 10e-3;
   double length_m = 20e-3;
@@ -25,15 +26,18 @@ struct Cylinder {
 inline void validate(const Cylinder& c) {
   require_in_range("cylinder diameter", c.diameter_m * 1e3, 0.1, 1000.0, "mm");
   require_in_range("cylinder length", c.length_m * 1e3, 0.1, 1000.0, "mm");
-  require_in_range("edge radius of the cylinder", c.edge_radius_m * 1e3, 0.0, 0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
+  require_in_range("edge radius of the cylinder", c.edge_radius_m * 1e3, 0.0,
+                   0.499 * std::min(c.diameter_m, c.length_m) * 1e3, "mm");
 }
 
 // A rectangle in the half-plane through the axis, turned about it.
 inline DistanceSample Cylinder::sample(const Vec3d& p) const {
   const double rho = std::hypot(p.x(), p.y()), up = p.z() < 0.0 ? -1.0 : 1.0;
-  const Vec3d radial = rho > 0.0 ? Vec3d(p.x() / rho, p.y() / rho, 0.0) : Vec3d(Vec3d::UnitX()), axial = up * Vec3d::UnitZ();
+  const Vec3d radial = rho > 0.0 ? Vec3d(p.x() / rho, p.y() / rho, 0.0) : Vec3d(Vec3d::UnitX()),
+              axial = up * Vec3d::UnitZ();
   const Vec3d around = Vec3d::UnitZ().cross(radial);
-  const double beyond = std::abs(p.z()) - 0.5 * length_m + edge_radius_m, aside = rho - 0.5 * diameter_m + edge_radius_m;
+  const double beyond = std::abs(p.z()) - 0.5 * length_m + edge_radius_m,
+               aside = rho - 0.5 * diameter_m + edge_radius_m;
   if (beyond > 0.0 && aside > 0.0) {
     const double r = std::hypot(beyond, aside);
     const Vec3d n = (beyond * axial + aside * radial) / r, t = (aside * axial - beyond * radial) / r;

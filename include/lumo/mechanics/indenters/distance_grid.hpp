@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/mechanics/indenters/indenter.hpp"
 #include "lumo/geometry/signed_distance.hpp"
+#include "lumo/mechanics/indenters/indenter.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,14 +11,16 @@
 
 namespace lumo {
 
-/// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline through them: twice
-/// continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the spline rounds by a fraction of a cell.
-/// From two cells outside the surface's box on it passes, within one cell, into the exact distance. Source: Unser 1999 (spline through samples).
+/// Signed distance to a closed triangle surface on a cubic grid, carried on between its points by the cubic spline
+/// through them: twice continuously differentiable, of fourth order where the distance is smooth. Near sharp edges the
+/// spline rounds by a fraction of a cell. From two cells outside the surface's box on it passes, within one cell, into
+/// the exact distance. Source: Unser 1999 (spline through samples).
 class DistanceGrid {
  public:
-  /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument for other than 8 … 256 cells.
+  /// `cells` across the surface's longest side. Throws MeshError for a surface that bounds no solid, InvalidArgument
+  /// for other than 8 … 256 cells.
   DistanceGrid(const TriangleSurface& surface, int cells);
-  DistanceGrid(const DistanceGrid&) = delete;   // what is exact points into the surface
+  DistanceGrid(const DistanceGrid&) = delete;  // what is exact points into the surface
   DistanceGrid& operator=(const DistanceGrid&) = delete;
 
   double distance(const Vec3d& p) const { return sample(p).distance; }
@@ -28,13 +30,16 @@ class DistanceGrid {
 
   double spacing_m() const { return h_; }
   const TriangleSurface& surface() const { return surface_; }
-  /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the surface [m].
+  /// Largest difference from the exact distance that was found at the middles of all cells within one spacing of the
+  /// surface [m].
   double error_m() const { return error_; }
 
  private:
-  static constexpr int pad = 6, rim = 3;   // cells about the surface, of which the outer ones only feed the spline
+  static constexpr int pad = 6, rim = 3;  // cells about the surface, of which the outer ones only feed the spline
 
-  double& at(int i, int j, int k) { return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))]; }
+  double& at(int i, int j, int k) {
+    return c_[std::size_t(i) + std::size_t(n_[0]) * (std::size_t(j) + std::size_t(n_[1]) * std::size_t(k))];
+  }
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
   Vec3d node(int i, int j, int k) const { return origin_ + h_ * Vec3d(i, j, k); }
 
@@ -46,14 +51,16 @@ class DistanceGrid {
 
   TriangleSurface surface_;
   SignedDistance exact_;
-  Vec3d origin_, low_, high_;   // first node; box in which the spline holds
+  Vec3d origin_, low_, high_;  // first node; box in which the spline holds
   std::array<int, 3> n_{};     // nodes each way
   double h_ = 0.0, error_ = 0.0;
-  std::vector<double> c_;      // spline coefficients
+  std::vector<double> c_;  // spline coefficients
 };
 
-inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : surface_((validate_surface(surface), surface)), exact_(surface_) {
-  if (cells < 8 || cells > 256) throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
+inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells)
+    : surface_((validate_surface(surface), surface)), exact_(surface_) {
+  if (cells < 8 || cells > 256)
+    throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
   Eigen::AlignedBox3d box;
   for (const Vec3d& v : surface_.vertices) box.extend(v);
   const Vec3d size = box.sizes();
@@ -71,8 +78,9 @@ inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells) : s
 inline void DistanceGrid::fill() {
   for (int k = 0; k < n_[2]; ++k)
     for (int j = 0; j < n_[1]; ++j)
-      for (int i = 0; i < n_[0]; ++i)   // from node to node the distance changes by no more than the way
-        at(i, j, k) = exact_.distance(node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + 1.001 * h_ : std::numeric_limits<double>::infinity());
+      for (int i = 0; i < n_[0]; ++i)  // from node to node the distance changes by no more than the way
+        at(i, j, k) = exact_.distance(
+            node(i, j, k), i > 0 ? std::abs(at(i - 1, j, k)) + 1.001 * h_ : std::numeric_limits<double>::infinity());
 }
 
 // The spline through the samples, line by line in all three directions, mirrored at the ends.
@@ -107,10 +115,10 @@ inline void DistanceGrid::measure() {
 
 inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
   std::array<int, 3> cell;
-  std::array<std::array<double, 4>, 3> w, dw, ddw;   // weights of the four nodes about p each way, and their derivatives
+  std::array<std::array<double, 4>, 3> w, dw, ddw;  // weights of the four nodes about p each way, and their derivatives
   for (std::size_t a = 0; a < 3; ++a) {
     const double u = (p[Eigen::Index(a)] - origin_[Eigen::Index(a)]) / h_;
-    cell[a] = std::min(int(std::fmin(std::fmax(u, 1.0), n_[a])), n_[a] - 3);   // of NaN, any cell
+    cell[a] = std::min(int(std::fmin(std::fmax(u, 1.0), n_[a])), n_[a] - 3);  // of NaN, any cell
     const double t = u - cell[a], s = 1.0 - t;
     w[a] = {s * s * s / 6.0, 2.0 / 3.0 - 0.5 * t * t * (2.0 - t), 2.0 / 3.0 - 0.5 * s * s * (2.0 - s), t * t * t / 6.0};
     dw[a] = {-0.5 * s * s / h_, 0.5 * t * (3.0 * t - 4.0) / h_, -0.5 * s * (3.0 * s - 4.0) / h_, 0.5 * t * t / h_};
@@ -138,12 +146,14 @@ inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
 }
 
 inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
-  // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that changes.
+  // How far p has gone from the spline to the exact distance, from 0 to 1 over the box's outermost cell, and how that
+  // changes.
   double gone = 0.0;
   Vec3d slope = Vec3d::Zero();
   Mat3d bend = Mat3d::Zero();
   for (int a = 0; a < 3; ++a) {
-    const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0, t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
+    const double side = p[a] < 0.5 * (low_[a] + high_[a]) ? -1.0 : 1.0,
+                 t = (side < 0.0 ? low_[a] - p[a] : p[a] - high_[a]) / h_ + 1.0;
     if (!(t > 0.0)) continue;
     if (t >= 1.0) return exact(p);
     // 1 − Π (1 − w) with w = t³ (10 − 15 t + 6 t²), whose first two derivatives vanish at both ends
@@ -163,7 +173,8 @@ inline DistanceSample DistanceGrid::sample(const Vec3d& p) const {
   const double apart = far.distance - near.distance;
   const Vec3d turn = far.gradient - near.gradient;
   return {near.distance + gone * apart, near.gradient + gone * turn + apart * slope,
-          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() + apart * bend};
+          near.hessian + gone * (far.hessian - near.hessian) + slope * turn.transpose() + turn * slope.transpose() +
+              apart * bend};
 }
 
 inline DistanceSample DistanceGrid::exact(const Vec3d& p) const {

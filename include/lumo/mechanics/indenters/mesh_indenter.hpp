@@ -7,12 +7,13 @@
 
 namespace lumo {
 
-/// Rigid tool of any closed triangle surface, by the signed distance on a grid; the surface's own coordinates are the tool's frame. Copies
-/// share the grid. `MeshIndenter tool(read_surface("knob.stl"))`.
+/// Rigid tool of any closed triangle surface, by the signed distance on a grid; the surface's own coordinates are the
+/// tool's frame. Copies share the grid. `MeshIndenter tool(read_surface("knob.stl"))`.
 class MeshIndenter {
  public:
   /// Throws as DistanceGrid does.
-  explicit MeshIndenter(const TriangleSurface& surface, int cells = 64) : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
+  explicit MeshIndenter(const TriangleSurface& surface, int cells = 64)
+      : grid_(std::make_shared<const DistanceGrid>(surface, cells)) {
     Eigen::AlignedBox3d box;
     for (const Vec3d& v : surface.vertices) radius_m_ = std::max(radius_m_, v.norm()), box.extend(v);
     contact_radius_m_ = 0.5 * box.sizes().minCoeff();
@@ -21,7 +22,8 @@ class MeshIndenter {
   /// The same surface on as fine a grid.
   bool operator==(const MeshIndenter& other) const {
     const TriangleSurface &a = grid_->surface(), &b = other.grid_->surface();
-    return grid_ == other.grid_ || (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
+    return grid_ == other.grid_ ||
+           (grid_->spacing_m() == other.grid_->spacing_m() && a.vertices == b.vertices && a.triangles == b.triangles);
   }
 
   double radius_m() const { return radius_m_; }
@@ -35,7 +37,9 @@ class MeshIndenter {
   double radius_m_ = 0.0, contact_radius_m_ = 0.0;
 };
 
-inline void validate(const MeshIndenter& m) { require_in_range("radius about a mesh indenter's origin", m.radius_m() * 1e3, 0.05, 1000.0, "mm"); }
+inline void validate(const MeshIndenter& m) {
+  require_in_range("radius about a mesh indenter's origin", m.radius_m() * 1e3, 0.05, 1000.0, "mm");
+}
 
 static_assert(Indenter<MeshIndenter>);
 

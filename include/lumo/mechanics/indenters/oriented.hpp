@@ -9,9 +9,7 @@
 namespace lumo {
 
 /// A tool turned in the finger's frame: `turn` takes vectors of the tool's own frame there.
-template <Indenter Tool>
-struct Oriented {
-
+template <Indenter Tool> struct Oriented {
   Tool tool;
   Mat3d turn{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}};
 
@@ -31,27 +29,23 @@ struct Oriented {
   }
 };
 
-template <Indenter Tool>
-Oriented(Tool, Mat3d) -> Oriented<Tool>;
+template <Indenter Tool> Oriented(Tool, Mat3d) -> Oriented<Tool>;
 
 /// A tool that is long along its own z, laid along y, the finger: its z becomes y.
-template <Indenter Tool>
-Oriented<Tool> lying_along_y(const Tool& tool) {
+template <Indenter Tool> Oriented<Tool> lying_along_y(const Tool& tool) {
   Mat3d turn;
   turn << 1, 0, 0, 0, 0, 1, 0, -1, 0;
   return {tool, turn};
 }
 
 /// The same, laid along x, across the finger.
-template <Indenter Tool>
-Oriented<Tool> lying_along_x(const Tool& tool) {
+template <Indenter Tool> Oriented<Tool> lying_along_x(const Tool& tool) {
   Mat3d turn;
   turn << 0, 0, 1, 0, 1, 0, -1, 0, 0;
   return {tool, turn};
 }
 
-template <Indenter Tool>
-void validate(const Oriented<Tool>& o) {
+template <Indenter Tool> void validate(const Oriented<Tool>& o) {
   validate(o.tool);
   if (!((o.turn.transpose() * o.turn - Mat3d::Identity()).norm() < 1e-9 && o.turn.determinant() > 0.0))
     throw InvalidArgument(message("turn of a tool: its determinant is ", o.turn.determinant(), ", must be a rotation"));

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <limits>
 
-// What nearly incompressible rubber laws share: invariants of the deformation without its volume change, and one volumetric energy.
+// What nearly incompressible rubber laws share: invariants of the deformation without its volume change, and one
+// volumetric energy.
 namespace lumo {
 
 /// A function of the deformation gradient with its first and second derivative, the latter flattened by columns.
@@ -24,7 +25,8 @@ inline InvariantSample second_isochoric_invariant(const Mat3d& F);
 /// U(J) = κ/4 (J² − 1 − 2 ln J): convex, and without limit at both ends. Source: Simo and Taylor 1991.
 inline VolumetricSample convex_volumetric(double bulk, double J) {
   if (!(J > 0.0)) return {std::numeric_limits<double>::infinity(), 0.0, 0.0};
-  return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J), 0.5 * bulk * (1.0 + 1.0 / (J * J))};
+  return {0.25 * bulk * (J * J - 1.0 - 2.0 * std::log(J)), 0.5 * bulk * (J - 1.0 / J),
+          0.5 * bulk * (1.0 + 1.0 / (J * J))};
 }
 
 namespace detail {
@@ -34,9 +36,10 @@ inline InvariantSample without_volume(const Mat3d& F, const InvariantSample& ful
   const double J = F.determinant(), scale = std::pow(J, -m);
   const Mat3d c = cofactor(F);
   const Mat9d mixed = dyad(full.gradient, c);
-  return {scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
-          scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) + dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) -
-                   (m * full.value / J) * determinant_hessian(F))};
+  return {
+      scale * full.value, scale * (full.gradient - (m * full.value / J) * c),
+      scale * (full.hessian - (m / J) * (mixed + mixed.transpose()) +
+               dyad((m * (m + 1.0) * full.value / (J * J)) * c, c) - (m * full.value / J) * determinant_hessian(F))};
 }
 
 }  // namespace detail
@@ -54,8 +57,8 @@ inline InvariantSample second_isochoric_invariant(const Mat3d& F) {
       for (int k = 0; k < 3; ++k)
         for (int l = 0; l < 3; ++l) {
           const double same_row = i == k ? 1.0 : 0.0, same_column = j == l ? 1.0 : 0.0;
-          h(i + 3 * j, k + 3 * l) =
-              2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) - F(i, l) * F(k, j) - same_column * B(i, k));
+          h(i + 3 * j, k + 3 * l) = 2.0 * (I1 * same_row * same_column + 2.0 * F(i, j) * F(k, l) - same_row * C(l, j) -
+                                           F(i, l) * F(k, j) - same_column * B(i, k));
         }
   return detail::without_volume(F, {0.5 * (I1 * I1 - C.squaredNorm()), 2.0 * (I1 * F - F * C), h}, 4.0 / 3.0);
 }

@@ -15,9 +15,10 @@ struct VolumetricSample {
   double stiffness;
 };
 
-/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U by its mean.
-/// Laws: P(I) = 0; W(QF) = W(F) for rotations Q; stress and tangent are the derivatives of the energy; W = +∞ where det F ≤ 0 if the
-/// law resists inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is ∂P/∂F, 9 × 9, flattened by columns.
+/// A hyperelastic solid, W(F) = distortion(F) + U(det F). The split lets an element treat the stiff volumetric part U
+/// by its mean. Laws: P(I) = 0; W(QF) = W(F) for rotations Q; stress and tangent are the derivatives of the energy; W =
+/// +∞ where det F ≤ 0 if the law resists inversion. Stress is the first Piola–Kirchhoff stress [Pa], 3 × 3; tangent is
+/// ∂P/∂F, 9 × 9, flattened by columns.
 template <class M>
 concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
   { m.distortion_energy(F) } -> std::convertible_to<double>;
@@ -29,13 +30,13 @@ concept HyperelasticMaterial = requires(const M& m, const Mat3d& F, double J) {
 };
 
 /// h'(J) and h''(J) [Pa] of a solid W = μ/2 (I_C − 3) + h(J), as numbers or arrays of them.
-template <class T>
-struct DilatationSample {
+template <class T> struct DilatationSample {
   T stress;
   T stiffness;
 };
 
-/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many elements at once.
+/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many
+/// elements at once.
 template <class M>
 concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const Lanes& J) {
   { m.dilatation(J) } -> std::same_as<DilatationSample<Lanes>>;
@@ -90,20 +91,17 @@ inline Mat9d isotropic(double m) {
 }
 
 /// Energy density W(F) [J/m³].
-template <HyperelasticMaterial M>
-double energy_density(const M& m, const Mat3d& F) {
+template <HyperelasticMaterial M> double energy_density(const M& m, const Mat3d& F) {
   return m.distortion_energy(F) + m.volumetric(F.determinant()).energy;
 }
 
 /// First Piola–Kirchhoff stress P = ∂W/∂F [Pa].
-template <HyperelasticMaterial M>
-Mat3d first_piola(const M& m, const Mat3d& F) {
+template <HyperelasticMaterial M> Mat3d first_piola(const M& m, const Mat3d& F) {
   return m.distortion_stress(F) + m.volumetric(F.determinant()).stress * cofactor(F);
 }
 
 /// Tangent ∂P/∂F [Pa], 9 × 9, flattened by columns.
-template <HyperelasticMaterial M>
-Mat9d elasticity_tangent(const M& m, const Mat3d& F) {
+template <HyperelasticMaterial M> Mat9d elasticity_tangent(const M& m, const Mat3d& F) {
   const VolumetricSample u = m.volumetric(F.determinant());
   const Mat3d c = cofactor(F);
   return m.distortion_tangent(F) + dyad(u.stiffness * c, c) + u.stress * determinant_hessian(F);

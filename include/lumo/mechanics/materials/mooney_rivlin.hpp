@@ -5,12 +5,13 @@
 
 namespace lumo {
 
-/// Mooney–Rivlin solid, W = c₁₀ (Ī₁ − 3) + c₀₁ (Ī₂ − 3) + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 (c₁₀ + c₀₁); +∞ where J ≤ 0.
-/// Source: Mooney 1940, Rivlin 1948. The default is Dragon Skin of the paper at small strain, a fifth of it in the second term.
+/// Mooney–Rivlin solid, W = c₁₀ (Ī₁ − 3) + c₀₁ (Ī₂ − 3) + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 (c₁₀ + c₀₁); +∞ where
+/// J ≤ 0. Source: Mooney 1940, Rivlin 1948. The default is Dragon Skin of the paper at small strain, a fifth of it in
+/// the second term.
 struct MooneyRivlin {
-  double c10 = 42.4e3;       ///< [Pa]
-  double c01 = 10.6e3;       ///< [Pa]
-  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+  double c10 = 42.4e3;      ///< [Pa]
+  double c01 = 10.6e3;      ///< [Pa]
+  double bulk = 10.5647e6;  ///< bulk modulus κ [Pa]
 
   double shear_modulus() const { return 2.0 * (c10 + c01); }
 
@@ -18,8 +19,12 @@ struct MooneyRivlin {
     if (!(F.determinant() > 0.0)) return std::numeric_limits<double>::infinity();
     return c10 * (first_isochoric_invariant(F).value - 3.0) + c01 * (second_isochoric_invariant(F).value - 3.0);
   }
-  Mat3d distortion_stress(const Mat3d& F) const { return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient; }
-  Mat9d distortion_tangent(const Mat3d& F) const { return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian; }
+  Mat3d distortion_stress(const Mat3d& F) const {
+    return c10 * first_isochoric_invariant(F).gradient + c01 * second_isochoric_invariant(F).gradient;
+  }
+  Mat9d distortion_tangent(const Mat3d& F) const {
+    return c10 * first_isochoric_invariant(F).hessian + c01 * second_isochoric_invariant(F).hessian;
+  }
   VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
 };
 

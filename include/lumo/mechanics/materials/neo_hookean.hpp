@@ -31,8 +31,7 @@ struct NeoHookean {
     const double l = std::log(J);
     return {0.5 * lambda * l * l, lambda * l / J, lambda * (1.0 - l) / (J * J)};
   }
-  template <class T>
-  DilatationSample<T> dilatation(const T& J) const {
+  template <class T> DilatationSample<T> dilatation(const T& J) const {
     using std::log;
     const T l = log(J);
     return {(lambda * l - mu) / J, (lambda * (1.0 - l) + mu) / (J * J)};

@@ -8,16 +8,16 @@
 
 namespace lumo {
 
-/// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the principal stretches without the
-/// volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p = 0 is none. The default is Dragon Skin
-/// of the paper at small strain.
+/// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the principal
+/// stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p
+/// = 0 is none. The default is Dragon Skin of the paper at small strain.
 struct Ogden {
   struct Term {
-    double mu = 0.0;       ///< [Pa], of the sign of alpha
-    double alpha = 2.0;    ///< exponent
+    double mu = 0.0;     ///< [Pa], of the sign of alpha
+    double alpha = 2.0;  ///< exponent
   };
   std::array<Term, 3> terms = {{{106.0e3, 2.0}, {}, {}}};
-  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+  double bulk = 10.5647e6;  ///< bulk modulus κ [Pa]
 
   double shear_modulus() const {
     double sum = 0.0;
@@ -83,7 +83,8 @@ inline Mat3d Ogden::log_slopes(const Vec3d& l) const {
   for (const Term& t : terms) {
     const Vec3d power = t.mu * t.alpha * std::pow(l.prod(), -t.alpha / 3.0) * l.array().pow(t.alpha).matrix();
     for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) d(i, j) += (i == j ? power[i] : 0.0) - (power[i] + power[j]) / 3.0 + power.sum() / 9.0;
+      for (int j = 0; j < 3; ++j)
+        d(i, j) += (i == j ? power[i] : 0.0) - (power[i] + power[j]) / 3.0 + power.sum() / 9.0;
   }
   return d;
 }
@@ -98,7 +99,8 @@ inline double Ogden::divided_difference(const Vec3d& l, int i, int j) const {
   return sum;
 }
 
-// In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a turn.
+// In the principal frame stretching couples the diagonal, and each pair of off-diagonal components is a stretch and a
+// turn.
 inline Mat9d Ogden::distortion_tangent(const Mat3d& F) const {
   const Principal p = principal(F);
   const Mat3d slopes = log_slopes(p.l);

@@ -5,9 +5,10 @@
 
 namespace lumo {
 
-/// Neo-Hookean solid without a logarithm, W = μ/2 (I_C − 3) + λ'/2 (J − α)² less its value at rest, with λ' = λ + μ and α = 1 + μ/λ'.
-/// Rest is free of stress, and μ and λ are the Lamé parameters of small strain. Finite where J ≤ 0: an element that is turned inside out
-/// is pushed back. Source: Smith, de Goes, Kim 2018, without their logarithmic term, as Newton 1.8 has it.
+/// Neo-Hookean solid without a logarithm, W = μ/2 (I_C − 3) + λ'/2 (J − α)² less its value at rest, with λ' = λ + μ and
+/// α = 1 + μ/λ'. Rest is free of stress, and μ and λ are the Lamé parameters of small strain. Finite where J ≤ 0: an
+/// element that is turned inside out is pushed back. Source: Smith, de Goes, Kim 2018, without their logarithmic term,
+/// as Newton 1.8 has it.
 struct StableNeoHookean {
   double mu = 106.0e3;       ///< shear modulus [Pa]
   double lambda = 10.494e6;  ///< Lamé's first parameter [Pa]
@@ -15,15 +16,16 @@ struct StableNeoHookean {
   double shear_modulus() const { return mu; }
 
   // λ'/2 (J − α)² − μ²/(2 λ') = λ'/2 (J − 1)² − μ (J − 1): only the first term is stiff.
-  double distortion_energy(const Mat3d& F) const { return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0); }
+  double distortion_energy(const Mat3d& F) const {
+    return 0.5 * mu * (F.squaredNorm() - 3.0) - mu * (F.determinant() - 1.0);
+  }
   Mat3d distortion_stress(const Mat3d& F) const { return mu * (F - cofactor(F)); }
   Mat9d distortion_tangent(const Mat3d& F) const { return mu * (isotropic(1.0) - determinant_hessian(F)); }
   VolumetricSample volumetric(double J) const {
     const double k = lambda + mu;
     return {0.5 * k * (J - 1.0) * (J - 1.0), k * (J - 1.0), k};
   }
-  template <class T>
-  DilatationSample<T> dilatation(const T& J) const {
+  template <class T> DilatationSample<T> dilatation(const T& J) const {
     const double k = lambda + mu;
     return {k * (J - 1.0) - mu, k + 0.0 * J};
   }

@@ -8,14 +8,14 @@
 
 namespace lumo {
 
-/// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source: Yeoh 1993.
-/// The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits to rubber that softens and then
-/// stiffens have it. The default is Dragon Skin of the paper at small strain.
+/// Yeoh solid, W = Σ cₖ (Ī₁ − 3)ᵏ, k = 1, 2, 3, + κ/4 (J² − 1 − 2 ln J). Shear modulus 2 c₁; +∞ where J ≤ 0. Source:
+/// Yeoh 1993. The energy's slope by Ī₁ must be positive however far the body is stretched; c₂ may be negative, as fits
+/// to rubber that softens and then stiffens have it. The default is Dragon Skin of the paper at small strain.
 struct Yeoh {
-  double c1 = 53.0e3;        ///< [Pa]
-  double c2 = 0.0;           ///< [Pa]
-  double c3 = 0.0;           ///< [Pa]
-  double bulk = 10.5647e6;   ///< bulk modulus κ [Pa]
+  double c1 = 53.0e3;       ///< [Pa]
+  double c2 = 0.0;          ///< [Pa]
+  double c3 = 0.0;          ///< [Pa]
+  double bulk = 10.5647e6;  ///< bulk modulus κ [Pa]
 
   double shear_modulus() const { return 2.0 * c1; }
 
@@ -46,7 +46,8 @@ inline void validate(const Yeoh& m) {
   // c₁ + 2 c₂ s + 3 c₃ s² > 0 for all s ≥ 0; where the parabola only touches 0 there is no stiffness left.
   const double least = -std::sqrt(3.0 * m.c1 * m.c3);
   if (!(std::isfinite(m.c2) && m.c2 <= 1e12 && (m.c2 >= 0.0 || m.c2 > least)))
-    throw InvalidArgument(message("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least, " Pa, or not below 0, and not above 1e12 Pa"));
+    throw InvalidArgument(message("Yeoh c2 is ", m.c2, " Pa, must lie above -sqrt(3 c1 c3) = ", least,
+                                  " Pa, or not below 0, and not above 1e12 Pa"));
   require_in_range("bulk modulus", m.bulk, 1e-3, 1e15, "Pa");
 }
 

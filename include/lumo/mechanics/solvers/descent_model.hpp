@@ -15,26 +15,27 @@ namespace lumo {
 
 /// Where the sweeps of a time step begin.
 enum class Predictor {
-  position,       ///< where the last step ended
-  inertia,        ///< as if nothing held it: x + v Δt, as Newton 1.8 does
-  acceleration    ///< as if the last step's acceleration went on: x + v Δt + a Δt² (Chen et al. 2024, without their clamp to gravity)
+  position,     ///< where the last step ended
+  inertia,      ///< as if nothing held it: x + v Δt, as Newton 1.8 does
+  acceleration  ///< as if the last step's acceleration went on: x + v Δt + a Δt² (Chen et al. 2024, without their clamp
+                ///< to gravity)
 };
 
 /// Settings of vertex block descent; the defaults are the paper's.
 struct DescentConfig {
   double time_step_s = 0.01;
-  int sweeps = 10;                        ///< per time step
+  int sweeps = 10;  ///< per time step
   Predictor predictor = Predictor::inertia;
-  double density_kg_per_m3 = 1070.0;      ///< Dragon Skin
-  double viscosity_Pa_s = 10.0;           ///< η on the rate of C = FᵀF
-  double speed_m_per_s = 5e-3;            ///< of the indenter's advance
-  double hold_s = 1.0;                    ///< at each load
-  double slip_speed_m_per_s = 1e-2;       ///< below it friction is smooth
-  double detection_m = 1e-3;              ///< points nearer than this at a step's start are watched during the step
-  double max_advance_m = 20e-3;           ///< a load that is not met by then is given up
-  double time_limit_s = 1e9;              ///< per scenario, wall clock
-  bool lanes = true;                      ///< eight vertices of a color at once, where material and element allow it
-  VertexColors colors = {};               ///< empty: color_vertices
+  double density_kg_per_m3 = 1070.0;  ///< Dragon Skin
+  double viscosity_Pa_s = 10.0;       ///< η on the rate of C = FᵀF
+  double speed_m_per_s = 5e-3;        ///< of the indenter's advance
+  double hold_s = 1.0;                ///< at each load
+  double slip_speed_m_per_s = 1e-2;   ///< below it friction is smooth
+  double detection_m = 1e-3;          ///< points nearer than this at a step's start are watched during the step
+  double max_advance_m = 20e-3;       ///< a load that is not met by then is given up
+  double time_limit_s = 1e9;          ///< per scenario, wall clock
+  bool lanes = true;                  ///< eight vertices of a color at once, where material and element allow it
+  VertexColors colors = {};           ///< empty: color_vertices
 };
 
 /// Throws InvalidArgument for settings out of range.
@@ -51,39 +52,49 @@ inline void validate(const DescentConfig& c) {
 }
 
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element>
-struct DescentModel {
+template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element> struct DescentModel {
   static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
 
   Sector sector;
   Contact contact;
   VertexElasticity<Material, Element> elasticity;
-  ContactSurface touchable;          ///< against the indenter
-  ContactSurface resting;            ///< against the carrier
+  ContactSurface touchable;  ///< against the indenter
+  ContactSurface resting;    ///< against the carrier
   Carrier carrier;
-  std::vector<double> mass;          ///< per node [kg]
-  std::vector<char> moves;           ///< per node: it is not bonded
-  VertexColors colors;               ///< of the nodes that move
-  bool resists_inversion;            ///< the material's energy has no bound where J ≤ 0
+  std::vector<double> mass;  ///< per node [kg]
+  std::vector<char> moves;   ///< per node: it is not bonded
+  VertexColors colors;       ///< of the nodes that move
+  bool resists_inversion;    ///< the material's energy has no bound where J ≤ 0
 
   struct NoLanes {};
   static auto lanes_type() {
-    if constexpr (batched) return std::optional<VertexLanes<Material>>();
-    else return std::optional<NoLanes>();
+    if constexpr (batched)
+      return std::optional<VertexLanes<Material>>();
+    else
+      return std::optional<NoLanes>();
   }
   static auto start_type() {
-    if constexpr (batched) return typename VertexLanes<Material>::Start();
-    else return NoLanes();
+    if constexpr (batched)
+      return typename VertexLanes<Material>::Start();
+    else
+      return NoLanes();
   }
   using LanesStart = decltype(start_type());
   decltype(lanes_type()) lanes;
 
   /// Throws InvalidArgument when the given colors are none.
-  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law, const Element& element, const DescentConfig& config)
-      : sector(sector_of(mesh, planes)), contact(law), elasticity(sector.mesh, material, element),
-        touchable(sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
-        resting(sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law), carrier{body.carrier},
-        mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)), moves(sector.mesh.nodes.size(), 1),
+  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law,
+               const Element& element, const DescentConfig& config)
+      : sector(sector_of(mesh, planes)),
+        contact(law),
+        elasticity(sector.mesh, material, element),
+        touchable(
+            sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
+        resting(
+            sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law),
+        carrier{body.carrier},
+        mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
+        moves(sector.mesh.nodes.size(), 1),
         resists_inversion(!std::isfinite(energy_density(material, Mat3d(-Mat3d::Identity())))) {
     for (const BoundaryFace& f : sector.mesh.faces)
       if (body.patches[std::size_t(f.patch)].bonded)

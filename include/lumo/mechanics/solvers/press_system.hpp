@@ -2,9 +2,9 @@
 
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
-#include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/contact/first_touch.hpp"
 #include "lumo/mechanics/contact/friction.hpp"
+#include "lumo/mechanics/elements/equations.hpp"
 #include "lumo/mechanics/elements/solid.hpp"
 
 #include <map>
@@ -13,15 +13,16 @@
 
 namespace lumo {
 
-/// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic factors.
+/// All that does not change between scenarios on one sector of one mesh: elements, surfaces, equations, symbolic
+/// factors.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, LinearSolver Linear>
 struct SectorModel {
   Sector sector;
   Body body;
   Contact contact;
   Solid<Material, Element> solid;
-  ContactSurface touchable;        ///< against the indenter
-  ContactSurface resting;          ///< against the carrier
+  ContactSurface touchable;  ///< against the indenter
+  ContactSurface resting;    ///< against the carrier
   Carrier carrier;
 
   /// Equations of one parity with the symbolic factorisation of their tangent.
@@ -29,12 +30,19 @@ struct SectorModel {
     Equations equations;
     Linear analysed;
   };
-  std::vector<Block> blocks;       ///< first the even fields, then every other parity of the bounding planes
+  std::vector<Block> blocks;  ///< first the even fields, then every other parity of the bounding planes
 
-  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c, const Element& element)
-      : sector(sector_of(mesh, planes)), body(b), contact(c), solid(sector.mesh, material, element),
-        touchable(sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
-        resting(sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c), carrier{b.carrier} {
+  SectorModel(const Body& b, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& c,
+              const Element& element)
+      : sector(sector_of(mesh, planes)),
+        body(b),
+        contact(c),
+        solid(sector.mesh, material, element),
+        touchable(
+            sector.mesh, b, [](const Patch& p) { return p.contactable; }, c),
+        resting(
+            sector.mesh, b, [](const Patch& p) { return p.meets_carrier; }, c),
+        carrier{b.carrier} {
     blocks.reserve(4);
     for (int odd = 0; odd < 4; ++odd) {
       const Parity parity{(odd & 1) != 0, (odd & 2) != 0};
@@ -48,18 +56,16 @@ struct SectorModel {
   SectorModel& operator=(const SectorModel&) = delete;
 };
 
-/// One scenario on one sector: energy, forces and tangent of pad and indenter as functions of positions x and advance s.
-/// Loads are the sector's share of the whole load.
-template <class Model, Indenter Tool>
-struct PressSystem {
-
+/// One scenario on one sector: energy, forces and tangent of pad and indenter as functions of positions x and advance
+/// s. Loads are the sector's share of the whole load.
+template <class Model, Indenter Tool> struct PressSystem {
   const Model& model;
   const Tool& tool;
-  Vec3d origin;      ///< of the indenter at first touch
+  Vec3d origin;  ///< of the indenter at first touch
   Vec3d direction;
-  double firmness = 1.0;   ///< factor on all contact pressures; 1 but on the way to equilibrium
-  const FrictionHistory* touch_friction = nullptr;   ///< with the indenter
-  const FrictionHistory* rest_friction = nullptr;    ///< with the carrier
+  double firmness = 1.0;  ///< factor on all contact pressures; 1 but on the way to equilibrium
+  const FrictionHistory* touch_friction = nullptr;  ///< with the indenter
+  const FrictionHistory* rest_friction = nullptr;   ///< with the carrier
 
   Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
@@ -91,10 +97,12 @@ struct PressSystem {
   }
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
-  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq, const Seen* seen = nullptr) const {
+  Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
+                           const Seen* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
-    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f, seen ? &seen->touch : nullptr, touch_friction);
+    const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f,
+                                                 seen ? &seen->touch : nullptr, touch_friction);
     add_contact_forces(model.resting, contact(), support(), x, &f, seen ? &seen->rest : nullptr, rest_friction);
     Eigen::VectorXd r(eq.count + 1);
     for (std::size_t i = 0; i < eq.of.size(); ++i)
@@ -103,13 +111,15 @@ struct PressSystem {
     return r;
   }
 
-  /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own stiffness.
+  /// Tangents of several parities at once, the coupling of the even one to the advance, and the indenter's own
+  /// stiffness.
   struct Tangent {
-    std::vector<SparseLower> matrix;   ///< one per block asked for
+    std::vector<SparseLower> matrix;  ///< one per block asked for
     Eigen::VectorXd coupling;
     double stiffness = 0.0;
   };
-  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t, const Seen* seen = nullptr) const {
+  void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
+               const Seen* seen = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;
@@ -125,10 +135,12 @@ struct PressSystem {
     for (std::size_t k = 0; k < systems.size(); ++k) {
       const bool even = first + k == 0;
       if (even) t.coupling = Eigen::VectorXd::Zero(systems[k]->count);
-      const ContactSums s = add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k], even ? &t.coupling : nullptr,
-                                                seen ? &seen->touch : nullptr, touch_friction);
+      const ContactSums s =
+          add_contact_tangent(model.touchable, contact(), indenter(advance), x, *systems[k], values[k],
+                              even ? &t.coupling : nullptr, seen ? &seen->touch : nullptr, touch_friction);
       if (even) t.stiffness = s.push_stiffness;
-      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr, seen ? &seen->rest : nullptr, rest_friction);
+      add_contact_tangent(model.resting, contact(), support(), x, *systems[k], values[k], nullptr,
+                          seen ? &seen->rest : nullptr, rest_friction);
     }
   }
 

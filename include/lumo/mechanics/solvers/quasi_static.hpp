@@ -2,9 +2,9 @@
 
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact/contact_set.hpp"
+#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "lumo/mechanics/solvers/secant_pairs.hpp"
-#include "lumo/mechanics/contact/state.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -16,63 +16,67 @@ namespace lumo {
 
 /// Settings of the quasi-static solver.
 struct QuasiStaticConfig {
-  double residual_tolerance = 1e-7;   ///< of the load
-  int max_iterations = 200;           ///< factorisations per load
-  int stride_iterations = 40;         ///< factorisations before a stride is cut
-  double chord_contraction = 0.02;    ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction = 0.8;      ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
-  double load_stride = 1.6;           ///< loads in between are at most this factor apart
-  double max_advance = 0.2;           ///< largest advance in one step, in radii of the indenter's contact
-  double time_limit_s = 1e9;          ///< per scenario, wall clock
+  double residual_tolerance = 1e-7;  ///< of the load
+  int max_iterations = 200;          ///< factorisations per load
+  int stride_iterations = 40;        ///< factorisations before a stride is cut
+  double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
+  double late_contraction =
+      0.8;  ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  double load_stride = 1.6;   ///< loads in between are at most this factor apart
+  double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
+  double time_limit_s = 1e9;  ///< per scenario, wall clock
 };
 
-/// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly (model: solver policy
-/// "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
+/// Static equilibrium at prescribed loads: the indenter's advance is an unknown, so that each load is met exactly
+/// (model: solver policy "quasi-static"). Newton's method on energy(x, s) − F s, load by load along 0 → F₁ → F₂ ….
 ///
-/// The stiff parts of the energy, volume change and contact, are linearised about values that are carried on *linearly* by each step
-/// (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order errors in volume then make no
-/// spurious pressure, the tangent stays positive definite, and contact points change sides by what the step meant. This is Newton's method
-/// for the mixed problem with θ and γ eliminated; its solution is that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses;
-/// Hintermüller, Ito, Kunisch 2002 for contact). A factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
+/// The stiff parts of the energy, volume change and contact, are linearised about values that are carried on *linearly*
+/// by each step (volume ratios θ, gaps γ) instead of those that the moved nodes happen to have: a step's second-order
+/// errors in volume then make no spurious pressure, the tangent stays positive definite, and contact points change
+/// sides by what the step meant. This is Newton's method for the mixed problem with θ and γ eliminated; its solution is
+/// that of the plain one (Magisano, Leonetti, Garcea 2017 for stresses; Hintermüller, Ito, Kunisch 2002 for contact). A
+/// factor is used again, corrected by what its steps show (SecantPairs), as long as it contracts.
 ///
-/// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts from a good guess of
-/// it: the points with the smallest gaps on the area that Hertz's formula gives for the first load, and on the last area × (load/last)^0.6
-/// after that. Where the tangent is lost on the way, the load is approached again from the last one, in smaller strides that end closer to
-/// equilibrium.
+/// A set of contact points that is too large loses its rim ring by ring, one factorisation each. So every stride starts
+/// from a good guess of it: the points with the smallest gaps on the area that Hertz's formula gives for the first
+/// load, and on the last area × (load/last)^0.6 after that. Where the tangent is lost on the way, the load is
+/// approached again from the last one, in smaller strides that end closer to equilibrium.
 ///
-/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so that it stays symmetric:
-/// convergence is linear, and states depend on the strides that lead to them.
+/// With friction the residual is that of Coulomb's law and the tangent leaves out how friction grows with pressure, so
+/// that it stays symmetric: convergence is linear, and states depend on the strides that lead to them.
 ///
-/// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's symmetry included;
-/// otherwise the status says so.
-template <LinearSolver Linear = EigenCholesky>
-struct QuasiStatic {
-  template <class Material, class Contact, class Element>
-  using Model = SectorModel<Material, Contact, Element, Linear>;
+/// At each load the unshifted tangent of the *whole* body must be positive definite, fields that break the scenario's
+/// symmetry included; otherwise the status says so.
+template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
+  template <class Material, class Contact, class Element> using Model = SectorModel<Material, Contact, Element, Linear>;
   using Config = QuasiStaticConfig;
   static constexpr bool uses_symmetry = true;
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
+                                                           const Material& material, const Contact& contact,
                                                            const Element& element) const {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
   }
 
-  /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no further one is tried
-  /// (it carries the reason).
+  /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no
+  /// further one is tried (it carries the reason).
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
 
-template <class Model, Indenter Tool>
-class QuasiStaticRun {
-
+template <class Model, Indenter Tool> class QuasiStaticRun {
  public:
-  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch, const QuasiStaticConfig& config)
-      : config_(config), model_(model), system_{model, scenario.indenter, touch.origin, scenario.direction()},
-        eq_(model.blocks.front().equations), now_{positions_of(model.sector.mesh), 0.0},
-        touched_(model.touchable, model.contact, now_.x, touch.origin), rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
+  QuasiStaticRun(const Model& model, const Scenario<Tool>& scenario, const Touch& touch,
+                 const QuasiStaticConfig& config)
+      : config_(config),
+        model_(model),
+        system_{model, scenario.indenter, touch.origin, scenario.direction()},
+        eq_(model.blocks.front().equations),
+        now_{positions_of(model.sector.mesh), 0.0},
+        touched_(model.touchable, model.contact, now_.x, touch.origin),
+        rested_(model.resting, model.contact, now_.x, Vec3d::Zero()) {
     linear_.reserve(model.blocks.size());
     for (const auto& block : model.blocks) linear_.push_back(block.analysed);
   }
@@ -86,17 +90,21 @@ class QuasiStaticRun {
     const double from = load_;
     double first = std::min(load, largest_first_load()), stride = config_.load_stride, on_the_way = loose;
     for (int cuts = 0; load_ != load;) {
-      const double next = load_ == 0.0 ? first : stride_end(load, stride), tolerance = next == load ? config_.residual_tolerance : on_the_way;
-      const Status s = load_ == 0.0 ? touch_down(next, tolerance) : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
+      const double next = load_ == 0.0 ? first : stride_end(load, stride),
+                   tolerance = next == load ? config_.residual_tolerance : on_the_way;
+      const Status s = load_ == 0.0 ? touch_down(next, tolerance)
+                                    : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
         rested_.settle(model_.resting, model_.contact, system_.support(), now_.x);
         continue;
       }
-      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search || s == Status::max_iterations;
+      const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
+                        s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, touched_ = touched_before, rested_ = rested_before, load_ = from;   // what was reached loosely on the way may be what led astray
+      now_ = start, touched_ = touched_before, rested_ = rested_before,
+      load_ = from;  // what was reached loosely on the way may be what led astray
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
@@ -112,14 +120,22 @@ class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
-  static constexpr double loose = 0.3, close = 1e-3;   ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled = 1e-2;              ///< residual over load below which points seldom come and go, or change between sticking and sliding
+  static constexpr double
+      loose = 0.3,
+      close = 1e-3;  ///< residual over load at which a stride on the way may end, at first and after a loss
+  static constexpr double settled =
+      1e-2;  ///< residual over load below which points seldom come and go, or change between sticking and sliding
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
-  double largest_first_load() const { return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 * std::pow(contact_radius(system_.tool), 2); }
+  double largest_first_load() const {
+    return model_.sector.fraction() * model_.solid.material().shear_modulus() * 2.0 / 3.0 *
+           std::pow(contact_radius(system_.tool), 2);
+  }
   double hertz_area(double load) const {
     const double share = model_.sector.fraction(), whole = load / share;
-    return share * pi * std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()), 2.0 / 3.0);
+    return share * pi *
+           std::pow(3.0 * whole * contact_radius(system_.tool) / (16.0 * model_.solid.material().shear_modulus()),
+                    2.0 / 3.0);
   }
 
   /// Where the next of equal strides from load_ to `load` ends.
@@ -147,23 +163,27 @@ class QuasiStaticRun {
     return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
   }
 
-  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a contact `softer` times as firm.
+  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a
+  // contact `softer` times as firm.
   Status approach(double load, double tolerance, double area, double softer = 1.0) {
     auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
     for (SeenGaps* gaps : {&seen.touch, &seen.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
-    Eigen::VectorXd before;   // residual at the start of the last step; none before the first factor
+    Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
       Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
       // The plain residual is what counts; it is looked at when the linearised one is small.
-      if (unbalanced <= tolerance * load && system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load) return Status::converged;
+      if (unbalanced <= tolerance * load &&
+          system_.residual(now_.x, now_.advance, load, eq_).norm() <= tolerance * load)
+        return Status::converged;
       if (watch_.seconds() > config_.time_limit_s) return Status::time_limit;
-      if (before.size() > 0 && unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
+      if (before.size() > 0 &&
+          unbalanced <= (nearly_there ? config_.late_contraction : config_.chord_contraction) * before.norm()) {
         steps_.add(std::move(last_step_), r - before);
       } else {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
@@ -171,7 +191,8 @@ class QuasiStaticRun {
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
         system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
-        if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+        if (f != FactorStatus::positive_definite)
+          return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
         if (!border()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
@@ -181,8 +202,8 @@ class QuasiStaticRun {
     }
   }
 
-  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be undone, but it is no
-  // pressure yet that could bend the tangent.
+  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be
+  // undone, but it is no pressure yet that could bend the tangent.
   static constexpr double just_touching = -1e-15;
   static void enter(SeenGaps& gaps, const SeenGaps& before) {
     for (std::size_t f = 0; f < gaps.size(); ++f)
@@ -198,7 +219,8 @@ class QuasiStaticRun {
     };
     std::vector<Point> points;
     for (std::size_t f = 0; f < gaps.size(); ++f)
-      for (std::size_t k = 0; k < gaps[f].size(); ++k) points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
+      for (std::size_t k = 0; k < gaps[f].size(); ++k)
+        points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
     std::sort(points.begin(), points.end());
     double last = 0.0;
     for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
@@ -222,8 +244,8 @@ class QuasiStaticRun {
     return d;
   }
 
-  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that is predicted for it.
-  // What refuses even the shortest step says why there is none.
+  // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
+  // is predicted for it. What refuses even the shortest step says why there is none.
   Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
@@ -257,8 +279,9 @@ class QuasiStaticRun {
     system_.tangent(now_.x, now_.advance, 0, model_.blocks.size(), t);
     for (std::size_t b = 0; b < model_.blocks.size(); ++b) {
       const FactorStatus f = linear_[b].factorize(t.matrix[b]);
-      if (f != FactorStatus::positive_definite) return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
-      if (b > 0) continue;   // the advance moves with the even fields only
+      if (f != FactorStatus::positive_definite)
+        return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
+      if (b > 0) continue;  // the advance moves with the even fields only
       const double stiffness = t.stiffness - t.coupling.dot(Eigen::VectorXd(linear_[b].solve(t.coupling)));
       if (!(stiffness > 0.0)) return std::isfinite(stiffness) ? Status::not_positive_definite : Status::non_finite;
     }
@@ -269,27 +292,30 @@ class QuasiStaticRun {
   const Model& model_;
   System system_;
   const Equations& eq_;
-  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>> linear_;   // by parity; the first one's factor is that of the steps
-  typename System::Place now_, factored_;   // where we are, and where the factor was made
-  FrictionHistory touched_, rested_;        // at the end of the last stride
+  std::vector<std::decay_t<decltype(std::declval<Model>().blocks.front().analysed)>>
+      linear_;                             // by parity; the first one's factor is that of the steps
+  typename System::Place now_, factored_;  // where we are, and where the factor was made
+  FrictionHistory touched_, rested_;       // at the end of the last stride
   Stopwatch watch_;
   typename System::Tangent tangent_;
-  Eigen::VectorXd response_;   // K⁻¹ k
+  Eigen::VectorXd response_;  // K⁻¹ k
   double schur_ = 0.0;
-  SecantPairs steps_;          // with that factor
+  SecantPairs steps_;  // with that factor
   Eigen::VectorXd last_step_;
-  double load_ = 0.0;          // last one that was reached
+  double load_ = 0.0;  // last one that was reached
 };
 
-template <class Model, Indenter Tool>
-FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
+template <class Model, Indenter Tool> FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
   FrictionForces out;
   if (touched_.coefficient == 0.0) return out;
   const Sector& sector = model_.sector;
   out.on_nodes.assign(sector.mesh.nodes.size(), Vec3d::Zero());
   rested_.add_nodal_forces(model_.resting, model_.contact, system_.support(), now_.x, out.on_nodes);
-  out.push_N = touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes).dot(system_.direction) / sector.fraction();
-  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)   // nodes in a bounding plane have as much on the other side
+  out.push_N =
+      touched_.add_nodal_forces(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x, out.on_nodes)
+          .dot(system_.direction) /
+      sector.fraction();
+  for (std::size_t k = 0; k < out.on_nodes.size(); ++k)  // nodes in a bounding plane have as much on the other side
     for (int axis = 0; axis < 2; ++axis)
       if ((axis == 0 ? sector.planes.x : sector.planes.y) && sector.mesh.nodes[k][axis] == 0.0) {
         out.on_nodes[k] *= 2.0;
@@ -300,7 +326,8 @@ FrictionForces QuasiStaticRun<Model, Tool>::friction() const {
 
 template <LinearSolver Linear>
 template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, const Scenario<Tool>& scenario,
+                                                      const Touch& touch) const {
   QuasiStaticRun<SomeModel, Tool> path(model, scenario, touch, config);
   const double fraction = model.sector.fraction();
   std::vector<MechanicalState> states;
@@ -311,7 +338,8 @@ std::vector<MechanicalState> QuasiStatic<Linear>::run(const SomeModel& model, co
     state.iterations = path.iterations;
     state.depth_m = path.advance();
     const auto& x = path.positions();
-    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k)
+      state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     FrictionForces friction = path.friction();
     state.friction_N = std::move(friction.on_nodes);
     state.friction_push_N = friction.push_N;

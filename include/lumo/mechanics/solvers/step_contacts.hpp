@@ -8,15 +8,15 @@
 
 namespace lumo {
 
-/// The contact points of one time step between a surface and one rigid thing, with Coulomb friction on the slip since the step's start.
-/// Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020; Newton 1.8).
-template <ContactHandler Contact, class Tool>
-class StepContacts {
-
+/// The contact points of one time step between a surface and one rigid thing, with Coulomb friction on the slip since
+/// the step's start. Friction is smooth below a slip `stick_m`: (2 − u/stick) u/stick of its full size (Li et al. 2020;
+/// Newton 1.8).
+template <ContactHandler Contact, class Tool> class StepContacts {
  public:
   StepContacts(const ContactSurface& surface, const Contact& law) : surface_(&surface), law_(law) {}
 
-  /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at its place.
+  /// The points that come within `reach_m` of the rigid thing, which moved by `moved` since the last step and is now at
+  /// its place.
   void find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m);
 
   /// Adds node v's share at positions x.
@@ -41,7 +41,8 @@ class StepContacts {
       s.friction += friction;
       if (!friction_on_nodes || law_friction() == 0.0) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
-        (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] += surface_->points(p.face)[p.number].shape[a] * friction;
+        (*friction_on_nodes)[std::size_t(surface_->face(p.face).nodes[a])] +=
+            surface_->points(p.face)[p.number].shape[a] * friction;
     }
     return s;
   }
@@ -50,8 +51,8 @@ class StepContacts {
   static constexpr bool frozen = requires { requires Contact::plane_frozen; };
   struct Point {
     std::size_t face, number;
-    Vec3d start;     // its place at the step's start
-    Vec3d foot;      // of the plane
+    Vec3d start;  // its place at the step's start
+    Vec3d foot;   // of the plane
     Vec3d normal;
   };
   struct Corner {
@@ -68,7 +69,9 @@ class StepContacts {
       return {d.distance, d.gradient};
     }
   }
-  Vec3d place(const Point& p, const Positions& x) const { return surface_->position(p.face, surface_->points(p.face)[p.number], x); }
+  Vec3d place(const Point& p, const Positions& x) const {
+    return surface_->position(p.face, surface_->points(p.face)[p.number], x);
+  }
   Vec3d normal_force(const Point& p, const Positions& x) const {
     const auto [g, n] = gap(p, place(p, x));
     return surface_->points(p.face)[p.number].weight_m2 * law_.respond(g).pressure * n;
@@ -83,7 +86,8 @@ class StepContacts {
     VertexBlock out{push * n, weight * r.stiffness * n * n.transpose()};
     if (law_friction() == 0.0) return out;
     const Vec3d slip = at - p.start - moved_, along = slip - n.dot(slip) * n;
-    const double u = along.norm(), scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
+    const double u = along.norm(),
+                 scale = law_friction() * push * (u > stick_m_ ? 1.0 / u : (2.0 - u / stick_m_) / stick_m_);
     out.force -= scale * along;
     out.block += scale * (Mat3d::Identity() - n * n.transpose());
     return out;
@@ -95,12 +99,13 @@ class StepContacts {
   Vec3d moved_{0.0, 0.0, 0.0};
   double stick_m_ = 1.0;
   std::vector<Point> points_;
-  std::vector<int> first_;         // per node, into corners_
+  std::vector<int> first_;  // per node, into corners_
   std::vector<Corner> corners_;
 };
 
 template <ContactHandler Contact, class Tool>
-void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved, double reach_m, double stick_m) {
+void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool>& rigid, const Vec3d& moved,
+                                       double reach_m, double stick_m) {
   rigid_ = rigid;
   moved_ = moved;
   stick_m_ = stick_m;
@@ -115,7 +120,8 @@ void StepContacts<Contact, Tool>::find(const Positions& start, const Moving<Tool
       const DistanceSample d = rigid.sample(at);
       if (d.distance > reach_m) continue;
       for (std::size_t a = 0; a < std::size_t(surface_->nodes_per_face()); ++a)
-        if (points[k].shape[a] != 0.0) of_node[std::size_t(surface_->face(f).nodes[a])].push_back({int(points_.size()), points[k].shape[a]});
+        if (points[k].shape[a] != 0.0)
+          of_node[std::size_t(surface_->face(f).nodes[a])].push_back({int(points_.size()), points[k].shape[a]});
       points_.push_back({f, k, at, at - d.distance * d.gradient, d.gradient});
     }
   }

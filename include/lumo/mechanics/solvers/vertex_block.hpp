@@ -8,18 +8,18 @@ namespace lumo {
 
 /// Newton's equation of one node, the others held: block · step = force, both of the node's own three components.
 struct VertexBlock {
-  Vec3d force{0.0, 0.0, 0.0};   ///< [N]
-  Mat3d block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};   ///< [N/m]
+  Vec3d force{0.0, 0.0, 0.0};                                      ///< [N]
+  Mat3d block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};  ///< [N/m]
 };
 
 /// Elastic and viscous force and stiffness of single nodes, for any material and element.
-/// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has it.
-template <HyperelasticMaterial Material, TetElement Element>
-class VertexElasticity {
-
+/// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has
+/// it.
+template <HyperelasticMaterial Material, TetElement Element> class VertexElasticity {
  public:
   /// Throws InvalidArgument where the mesh is not of the element's order.
-  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element) : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
+  VertexElasticity(const TetMesh& mesh, const Material& material, const Element& element)
+      : mesh_(&mesh), material_(material), element_(element), points_(mesh) {
     at_.resize(mesh.nodes.size());
     for (std::size_t e = 0; e < mesh.tets.size(); ++e)
       for (int a = 0; a < N; ++a) at_[std::size_t(mesh.tets[e][std::size_t(a)])].push_back({int(e), a});
@@ -35,7 +35,7 @@ class VertexElasticity {
         volume += weight(in.tet, q);
         changed += weight(in.tet, q) * F[std::size_t(q)].determinant();
       }
-      Vec3d dilation = Vec3d::Zero();   // of the whole element by the node's place
+      Vec3d dilation = Vec3d::Zero();  // of the whole element by the node's place
       for (int q = 0; q < Element::points; ++q) {
         const Mat3d& f = F[std::size_t(q)];
         const Vec3d g = gradient(in.tet, q).col(in.place);
@@ -47,7 +47,8 @@ class VertexElasticity {
         if (!element_.mean_dilatation) {
           const VolumetricSample u = material_.volumetric(f.determinant());
           out.force -= w * u.stress * c;
-          out.block += w * u.stiffness * c * c.transpose();   // the second derivative of J vanishes on a node's own block
+          out.block +=
+              w * u.stiffness * c * c.transpose();  // the second derivative of J vanishes on a node's own block
         }
         if (rate > 0.0) {
           const Mat3d before = deformation(in.tet, q, start);
@@ -64,7 +65,8 @@ class VertexElasticity {
     }
   }
 
-  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is linear in one node).
+  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is
+  /// linear in one node).
   double feasible_part(int v, const Positions& x, const Vec3d& step) const {
     double t = 1.0;
     for (const Incidence& in : at_[std::size_t(v)])
@@ -91,7 +93,9 @@ class VertexElasticity {
     int tet, place;
   };
   const std::vector<Incidence>& incidences(int v) const { return at_[std::size_t(v)]; }
-  const typename ElementPoints<Element>::Gradients& gradient(int e, int q) const { return points_.gradient(std::size_t(e), q); }
+  const typename ElementPoints<Element>::Gradients& gradient(int e, int q) const {
+    return points_.gradient(std::size_t(e), q);
+  }
   double weight(int e, int q) const { return points_.weight(std::size_t(e), q); }
 
  private:
@@ -99,14 +103,17 @@ class VertexElasticity {
 
   Mat3d deformation(int e, int q, const Positions& x) const {
     Mat3d F = Mat3d::Zero();
-    for (int a = 0; a < N; ++a) F += x.col(mesh_->tets[std::size_t(e)][std::size_t(a)]) * gradient(e, q).col(a).transpose();
+    for (int a = 0; a < N; ++a)
+      F += x.col(mesh_->tets[std::size_t(e)][std::size_t(a)]) * gradient(e, q).col(a).transpose();
     return F;
   }
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
   static Mat3d contracted(const Mat9d& A, const Vec3d& g) {
-    Eigen::Matrix<double, 9, 3> right = A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
-    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] + right.template bottomRows<3>() * g[2];
+    Eigen::Matrix<double, 9, 3> right =
+        A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
+    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] +
+           right.template bottomRows<3>() * g[2];
   }
 
   const TetMesh* mesh_;

@@ -15,15 +15,14 @@
 
 namespace lumo {
 
-/// The paper's solver: implicit Euler in time, each step a fixed number of sweeps over the vertices, color by color; each vertex is moved by
-/// Newton's method on its own three components, with inertia, elasticity, viscosity and contact in the 3×3 block. The indenter advances at a
-/// constant speed until a load is met, then stands still for `hold_s`, and the state is recorded: `held`, which says nothing of equilibrium.
-/// Vertices of one color do not meet, so that any executor gives the same bits.
-/// Source: Chen, Liu, Yang, Yuksel 2024 (vertex block descent); protocol of the paper's §III-B and its table of settings.
-template <Executor E = Serial>
-struct BlockDescent {
-  template <class Material, class Contact, class Element>
-  using Model = DescentModel<Material, Contact, Element>;
+/// The paper's solver: implicit Euler in time, each step a fixed number of sweeps over the vertices, color by color;
+/// each vertex is moved by Newton's method on its own three components, with inertia, elasticity, viscosity and contact
+/// in the 3×3 block. The indenter advances at a constant speed until a load is met, then stands still for `hold_s`, and
+/// the state is recorded: `held`, which says nothing of equilibrium. Vertices of one color do not meet, so that any
+/// executor gives the same bits. Source: Chen, Liu, Yang, Yuksel 2024 (vertex block descent); protocol of the paper's
+/// §III-B and its table of settings.
+template <Executor E = Serial> struct BlockDescent {
+  template <class Material, class Contact, class Element> using Model = DescentModel<Material, Contact, Element>;
   using Config = DescentConfig;
   static constexpr bool uses_symmetry = false;
   Config config = {};
@@ -31,14 +30,15 @@ struct BlockDescent {
 
   /// Throws InvalidArgument for settings out of range and for colors that are none.
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& contact,
+  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
+                                                           const Material& material, const Contact& contact,
                                                            const Element& element) const {
     validate(config);
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
   }
 
-  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step without finite positions as non_finite, with
-  /// the state before it.
+  /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step
+  /// without finite positions as non_finite, with the state before it.
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
@@ -46,19 +46,29 @@ struct BlockDescent {
 using VertexBlockDescent = BlockDescent<>;
 
 /// One body under one indenter in time.
-template <class Model, Indenter Tool, Executor E>
-class Descent {
-
+template <class Model, Indenter Tool, Executor E> class Descent {
  public:
-  Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3d& direction, const DescentConfig& config, const E& executor)
-      : model_(model), config_(config), executor_(executor), tool_(tool), origin_(touch.origin), direction_(direction), x_(positions_of(model.sector.mesh)),
-        start_(x_), target_(x_), velocity_(Positions::Zero(3, x_.cols())), last_velocity_(velocity_), touching_(model.touchable, model.contact),
+  Descent(const Model& model, const Tool& tool, const Touch& touch, const Vec3d& direction, const DescentConfig& config,
+          const E& executor)
+      : model_(model),
+        config_(config),
+        executor_(executor),
+        tool_(tool),
+        origin_(touch.origin),
+        direction_(direction),
+        x_(positions_of(model.sector.mesh)),
+        start_(x_),
+        target_(x_),
+        velocity_(Positions::Zero(3, x_.cols())),
+        last_velocity_(velocity_),
+        touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
     if constexpr (Model::batched)
       if (model.lanes) points_.resize(std::size_t(x_.cols())), lanes_start_.resize(model.lanes->slots()), place_all();
   }
 
-  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth: then all is as it was before.
+  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth:
+  /// then all is as it was before.
   bool step(double by) {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
@@ -66,7 +76,8 @@ class Descent {
     remember();
     predict();
     place_all();
-    touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m, stick);
+    touching_.find(start_, {&tool_, origin_ + advance_ * direction_, direction_}, by * direction_, config_.detection_m,
+                   stick);
     resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
     // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
@@ -128,14 +139,13 @@ class Descent {
   // Pieces of work that are large enough to hand out.
   static constexpr std::size_t piece = 16;
 
-  template <class Visit>
-  void for_batches(Visit&& visit) const {
+  template <class Visit> void for_batches(Visit&& visit) const {
     if constexpr (Model::batched)
       if (model_.lanes)
-        for (const auto& batches : model_.lanes->batches()) over(batches.size(), [&](std::size_t k) { visit(batches[k]); });
+        for (const auto& batches : model_.lanes->batches())
+          over(batches.size(), [&](std::size_t k) { visit(batches[k]); });
   }
-  template <class Visit>
-  void over(std::size_t count, Visit&& visit) const {
+  template <class Visit> void over(std::size_t count, Visit&& visit) const {
     executor_.for_each((count + piece - 1) / piece, [&](std::size_t p) {
       for (std::size_t k = p * piece; k < std::min(count, (p + 1) * piece); ++k) visit(k);
     });
@@ -165,7 +175,8 @@ class Descent {
         VertexBlock b;
         model_.elasticity.add(color[k], x_, start_, rate(), b);
         const Vec3d step = step_of(color[k], b);
-        x_.col(color[k]) += (model_.resists_inversion ? model_.elasticity.feasible_part(color[k], x_, step) : 1.0) * step;
+        x_.col(color[k]) +=
+            (model_.resists_inversion ? model_.elasticity.feasible_part(color[k], x_, step) : 1.0) * step;
       });
   }
 
@@ -177,14 +188,17 @@ class Descent {
     touching_.add(v, x_, b);
     resting_.add(v, x_, b);
     const Mat3d& H = b.block;
-    const Mat3d c = cofactor(H);   // of a symmetric matrix: its inverse times the determinant
+    const Mat3d c = cofactor(H);  // of a symmetric matrix: its inverse times the determinant
     const double determinant = H.col(0).dot(c.col(0));
-    if (H(0, 0) > 0.0 && c(2, 2) > 0.0 && determinant > 1e-14 * H(0, 0) * H(1, 1) * H(2, 2)) return c * b.force / determinant;
-    if (!H.allFinite() || !b.force.allFinite()) return Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());   // seen at the step's end
+    if (H(0, 0) > 0.0 && c(2, 2) > 0.0 && determinant > 1e-14 * H(0, 0) * H(1, 1) * H(2, 2))
+      return c * b.force / determinant;
+    if (!H.allFinite() || !b.force.allFinite())
+      return Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());  // seen at the step's end
     // Curvatures that are negative change sign: a step along them still lowers the energy.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(H);
     const Vec3d l = eigen.eigenvalues().cwiseAbs();
-    return eigen.eigenvectors() * (eigen.eigenvectors().transpose() * b.force).cwiseQuotient(l.cwiseMax(1e-9 * l.maxCoeff()));
+    return eigen.eigenvectors() *
+           (eigen.eigenvectors().transpose() * b.force).cwiseQuotient(l.cwiseMax(1e-9 * l.maxCoeff()));
   }
 
   const Model& model_;
@@ -202,7 +216,8 @@ class Descent {
 
 template <Executor E>
 template <class SomeModel, Indenter Tool>
-std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const {
+std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const Scenario<Tool>& scenario,
+                                                  const Touch& touch) const {
   const Stopwatch watch;
   Descent<SomeModel, Tool, E> body(model, scenario.indenter, touch, scenario.direction(), config, executor);
   const int hold = int(std::lround(config.hold_s / config.time_step_s));
@@ -215,19 +230,24 @@ std::vector<MechanicalState> BlockDescent<E>::run(const SomeModel& model, const 
     const int before = steps;
     const auto go = [&](double by) {
       ++steps;
-      if (!body.step(by)) state.status = Status::non_finite;
-      else if (watch.seconds() > config.time_limit_s) state.status = Status::time_limit;
+      if (!body.step(by))
+        state.status = Status::non_finite;
+      else if (watch.seconds() > config.time_limit_s)
+        state.status = Status::time_limit;
     };
     while (state.status == Status::held && body.push() < load) {
-      if (body.advance() >= config.max_advance_m) state.status = Status::max_iterations;
-      else go(config.speed_m_per_s * config.time_step_s);
+      if (body.advance() >= config.max_advance_m)
+        state.status = Status::max_iterations;
+      else
+        go(config.speed_m_per_s * config.time_step_s);
     }
     state.met_force_N = body.push();
     for (int k = 0; k < hold && state.status == Status::held; ++k) go(0.0);
     state.iterations = config.sweeps * (steps - before);
     state.depth_m = body.advance();
     const auto& x = body.positions();
-    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k) state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
+    for (std::size_t k = 0; k < model.sector.mesh.nodes.size(); ++k)
+      state.displacement.push_back(x.col(Eigen::Index(k)) - model.sector.mesh.nodes[k]);
     if (friction_coefficient(model.contact) > 0.0) state.friction_push_N = body.friction(state.friction_N);
     states.push_back(std::move(state));
     if (states.back().status != Status::held) break;

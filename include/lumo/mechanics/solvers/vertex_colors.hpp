@@ -8,7 +8,8 @@
 
 namespace lumo {
 
-/// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of node numbers.
+/// Groups of nodes no two of which share a tetrahedron: each node takes the first group that is free, in the order of
+/// node numbers.
 using VertexColors = std::vector<std::vector<int>>;
 
 inline VertexColors color_vertices(const TetMesh& mesh) {
@@ -36,7 +37,8 @@ inline void validate(const VertexColors& colors, const TetMesh& mesh) {
   std::vector<int> color(mesh.nodes.size(), -1);
   for (std::size_t c = 0; c < colors.size(); ++c)
     for (int v : colors[c]) {
-      if (v < 0 || std::size_t(v) >= mesh.nodes.size()) throw InvalidArgument(message("color ", c, " names node ", v, " of ", mesh.nodes.size()));
+      if (v < 0 || std::size_t(v) >= mesh.nodes.size())
+        throw InvalidArgument(message("color ", c, " names node ", v, " of ", mesh.nodes.size()));
       if (color[std::size_t(v)] >= 0) throw InvalidArgument(message("node ", v, " has more than one color"));
       color[std::size_t(v)] = int(c);
     }
@@ -46,7 +48,8 @@ inline void validate(const VertexColors& colors, const TetMesh& mesh) {
     for (int a = 0; a < mesh.nodes_per_tet(); ++a)
       for (int b = 0; b < a; ++b)
         if (color[std::size_t(t[std::size_t(a)])] == color[std::size_t(t[std::size_t(b)])])
-          throw InvalidArgument(message("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
+          throw InvalidArgument(
+              message("nodes ", t[std::size_t(a)], " and ", t[std::size_t(b)], " of one tetrahedron have one color"));
 }
 
 }  // namespace lumo

@@ -9,21 +9,21 @@
 
 namespace lumo {
 
-/// Elastic and viscous forces and blocks of eight vertices of one color at once, on linear tetrahedra of a dilatational solid. What a vertex's tetrahedra
-/// need lies in the order of use; vertices with as many tetrahedra go together. A sweep waits for memory as much as for arithmetic, and the solid is
-/// isotropic: a tetrahedron at rest is seen in axes of its own, where a third of F's derivatives vanish.
-template <DilatationalMaterial Material>
-class VertexLanes {
+/// Elastic and viscous forces and blocks of eight vertices of one color at once, on linear tetrahedra of a dilatational
+/// solid. What a vertex's tetrahedra need lies in the order of use; vertices with as many tetrahedra go together. A
+/// sweep waits for memory as much as for arithmetic, and the solid is isotropic: a tetrahedron at rest is seen in axes
+/// of its own, where a third of F's derivatives vanish.
+template <DilatationalMaterial Material> class VertexLanes {
  public:
   static constexpr std::size_t width = Lanes::width;
 
   /// Up to eight vertices of one color.
   struct Batch {
-    std::array<int, width> vertex;   ///< where there is none, the first again
-    std::array<bool, width> moves;   ///< there is one
-    std::size_t first, count;        ///< their slots
+    std::array<int, width> vertex;  ///< where there is none, the first again
+    std::array<bool, width> moves;  ///< there is one
+    std::size_t first, count;       ///< their slots
   };
-  using Places = std::vector<Lanes::Point>;   ///< where nodes are [m]
+  using Places = std::vector<Lanes::Point>;  ///< where nodes are [m]
   /// Per slot what viscosity wants of a step's start: the column of C = FᵀF along the vertex's own gradient.
   using Start = std::vector<std::array<Lanes, 3>>;
 
@@ -38,34 +38,43 @@ class VertexLanes {
   void remember(const Batch& batch, const Places& x, Start& start) const;
 
   /// Adds the shares of a batch's vertices; see VertexElasticity::add. `start` is not looked at without viscosity.
-  void add(const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const;
+  void add(const Batch& batch, const Places& x, const Start& start, double rate,
+           std::array<VertexBlock, width>& out) const;
 
   /// Largest part of each vertex's step that is safe; see VertexElasticity::feasible_part.
-  std::array<double, width> feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const;
+  std::array<double, width> feasible_parts(const Batch& batch, const Places& x,
+                                           const std::array<Vec3d, width>& steps) const;
 
  private:
   using Vector = std::array<Lanes, 3>;
-  // One tetrahedron of each of the batch's vertices, by its three other nodes. Axis 1 lies along the gradient g = (γ, 0, 0) of the vertex's own shape
-  // function, axis 3 across the first other node's: the gradients are (a₀, c, 0), (a₁, d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
+  // One tetrahedron of each of the batch's vertices, by its three other nodes. Axis 1 lies along the gradient g = (γ,
+  // 0, 0) of the vertex's own shape function, axis 3 across the first other node's: the gradients are (a₀, c, 0), (a₁,
+  // d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
   struct Slot {
     Vector a;
-    Lanes c, d, f;    // [1/m]
-    Lanes volume;     // [m³]; 0 where a vertex has no further tetrahedron
-    std::array<std::array<int, width>, 3> node;   // right-handed as seen from the vertex
+    Lanes c, d, f;                               // [1/m]
+    Lanes volume;                                // [m³]; 0 where a vertex has no further tetrahedron
+    std::array<std::array<int, width>, 3> node;  // right-handed as seen from the vertex
   };
   // A tetrahedron as it is now.
   struct Shape {
-    std::array<Vector, 3> F;   // columns
-    Vector area;               // slope of det F by the vertex's place, cof F applied to g
+    std::array<Vector, 3> F;  // columns
+    Vector area;              // slope of det F by the vertex's place, cof F applied to g
     Lanes J, gamma;
   };
 
-  [[gnu::always_inline]] static Lanes dot(const Vector& a, const Vector& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-  [[gnu::always_inline]] static Vector difference(const Vector& a, const Vector& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
+  [[gnu::always_inline]] static Lanes dot(const Vector& a, const Vector& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  }
+  [[gnu::always_inline]] static Vector difference(const Vector& a, const Vector& b) {
+    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+  }
   // From vertices at `self`.
   [[gnu::always_inline]] static Shape shape(const Vector& self, const Slot& s, const Places& x) {
-    const Vector p0 = Lanes::gathered(x, s.node[0]), p1 = Lanes::gathered(x, s.node[1]), p2 = Lanes::gathered(x, s.node[2]);
-    const Vector e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self), u = difference(p0, p2), v = difference(p1, p2);
+    const Vector p0 = Lanes::gathered(x, s.node[0]), p1 = Lanes::gathered(x, s.node[1]),
+                 p2 = Lanes::gathered(x, s.node[2]);
+    const Vector e0 = difference(p0, self), e1 = difference(p1, self), e2 = difference(p2, self),
+                 u = difference(p0, p2), v = difference(p1, p2);
     Shape now;
     now.gamma = -(s.a[0] + s.a[1] + s.a[2]);
     const Lanes scale = now.gamma * s.c * s.f;
@@ -80,7 +89,9 @@ class VertexLanes {
     return now;
   }
   // Column of C along axis 1.
-  [[gnu::always_inline]] static Vector square(const Shape& now) { return {dot(now.F[0], now.F[0]), dot(now.F[1], now.F[0]), dot(now.F[2], now.F[0])}; }
+  [[gnu::always_inline]] static Vector square(const Shape& now) {
+    return {dot(now.F[0], now.F[0]), dot(now.F[1], now.F[0]), dot(now.F[2], now.F[0])};
+  }
 
   Material material_;
   std::vector<std::vector<Batch>> batches_;
@@ -88,10 +99,13 @@ class VertexLanes {
 };
 
 template <DilatationalMaterial Material>
-VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity, const VertexColors& colors) : material_(elasticity.material()) {
+VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<Material, LinearTet>& elasticity,
+                                   const VertexColors& colors)
+    : material_(elasticity.material()) {
   for (const std::vector<int>& color : colors) {
     std::vector<int> order = color;
-    std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
+    std::stable_sort(order.begin(), order.end(),
+                     [&](int a, int b) { return elasticity.incidences(a).size() > elasticity.incidences(b).size(); });
     batches_.emplace_back();
     for (std::size_t begin = 0; begin < order.size(); begin += width) {
       Batch batch{{}, {}, slots_.size(), elasticity.incidences(order[begin]).size()};
@@ -109,7 +123,8 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
           // The other nodes of a right-handed tetrahedron, right-handed as seen from each.
           static constexpr int others[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
           const auto& other = others[in.place];
-          const Vec3d axis1 = gradient.col(in.place).normalized(), g0 = gradient.col(other[0]), g1 = gradient.col(other[1]);
+          const Vec3d axis1 = gradient.col(in.place).normalized(), g0 = gradient.col(other[0]),
+                      g1 = gradient.col(other[1]);
           const Vec3d axis2 = Vec3d(g0 - g0.dot(axis1) * axis1).normalized();
           for (std::size_t b = 0; b < 3; ++b) {
             slot.a[b].set(lane, gradient.col(other[b]).dot(axis1));
@@ -117,7 +132,7 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
           }
           slot.c.set(lane, g0.dot(axis2));
           slot.d.set(lane, g1.dot(axis2));
-          slot.f.set(lane, std::abs(g1.dot(axis1.cross(axis2))));   // the third axis points where f is positive
+          slot.f.set(lane, std::abs(g1.dot(axis1.cross(axis2))));  // the third axis points where f is positive
           slot.volume.set(lane, batch.moves[lane] && k < at.size() ? elasticity.weight(in.tet, 0) : 0.0);
         }
         slots_.push_back(slot);
@@ -128,7 +143,8 @@ VertexLanes<Material>::VertexLanes(const TetMesh& mesh, const VertexElasticity<M
 }
 
 template <DilatationalMaterial Material>
-std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
+std::array<double, VertexLanes<Material>::width> VertexLanes<Material>::feasible_parts(
+    const Batch& batch, const Places& x, const std::array<Vec3d, width>& steps) const {
   std::array<double, width> part;
   part.fill(1.0);
   Vector step;
@@ -151,7 +167,8 @@ void VertexLanes<Material>::remember(const Batch& batch, const Places& x, Start&
 }
 
 template <DilatationalMaterial Material>
-void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate, std::array<VertexBlock, width>& out) const {
+void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start& start, double rate,
+                                std::array<VertexBlock, width>& out) const {
   static constexpr std::size_t row[6] = {0, 1, 2, 0, 0, 1}, column[6] = {0, 1, 2, 1, 2, 2};
   const double mu = material_.shear_modulus();
   const Vector self = Lanes::gathered(x, batch.vertex);
@@ -175,7 +192,8 @@ void VertexLanes<Material>::add(const Batch& batch, const Places& x, const Start
     if (rate > 0.0) {
       const Lanes w = (2.0 * rate) * s.volume * now.gamma;
       const Vector change = difference(square(now), start[k]);
-      for (std::size_t i = 0; i < 3; ++i) force[i] -= w * (now.F[0][i] * change[0] + now.F[1][i] * change[1] + now.F[2][i] * change[2]);
+      for (std::size_t i = 0; i < 3; ++i)
+        force[i] -= w * (now.F[0][i] * change[0] + now.F[1][i] * change[1] + now.F[2][i] * change[2]);
       const Lanes wg = w * now.gamma;
       for (std::size_t m = 0; m < 6; ++m) {
         const std::size_t i = row[m], j = column[m];

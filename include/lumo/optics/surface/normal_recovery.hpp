@@ -15,30 +15,36 @@
 
 namespace lumo {
 
-/// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its normals.
+/// Numbers of the six nodes of each face, shared by neighbours on the same patch only, so that a crease keeps both its
+/// normals.
 inline std::vector<std::array<int, 6>> patchwise_nodes(const std::vector<BoundaryFace>& faces) {
   std::vector<std::array<int, 6>> numbers(faces.size());
   std::map<std::array<int, 3>, int> known;  // patch and the corners of the edge (of a corner: itself twice)
   for (std::size_t f = 0; f < faces.size(); ++f)
     for (std::size_t k = 0; k < 6; ++k) {
       const int a = faces[f].nodes[k % 3], b = k < 3 ? a : faces[f].nodes[(k + 1) % 3];
-      numbers[f][k] = known.try_emplace({faces[f].patch, std::min(a, b), std::max(a, b)}, int(known.size())).first->second;
+      numbers[f][k] =
+          known.try_emplace({faces[f].patch, std::min(a, b), std::max(a, b)}, int(known.size())).first->second;
     }
   return numbers;
 }
 
-/// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light load turns them; and where
-/// the body is undeformed its shape is known. So the exact normals are turned as the faces turn, by the nearest field that is continuous and
-/// quadratic on each patch: it turns every node's surroundings as much as the faces do in the mean. Source: Hinton, Campbell 1974.
-inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces, const Body& body) {
+/// Sets the normals of the deformed faces. Those of neighbouring quadratic faces differ, by about as much as a light
+/// load turns them; and where the body is undeformed its shape is known. So the exact normals are turned as the faces
+/// turn, by the nearest field that is continuous and quadratic on each patch: it turns every node's surroundings as
+/// much as the faces do in the mean. Source: Hinton, Campbell 1974.
+inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector<BoundaryFace>& mesh_faces,
+                            const Body& body) {
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   using Matrix6d = Eigen::Matrix<double, 6, 6>;
   using SparseMatrix = Eigen::SparseMatrix<double>;
   struct Point {
     double weight, b1, b2;
   };
-  constexpr double w = 0.223381589678011, b = 0.445948490915965, v = 0.109951743655322, c = 0.091576213509771;  // degree 4: Dunavant 1985
-  constexpr std::array<Point, 6> rule = {{{w, b, b}, {w, 1 - 2 * b, b}, {w, b, 1 - 2 * b}, {v, c, c}, {v, 1 - 2 * c, c}, {v, c, 1 - 2 * c}}};
+  constexpr double w = 0.223381589678011, b = 0.445948490915965, v = 0.109951743655322,
+                   c = 0.091576213509771;  // degree 4: Dunavant 1985
+  constexpr std::array<Point, 6> rule = {
+      {{w, b, b}, {w, 1 - 2 * b, b}, {w, b, 1 - 2 * b}, {v, c, c}, {v, 1 - 2 * c, c}, {v, c, 1 - 2 * c}}};
 
   const std::vector<std::array<int, 6>> nodes = patchwise_nodes(mesh_faces);
   int size = 0;
@@ -67,7 +73,9 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
   turned = solver.solve(turned).eval();
   for (std::size_t f = 0; f < faces.size(); ++f)
     for (std::size_t k = 0; k < 6; ++k)
-      faces[f].normal[k] = (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose()).normalized();
+      faces[f].normal[k] =
+          (outward_normal(body, faces[f].patch, faces[f].reference[k]) + turned.row(nodes[f][k]).transpose())
+              .normalized();
 }
 
 }  // namespace lumo

@@ -9,10 +9,12 @@
 
 namespace lumo {
 
-/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is decided on the polygon
-/// `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram becomes an even number of cells each way, of
-/// four triangles each, any other polygon a fan about its middle: mirror images of a polygon have mirror images of its triangles.
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like, double size_m) {
+/// Cuts a convex polygon into triangles with edges of about `size_m` that fit together corner to corner. How many is
+/// decided on the polygon `like` of as many corners, so that a face that is moved keeps its cells. A parallelogram
+/// becomes an even number of cells each way, of four triangles each, any other polygon a fan about its middle: mirror
+/// images of a polygon have mirror images of its triangles.
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, const std::vector<Vec3d>& like,
+                                                       double size_m) {
   std::vector<std::array<Vec3d, 3>> cells;
   const auto pieces = [&](double length) { return std::max(1, int(std::ceil(length / size_m - 1e-9))); };
   if (like.size() == 4 && (like[0] + like[2] - like[1] - like[3]).norm() < 1e-9 * (like[2] - like[0]).norm()) {
@@ -38,7 +40,9 @@ inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>&
   }
   const int n = pieces(longest);
   for (std::size_t k = 0; k < m; ++k) {
-    const auto at = [&](int i, int j) { return Vec3d(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle)); };
+    const auto at = [&](int i, int j) {
+      return Vec3d(middle + (double(i) / n) * (c[k] - middle) + (double(j) / n) * (c[(k + 1) % m] - middle));
+    };
     for (int i = 0; i < n; ++i)
       for (int j = 0; i + j < n; ++j) {
         cells.push_back({at(i, j), at(i + 1, j), at(i, j + 1)});
@@ -47,6 +51,8 @@ inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>&
   }
   return cells;
 }
-inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, double size_m) { return polygon_cells(c, c, size_m); }
+inline std::vector<std::array<Vec3d, 3>> polygon_cells(const std::vector<Vec3d>& c, double size_m) {
+  return polygon_cells(c, c, size_m);
+}
 
 }  // namespace lumo

@@ -8,10 +8,12 @@
 
 namespace lumo {
 
-/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges 01, 12, 20.
+/// Shape functions of a quadratic triangle at barycentric (b1, b2); nodes: corners 0, 1, 2, then the middles of edges
+/// 01, 12, 20.
 inline std::array<double, 6> quadratic_shape(double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0), 4.0 * b0 * b1, 4.0 * b1 * b2, 4.0 * b2 * b0};
+  return {b0 * (2.0 * b0 - 1.0), b1 * (2.0 * b1 - 1.0), b2 * (2.0 * b2 - 1.0),
+          4.0 * b0 * b1,         4.0 * b1 * b2,         4.0 * b2 * b0};
 }
 
 /// Its point at (b1, b2).
@@ -20,8 +22,8 @@ inline Vec3d on_quadratic(const std::array<Vec3d, 6>& x, double b1, double b2) {
   return n[0] * x[0] + n[1] * x[1] + n[2] * x[2] + n[3] * x[3] + n[4] * x[4] + n[5] * x[5];
 }
 
-/// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so that neighbours get the same
-/// bits: no cracks.
+/// The same at (k1, k2)/n. Points on an edge come from the edge's own three nodes in the order of their `numbers`, so
+/// that neighbours get the same bits: no cracks.
 inline Vec3d lattice_point(const std::array<Vec3d, 6>& x, const std::array<int, 6>& numbers, int n, int k1, int k2) {
   const double h = 1.0 / n;
   const auto on_edge = [&](std::size_t a, std::size_t b, std::size_t m, int ka, int kb) {
@@ -41,16 +43,18 @@ inline Vec3d lattice_point(const std::array<Vec3d, 6>& x, const std::array<int, 
 /// Unit normal at (b1, b2); not finite where the triangle is crushed to nothing.
 inline Vec3d quadratic_normal(const std::array<Vec3d, 6>& x, double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
-  const Vec3d d1 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
-  const Vec3d d2 = (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
+  const Vec3d d1 =
+      (1.0 - 4.0 * b0) * x[0] + (4.0 * b1 - 1.0) * x[1] + 4.0 * (b0 - b1) * x[3] + 4.0 * b2 * (x[4] - x[5]);
+  const Vec3d d2 =
+      (1.0 - 4.0 * b0) * x[0] + (4.0 * b2 - 1.0) * x[2] + 4.0 * (b0 - b2) * x[5] + 4.0 * b1 * (x[4] - x[3]);
   return d1.cross(d2).normalized();
 }
 
 /// A boundary face of the mesh in one state.
 struct QuadraticFace {
   std::array<Vec3d, 6> reference, deformed;  ///< [m]
-  std::array<Vec3d, 6> normal;               ///< unit outward normals of the deformed face at its nodes, shared with its neighbours
-  std::array<double, 6> contact;            ///< contact field, > 0 in contact, −infinity where there can be none
+  std::array<Vec3d, 6> normal;  ///< unit outward normals of the deformed face at its nodes, shared with its neighbours
+  std::array<double, 6> contact;  ///< contact field, > 0 in contact, −infinity where there can be none
   int patch;
   bool may_touch;
 

@@ -9,9 +9,10 @@
 
 namespace lumo {
 
-/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the body lie behind
-/// it if that is more: where a body rests on its carrier the two may cross a little, and light in the gap must still meet the carrier.
-/// Throws InvalidArgument for a face that is not a polygon of finite corners with an area.
+/// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
+/// body lie behind it if that is more: where a body rests on its carrier the two may cross a little, and light in the
+/// gap must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
+/// area.
 inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
   const double reach = 1e-3;  // [m]; what lies deeper behind the face does not rest on it
   const std::vector<Vec3d>& c = face.corners;

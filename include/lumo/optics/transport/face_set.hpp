@@ -4,10 +4,10 @@
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/optics/optical_scene.hpp"
-#include "lumo/optics/surface/place_key.hpp"
 #include "lumo/optics/ray_focus.hpp"
-#include "lumo/optics/transport/ray_pattern.hpp"
+#include "lumo/optics/surface/place_key.hpp"
 #include "lumo/optics/surface_optics.hpp"
+#include "lumo/optics/transport/ray_pattern.hpp"
 
 #include <algorithm>
 #include <array>
@@ -20,25 +20,26 @@
 
 namespace lumo {
 
-/// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its area asks for: points
-/// and directions on it that do not depend on the state, and are mirror images on faces that are mirror images. In a plane of `symmetry`
-/// mirror images are one face.
+/// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its
+/// area asks for: points and directions on it that do not depend on the state, and are mirror images on faces that are
+/// mirror images. In a plane of `symmetry` mirror images are one face.
 class FaceSet {
  public:
   struct Face {
     int face;                         ///< of the body; −1: a single triangle
     int triangle;                     ///< of the scene
-    Vec3d mirror;                      ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
+    Vec3d mirror;                     ///< (±1, ±1, 1): from the image with x ≥ 0, y ≥ 0 to this face
     std::array<int, 3> corner_order;  ///< corners in an order that mirror images share
     std::uint32_t first = 0;          ///< place in the sequence of rays; the same for mirror images
     std::uint32_t count = 0;          ///< samples of this face, a power of two
   };
 
-  /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else all triangles.
-  /// About `total` samples in all, counting mirror images that are not traced; at least `least` on each face, and more of them where the
-  /// focus is, which must have the symmetry.
+  /// `wanted(triangle)` says which belong to it. `whole`: only faces of the body, asked with their first triangle; else
+  /// all triangles. About `total` samples in all, counting mirror images that are not traced; at least `least` on each
+  /// face, and more of them where the focus is, which must have the symmetry.
   template <class Predicate>
-  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted);
+  FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least,
+          const RayFocus& focus, Predicate&& wanted);
 
   std::size_t size() const { return faces_.size(); }
   const Face& operator[](std::size_t k) const { return faces_[k]; }
@@ -49,7 +50,7 @@ class FaceSet {
   struct Sample {
     ScenePoint at;
     PrimaryRay ray;           ///< starts there; its direction is left open
-    Vec3d normal;              ///< unit outward normal of the flat triangle
+    Vec3d normal;             ///< unit outward normal of the flat triangle
     double area = 0.0;        ///< that it stands for [m²]
     std::uint32_t index = 0;  ///< in the sequence
   };
@@ -59,7 +60,8 @@ class FaceSet {
  private:
   // Place along Morton's curve, 10 bits an axis; cells do not line up with regular grids.
   static std::uint64_t morton(const Vec3d& unit_cube);
-  void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total, std::uint32_t least);
+  void number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images,
+              double total, std::uint32_t least);
 
   int per_face_;  ///< sub-facets of a face
   std::vector<Face> faces_;
@@ -69,15 +71,17 @@ class FaceSet {
 inline std::uint64_t FaceSet::morton(const Vec3d& p) {
   std::uint64_t code = 0;
   for (int bit = 9; bit >= 0; --bit)
-    for (Eigen::Index a = 0; a < 3; ++a) code = (code << 1) | ((std::uint64_t(std::clamp(p[a], 0.0, 1.0) * 1013.37 + 0.318) >> bit) & 1u);
+    for (Eigen::Index a = 0; a < 3; ++a)
+      code = (code << 1) | ((std::uint64_t(std::clamp(p[a], 0.0, 1.0) * 1013.37 + 0.318) >> bit) & 1u);
   return code;
 }
 
 template <class Predicate>
-FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least, const RayFocus& focus, Predicate&& wanted)
+FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, double total, std::uint32_t least,
+                 const RayFocus& focus, Predicate&& wanted)
     : per_face_(scene.triangles_per_face()), member_(scene.face_count(), 0) {
   std::map<PlaceKey, int> known;  // folded by the symmetry → index
-  std::vector<Vec3d> centers;      // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
+  std::vector<Vec3d> centers;     // with x ≥ 0, and y ≥ 0 where mirror images have equally many samples
   std::vector<double> shares;     // undeformed area [m²] × density
   std::vector<int> images;        // faces folded onto each
   std::vector<bool> in_plane;
@@ -89,7 +93,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
     const bool fundamental = !(symmetry.x && mirror.x() < 0.0) && !(symmetry.y && mirror.y() < 0.0);
     Face face{f, triangle, mirror, {0, 1, 2}};
     std::sort(face.corner_order.begin(), face.corner_order.end(), [&](int a, int b) {
-      return place_key(mirror.cwiseProduct(corner[std::size_t(a)])) < place_key(mirror.cwiseProduct(corner[std::size_t(b)]));
+      return place_key(mirror.cwiseProduct(corner[std::size_t(a)])) <
+             place_key(mirror.cwiseProduct(corner[std::size_t(b)]));
     });
     const auto [it, fresh] = known.try_emplace(place_key(folded(center, symmetry)), int(faces_.size()));
     const std::size_t k = std::size_t(it->second);
@@ -116,8 +121,8 @@ FaceSet::FaceSet(const OpticalScene& scene, Symmetry symmetry, bool whole, doubl
 }
 
 // Neighbours take neighbouring blocks of the sequence: together they are stratified more finely than each alone.
-inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector<double>& shares, const std::vector<int>& images, double total,
-                            std::uint32_t least) {
+inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector<double>& shares,
+                            const std::vector<int>& images, double total, std::uint32_t least) {
   struct Block {
     std::uint64_t code = 0;
     std::uint32_t first = 0, count = 0;
@@ -131,7 +136,8 @@ inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector
   const double scale = faces_.empty() ? 1.0 : 1.0 / std::max(1e-12, (high - low).maxCoeff());
   std::map<PlaceKey, Block> blocks;  // what is found for one of two mirror images serves both: rounding could part them
   for (std::size_t k = 0; k < faces_.size(); ++k) {
-    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0, std::max(least, nearest_power_of_two(total * shares[k] / all))});
+    blocks.try_emplace(place_key(centers[k]), Block{morton(scale * (centers[k] - low)), 0,
+                                                    std::max(least, nearest_power_of_two(total * shares[k] / all))});
   }
   std::map<std::pair<std::uint64_t, PlaceKey>, Block*> order;
   for (auto& [place, block] : blocks) order[{block.code, place}] = &block;
@@ -146,7 +152,8 @@ inline void FaceSet::number(const std::vector<Vec3d>& centers, const std::vector
   }
 }
 
-inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence, std::uint32_t i) const {
+inline FaceSet::Sample FaceSet::sample(std::size_t k, const OpticalScene& scene, const OwenSobol& sequence,
+                                       std::uint32_t i) const {
   const Face& f = faces_[k];
   Sample x;
   x.index = f.first + i;

@@ -12,7 +12,8 @@
 
 namespace lumo {
 
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it goes on.
+/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it
+/// goes on.
 struct Tally {
   EnergyLedger ledger;
   std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
@@ -25,16 +26,14 @@ struct Exit {
   std::uint64_t route;  ///< the same for paths that met the same surfaces in the same way
   Escape light;         ///< of the traced one of the mirror images; its region is not looked up
   ScenePoint at;
-  Vec3d normal;          ///< of the flat facet
+  Vec3d normal;  ///< of the flat facet
   int patch;
   double power;  ///< [W], of one image
 };
 
 /// Where the power of paths is booked. A traced path stands for all its mirror images.
-template <ExitReadout Readout>
-class LightAccounts {
+template <ExitReadout Readout> class LightAccounts {
  public:
-
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)
       : surface_(surface), readout_(readout), channels_(std::size_t(channels)), arrived_(nodes, 0.0) {
     for (unsigned image = 0; image < 4; ++image)
@@ -53,7 +52,9 @@ class LightAccounts {
     book(sum, power);
   }
   /// Books an exit in a channel, or elsewhere (−1). `power` is that of one image.
-  void book_exit(int channel, double power) { (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power; }
+  void book_exit(int channel, double power) {
+    (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power;
+  }
   /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: ExitGather finds it, too.
   void book_exit(const Exit& e, bool is_direct, bool is_gathered) {
     for (unsigned image : images_) {
@@ -69,8 +70,10 @@ class LightAccounts {
   /// Channel of an exit, or −1.
   int channel(const Exit& e, unsigned image) const {
     const Vec3d m(image & 1u ? -1.0 : 1.0, image & 2u ? -1.0 : 1.0, 1.0);
-    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position), m.cwiseProduct(e.light.direction),
-                             e.at.face >= 0 ? surface_.region(e.at, image) : surface_.region(e.patch, e.light.reference, e.light.position, image)});
+    return readout_.channel({m.cwiseProduct(e.light.reference), m.cwiseProduct(e.light.position),
+                             m.cwiseProduct(e.light.direction),
+                             e.at.face >= 0 ? surface_.region(e.at, image)
+                                            : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
   /// What was booked since the last call.
@@ -81,9 +84,9 @@ class LightAccounts {
     reset();
     return t;
   }
-  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that was booked.
-  template <class Weight>
-  double collect(Weight&& weight) {
+  /// Σ weight(node)·(power that arrived there), for all that arrived since the last call; forgets everything else that
+  /// was booked.
+  template <class Weight> double collect(Weight&& weight) {
     double sum = 0.0;
     for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
     reached_.clear();

@@ -14,13 +14,16 @@
 
 namespace lumo {
 
-/// Corners of all triangles of Lambertian surfaces, each with the function that is 1 there, 0 at its neighbours and linear in between.
-/// Light that falls on such a surface is shared by the three nodes about it: shares vary continuously with the place and add up to 1.
-/// Source: linear elements for radiosity, Heckbert (thesis, 1991). In a plane of `symmetry` mirror images are one node.
+/// Corners of all triangles of Lambertian surfaces, each with the function that is 1 there, 0 at its neighbours and
+/// linear in between. Light that falls on such a surface is shared by the three nodes about it: shares vary
+/// continuously with the place and add up to 1. Source: linear elements for radiosity, Heckbert (thesis, 1991). In a
+/// plane of `symmetry` mirror images are one node.
 class LightNodes {
  public:
-  LightNodes(const OpticalScene& scene, Symmetry symmetry) : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
-    // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be patches of their own.
+  LightNodes(const OpticalScene& scene, Symmetry symmetry)
+      : of_(scene.triangles().size(), std::array<int, 3>{-1, -1, -1}) {
+    // Surfaces share a node where they are one patch, or cells of one plane of the carrier. Mirror images may be
+    // patches of their own.
     std::map<PlaceKey, int> patch_at;
     const auto place = [&](int t) {
       const std::array<Vec3d, 3> corner = scene.reference_corners(t);

@@ -3,10 +3,10 @@
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
-#include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/fresnel.hpp"
-#include "lumo/optics/transport/light_nodes.hpp"
 #include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/transport/face_set.hpp"
+#include "lumo/optics/transport/light_nodes.hpp"
 #include "lumo/optics/transport/path_tracer.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
 
@@ -17,18 +17,17 @@
 
 namespace lumo {
 
-/// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come there: few do.
-/// Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside into the body ends on Lambertian
-/// faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but for Fresnel and extinction: Clausius 1864;
-/// Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout behind openings is gathered from ways through them; then direct light is not.
-/// Points lie fixed in the undeformed body: no sample crosses the border of a region that moves with it, so states differ smoothly.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-class ExitGather {
+/// Finds the light that leaves through faces with regions *from those faces*, instead of waiting for paths to come
+/// there: few do. Direct light: points of the face × points of the emitters. Light of the carrier: a path from outside
+/// into the body ends on Lambertian faces; by Helmholtz's reciprocity their light takes it backwards (L/n² is kept but
+/// for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout
+/// behind openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed
+/// body: no sample crosses the border of a region that moves with it, so states differ smoothly.
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class ExitGather {
  public:
-
-  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
-             const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
-             PathTracer<Scene, Medium, Readout>& path)
+  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene,
+             const Medium& medium, double outer_index, const Readout& readout, int channels, const LightNodes& nodes,
+             const FaceSet& exits, Symmetry symmetry, PathTracer<Scene, Medium, Readout>& path)
       : surface_(surface),
         scene_(scene),
         medium_(medium),
@@ -112,7 +111,8 @@ class ExitGather {
       const Vec3d from = mirror(s.emitter.point(u, v), m), way = x.ray.origin - from;
       const double length = way.norm();
       const Vec3d d = way / length;
-      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal), cosine = std::min(1.0, d.dot(n));
+      const double intensity = s.emitter.intensity(d.dot(mirror(s.axis, m))), meets = d.dot(x.normal),
+                   cosine = std::min(1.0, d.dot(n));
       if (!(intensity > 0.0 && meets > 0.0 && cosine > 0.0)) continue;
       const FresnelSplit split = fresnel(cosine, ratio_);
       if (split.reflectance >= 1.0) continue;
@@ -126,7 +126,8 @@ class ExitGather {
     }
   }
 
-  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+  void gather_diffuse(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
+                      const std::vector<double>& sent) {
     const Vec3d out = reflected(Lambertian{}, n, n, sequence(x.index, 0), sequence(x.index, 1), m);
     double weight = 0.0;
     if (out.dot(x.normal) <= 0.0 || !enter(x, n, out, weight) || !seen(x, out)) return;
@@ -134,21 +135,24 @@ class ExitGather {
   }
 
   // Openings are not mirror images of each other: each image of the point has its own way out.
-  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence, const std::vector<double>& sent) {
+  void gather_connected(FaceSet::Sample& x, const Vec3d& n, const Vec3d& m, const OwenSobol& sequence,
+                        const std::vector<double>& sent) {
     for (unsigned image : images_)
       for (int k = 0; k < readout_.openings(); ++k) {
-        const Connection way = readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
+        const Connection way =
+            readout_.connect(k, mirror(x.ray.origin, sign(image)), sequence(x.index, 0), sequence(x.index, 1));
         const Vec3d out = mirror(way.direction, sign(image));
         double weight = 0.0;
-        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight)) continue;
+        if (!(way.solid_angle_sr > 0.0 && out.dot(x.normal) > 0.0 && out.dot(n) > 0.0) || !enter(x, n, out, weight))
+          continue;
         const int channel = channel_of(x, out, image);
         if (channel < 0 || channel >= channels_ || scene_.first_hit(x.ray.origin, out, false)) continue;
         diffuse_[std::size_t(channel)] += radiosity(x, m, weight * out.dot(n) * way.solid_angle_sr / pi, sent);
       }
   }
 
-  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is weight·radiosity of where it comes from,
-  // if its directions have a cosine law. False: there is no such light.
+  // Turns the ray into the body, against light that leaves along `out`. `weight` [m²]: that light's power is
+  // weight·radiosity of where it comes from, if its directions have a cosine law. False: there is no such light.
   bool enter(FaceSet::Sample& x, const Vec3d& n, const Vec3d& out, double& weight) const {
     const FresnelSplit split = fresnel(std::min(1.0, out.dot(n)), 1.0 / ratio_);
     if (split.reflectance >= 1.0) return false;
@@ -177,7 +181,7 @@ class ExitGather {
   std::array<std::vector<Source>, 4> emitters_;
   std::vector<double> direct_, diffuse_;
   Vec3d reference_ = Vec3d::Zero();  ///< of the sample at hand
-  std::array<int, 4> region_{};    ///< likewise, per image
+  std::array<int, 4> region_{};      ///< likewise, per image
 };
 
 }  // namespace lumo

@@ -2,20 +2,19 @@
 
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/optics/beer_lambert.hpp"
 #include "lumo/optics/exit_power.hpp"
-#include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/fresnel.hpp"
 #include "lumo/optics/intersector.hpp"
 #include "lumo/optics/ledger.hpp"
+#include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/scattering_medium.hpp"
+#include "lumo/optics/surface_optics.hpp"
+#include "lumo/optics/transport/face_set.hpp"
 #include "lumo/optics/transport/light_accounts.hpp"
 #include "lumo/optics/transport/light_nodes.hpp"
-#include "lumo/optics/optical_scene.hpp"
 #include "lumo/optics/transport/ray_pattern.hpp"
-#include "lumo/optics/surface_optics.hpp"
-#include "lumo/optics/scattering_medium.hpp"
 
 #include <algorithm>
 #include <array>
@@ -34,13 +33,13 @@ struct PathLimits {
 
 /// Follows one primary ray through all its branches and books where its power goes. One object per replicate.
 /// The medium is a state of the ray, never inferred from counted hits.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-class PathTracer {
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class PathTracer {
  public:
-
-  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight from an emitter or a face.
-  PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index, const Readout& readout,
-             int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry, const PathLimits& limits)
+  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight
+  /// from an emitter or a face.
+  PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
+             const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
+             const PathLimits& limits)
       : surface_(surface),
         scene_(scene),
         medium_(medium),
@@ -51,10 +50,10 @@ class PathTracer {
         accounts_(surface, readout, channels, nodes.size(), symmetry) {}
 
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
-  /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds, instead of the channels.
-  /// `gathers_direct`: ExitGather finds the emitter's direct light.
-  void run(const PrimaryRay& ray, const Vec3d& mirror, double power_W, bool from_emitter, bool inside = true, std::vector<Exit>* log = nullptr,
-           bool gathers_direct = true) {
+  /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds,
+  /// instead of the channels. `gathers_direct`: ExitGather finds the emitter's direct light.
+  void run(const PrimaryRay& ray, const Vec3d& mirror, double power_W, bool from_emitter, bool inside = true,
+           std::vector<Exit>* log = nullptr, bool gathers_direct = true) {
     ++rays;
     mirror_ = mirror;
     start_ = power_W;
@@ -115,7 +114,8 @@ class PathTracer {
     EnergyLedger& ledger = accounts_.ledger;
     if (b.exit.face < 0) return accounts_.book(ledger.elsewhere, b.power);
     const bool gathered = exits_.has(b.exit) && !b.carrier_last && (b.direct ? gathers_direct_ : !from_emitter_);
-    const bool lone = b.scattered || b.spread || (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
+    const bool lone = b.scattered || b.spread ||
+                      (b.direct && !gathers_direct_);  // no neighbour to share with, or counted as direct light
     const Escape light{surface_.reference(b.exit), b.exit_position, b.direction, -1};
     const Exit e{b.route, light, b.exit, surface_.flat_normal(b.exit_triangle), surface_.patch_number(b.exit), b.power};
     if (log_ != nullptr && from_emitter_ && !gathered && !lone)
@@ -153,7 +153,8 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
       ++segments;
       hit = scene_.first_hit(b.origin, b.direction, b.inside);
       if (!hit && !b.inside) return escape(b);
-      if (!hit && b.triangle >= 0) {  // slipped out by rounding at an edge: once more from a point that is surely inside
+      if (!hit &&
+          b.triangle >= 0) {  // slipped out by rounding at an edge: once more from a point that is surely inside
         b.origin = surface_.pulled_inward(b.triangle, b.origin);
         hit = scene_.first_hit(b.origin, b.direction, b.inside);
       }
@@ -161,7 +162,8 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
     if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
     const auto& corner = surface_.triangles()[std::size_t(hit.triangle)].corners;
     const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
-    const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
+    const double t =
+        std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));  // single-precision scenes: t again in double
     const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
     if (b.inside) {
       const double left = b.power * medium_.transmittance(path_m);
@@ -179,8 +181,9 @@ void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
   }
 }
 
-// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a clear medium, so that direct light
-// and what is gathered backwards stay free of scattering's noise: there too, each piece sends on both.
+// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
+// clear medium, so that direct light and what is gathered backwards stay free of scattering's noise: there too, each
+// piece sends on both.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
   if constexpr (TurbidMedium<Medium>) {
@@ -191,12 +194,14 @@ void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m,
     c.scattered = true;
     if (!survives(c)) return;
     const Vec3d axis = mirror_.cwiseProduct(b.direction);  // image paths take image directions
-    const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))), azimuth = 2.0 * pi * uniform(combine(c.key, 3));
+    const double cosine = medium_.scattering_cosine(uniform(combine(c.key, 2))),
+                 azimuth = 2.0 * pi * uniform(combine(c.key, 3));
     const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
     Vec3d t1, t2;
     tangents(axis, t1, t2);
     c.origin += medium_.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
-    c.direction = mirror_.cwiseProduct((sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+    c.direction = mirror_.cwiseProduct(
+        (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
     stack_.push_back(c);
   }
 }
@@ -212,19 +217,22 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
     accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
     return false;
   }
-  if (const auto& nodes = nodes_.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {  // goes on with all else that falls there
+  if (const auto& nodes = nodes_.of(triangle);
+      nodes[0] >= 0 && b.inside == (at.face >= 0)) {  // goes on with all else that falls there
     const std::array<double, 3> share = LightNodes::shares(at);
     for (std::size_t k = 0; k < 3; ++k)
       if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
     return false;
   }
   b.carrier_last = !b.inside;
-  return reflect_off(b, optics, b.inside ? Vec3d(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle), accounts_.ledger.absorbed_at_surfaces);
+  return reflect_off(b, optics, b.inside ? Vec3d(-surface_.flat_normal(triangle)) : surface_.flat_normal(triangle),
+                     accounts_.ledger.absorbed_at_surfaces);
 }
 
 // At an opaque surface whose unit normal points back to where the light comes from.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal,
+                                                     double& absorbed) {
   b.key = combine(b.key, 1);
   std::visit(
       [&](const auto& s) {
@@ -232,7 +240,8 @@ bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOpt
           const double kept = b.power * reflectance(s);
           accounts_.book(absorbed, b.power - kept);
           b.power = kept;
-          b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), mirror_);
+          b.direction =
+              reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), mirror_);
         }
       },
       optics);

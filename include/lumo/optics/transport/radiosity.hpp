@@ -28,7 +28,8 @@ class CarrierTransport {
   CarrierTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
     for (Tally& t : sums_) t.gathered.assign(std::size_t(channels), 0.0), t.ledger.channels = t.gathered;
   }
-  /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the nodes.
+  /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the
+  /// nodes.
   void add(const Tally& ray, const std::array<int, 3>& nodes, const std::array<double, 3>& shares, double area_m2) {
     for (std::size_t k = 0; k < 3; ++k) {
       const double w = shares[k] * area_m2;
@@ -49,11 +50,11 @@ class CarrierTransport {
   std::vector<double> weights_;
 };
 
-/// Light that falls on a Lambertian face goes on as a Lambertian source that is linear between nodes (radiosity: Goral et al. 1984). Which
-/// rays a face sends does not depend on what arrives, so that states differ smoothly, and further bounces cost no rays. Sends on what arrived
-/// at the nodes, bounce after bounce, until less than 1e-13 of the emitted power is under way. `total`: the emitters' own tally, completed
-/// here. Returns what each node sent [W]. Jacobi iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is
-/// at most 1.
+/// Light that falls on a Lambertian face goes on as a Lambertian source that is linear between nodes (radiosity: Goral
+/// et al. 1984). Which rays a face sends does not depend on what arrives, so that states differ smoothly, and further
+/// bounces cost no rays. Sends on what arrived at the nodes, bounce after bounce, until less than 1e-13 of the emitted
+/// power is under way. `total`: the emitters' own tally, completed here. Returns what each node sent [W]. Jacobi
+/// iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is at most 1.
 inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransport& transport, Tally& total) {
   std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
   for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;

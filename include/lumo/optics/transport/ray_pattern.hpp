@@ -3,7 +3,6 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/sobol.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
 #include "lumo/optics/ray_focus.hpp"
@@ -20,15 +19,16 @@ namespace lumo {
 
 /// A primary ray and what later events of its path draw their numbers from.
 struct PrimaryRay {
-  Vec3d origin{0.0, 0.0, 0.0};      ///< [m]
+  Vec3d origin{0.0, 0.0, 0.0};     ///< [m]
   Vec3d direction{0.0, 0.0, 1.0};  ///< unit
   std::uint64_t key = 0;           ///< the same for mirror images of a path
   int triangle = -1;               ///< of the scene that it starts on, if known
 };
 
-/// The one deterministic set of primary rays for all designs, states and emitters. Closed under x → −x and y → −y: a point of the
-/// sequence makes a ray of the emitter moved to the quadrant x ≥ 0, y ≥ 0, and the rays of the real emitters are its mirror images.
-/// An emitter that is its own mirror image shoots into a half or a quarter of the hemisphere only, so that nothing is traced twice.
+/// The one deterministic set of primary rays for all designs, states and emitters. Closed under x → −x and y → −y: a
+/// point of the sequence makes a ray of the emitter moved to the quadrant x ≥ 0, y ≥ 0, and the rays of the real
+/// emitters are its mirror images. An emitter that is its own mirror image shoots into a half or a quarter of the
+/// hemisphere only, so that nothing is traced twice.
 class RayPattern {
  public:
   /// The rays of one emitter that belong to one mirror image.
@@ -37,27 +37,32 @@ class RayPattern {
     Vec3d axis{0.0, 0.0, 1.0}, tangent1{1.0, 0.0, 0.0}, tangent2{0.0, 1.0, 0.0};
     double azimuth_from = 0.0, azimuth_range = 2.0 * pi;
     Vec3d mirror{1.0, 1.0, 1.0};  ///< (±1, ±1, 1): from the fundamental ray to the real one
-    std::uint64_t orbit = 0;     ///< the same for emitters that are mirror images
-    std::uint32_t rays = 0;      ///< per replicate
-    double power_W = 0.0;        ///< per ray
+    std::uint64_t orbit = 0;      ///< the same for emitters that are mirror images
+    std::uint32_t rays = 0;       ///< per replicate
+    double power_W = 0.0;         ///< per ray
   };
 
-  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two. With `symmetry` only one
-  /// beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or when they do not have the symmetry.
+  /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two.
+  /// With `symmetry` only one beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or
+  /// when they do not have the symmetry.
   RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
 
   const std::vector<Beam>& beams() const { return beams_; }
 
-  /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on the emitter.
+  /// Ray `index` of a beam, from numbers in (0, 1): angle to the axis and azimuth of its direction, then its place on
+  /// the emitter.
   static PrimaryRay ray(const Beam& beam, const std::array<double, 4>& u, std::uint64_t seed, std::uint32_t index) {
     const double azimuth = beam.azimuth_from + beam.azimuth_range * u[1];
     const Polar polar = beam.source.polar(u[0]);
-    const Vec3d d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 + polar.cosine * beam.axis).normalized();
+    const Vec3d d = (polar.sine * std::cos(azimuth) * beam.tangent1 + polar.sine * std::sin(azimuth) * beam.tangent2 +
+                     polar.cosine * beam.axis)
+                        .normalized();
     const Vec3d p = beam.source.point(u[2], u[3]);
     return {beam.mirror.cwiseProduct(p), beam.mirror.cwiseProduct(d), combine(combine(seed, beam.orbit), index), -1};
   }
   static PrimaryRay ray(const Beam& beam, const OwenSobol& sequence, std::uint32_t index) {
-    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed, index);
+    return ray(beam, {sequence(index, 0), sequence(index, 1), sequence(index, 2), sequence(index, 3)}, sequence.seed,
+               index);
   }
 
   /// Is the set of emitters its own mirror image in each plane?
@@ -72,7 +77,8 @@ inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 
 
 /// Do two emitters radiate alike? Points and directions at some numbers tell.
 inline bool same(const Emitter& a, const Emitter& b) {
-  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air()) return false;
+  if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air())
+    return false;
   const double reach = tolerance(a);
   if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
   for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
@@ -98,13 +104,15 @@ inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   const auto closed = [&](const Vec3d& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
-      return std::any_of(emitters.begin(), emitters.end(), [&](const auto& other) { return same(e.mirrored(m), other); });
+      return std::any_of(emitters.begin(), emitters.end(),
+                         [&](const auto& other) { return same(e.mirrored(m), other); });
     });
   };
   return {closed(flip_x), closed(flip_y)};
 }
 
-inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus) {
+inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry,
+                              const RayFocus& focus) {
   if (emitters.empty()) throw InvalidArgument("ray pattern: no emitters given, at least one is needed");
   for (const Emitter& e : emitters) e.validate();
   const Symmetry has = symmetry_of(emitters);

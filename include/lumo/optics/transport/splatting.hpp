@@ -14,18 +14,18 @@
 
 namespace lumo {
 
-/// Light from the emitters that reaches the readout by reflections, without the noise of rays that jump over borders of regions: rays from one
-/// point of an emitter form a grid of directions, and where the three rays of a triangle of neighbours go the same way, their power is
-/// spread over the triangle of their exits, linearly, and cut exactly at the borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours
-/// go another way are booked where they are. All power is kept; what spreading changes falls with the square of the grid's spacing.
-template <class Path>
-class ExitBeams {
+/// Light from the emitters that reaches the readout by reflections, without the noise of rays that jump over borders of
+/// regions: rays from one point of an emitter form a grid of directions, and where the three rays of a triangle of
+/// neighbours go the same way, their power is spread over the triangle of their exits, linearly, and cut exactly at the
+/// borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours go another way are booked where they are. All power
+/// is kept; what spreading changes falls with the square of the grid's spacing.
+template <class Path> class ExitBeams {
  public:
-
   explicit ExitBeams(Path& path) : path_(path) {}
 
-  /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places come in pairs opposite
-  /// each other about the middle; places and shifts are a net. With more rays there are more places and finer grids.
+  /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
+  /// come in pairs opposite each other about the middle; places and shifts are a net. With more rays there are more
+  /// places and finer grids.
   void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
@@ -33,15 +33,16 @@ class ExitBeams {
     while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
     const bool around = beam.azimuth_range > 6.0;
     for (std::uint32_t place = 0; place < places; ++place) {
-      const double shift_u = sequence(place, 0), shift_v = sequence(place, 1), at_u = sequence(place / 2, 2), at_v = sequence(place / 2, 3);
+      const double shift_u = sequence(place, 0), shift_v = sequence(place, 1), at_u = sequence(place / 2, 2),
+                   at_v = sequence(place / 2, 3);
       const double place_u = place % 2 ? 1.0 - at_u : at_u, place_v = place % 2 ? 1.0 - at_v : at_v;
       exits_.clear();
       first_.assign(1, 0);
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror, beam.power_W, true, true, &exits_,
-                    beam.source.has_intensity());
+          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror,
+                    beam.power_W, true, true, &exits_, beam.source.has_intensity());
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), 6);
@@ -53,7 +54,8 @@ class ExitBeams {
         }
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
-          if (left_[e] > 0) path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
+          if (left_[e] > 0)
+            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
     }
   }
 
@@ -92,7 +94,8 @@ class ExitBeams {
     Exit e = *corner_[0];
     e.at.face = -1;  // between the rays: its place on the surface is not known
     for (Vec3d Escape::*part : {&Escape::reference, &Escape::position, &Escape::direction})
-      e.light.*part = w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
+      e.light.*part =
+          w[0] * (corner_[0]->light.*part) + w[1] * (corner_[1]->light.*part) + w[2] * (corner_[2]->light.*part);
     e.light.direction.normalize();
     return path_.accounts().channel(e, image_);
   }
@@ -102,10 +105,14 @@ class ExitBeams {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the triangle is quartered.
+  // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the
+  // triangle is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
-    const Corner* odd = a.channel == b.channel ? &c : b.channel == c.channel ? &a : a.channel == c.channel ? &b : nullptr;
+    const Corner* odd = a.channel == b.channel   ? &c
+                        : b.channel == c.channel ? &a
+                        : a.channel == c.channel ? &b
+                                                 : nullptr;
     const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
     if (odd != nullptr) {
       bool two = true;

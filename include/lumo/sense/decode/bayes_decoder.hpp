@@ -9,12 +9,13 @@
 
 namespace lumo::sense {
 
-/// Bayes filter over the places: takes one response after the other and keeps the probability of each. The contact stays where it is but for a
-/// `change` per step.
+/// Bayes filter over the places: takes one response after the other and keeps the probability of each. The contact
+/// stays where it is but for a `change` per step.
 class PlaceFilter {
  public:
   /// Throws InvalidArgument for fewer than two places or a change that is no probability.
-  explicit PlaceFilter(int places, double change = 0.0) : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
+  explicit PlaceFilter(int places, double change = 0.0)
+      : change_(change), probability_(Eigen::VectorXd::Constant(std::max(places, 1), 1.0 / std::max(places, 1))) {
     require_in_range("number of places", places, 2, 1e6, "");
     require_in_range("change of place per step", change, 0.0, 1.0, "");
   }
@@ -33,8 +34,9 @@ class PlaceFilter {
   Eigen::VectorXd probability_;
 };
 
-/// Decodes a contact from several steps of its loading: a response is `steps` blocks of features, one below the other, each with a linear
-/// discriminant of its own, and the places' probabilities pass from step to step. With one step it is the linear decoder.
+/// Decodes a contact from several steps of its loading: a response is `steps` blocks of features, one below the other,
+/// each with a linear discriminant of its own, and the places' probabilities pass from step to step. With one step it
+/// is the linear decoder.
 struct BayesDecoder {
   int steps = 1;
   double change = 0.0;  ///< of place from step to step
@@ -42,13 +44,17 @@ struct BayesDecoder {
 
   class Model {
    public:
-    Model(std::vector<LinearDecoder::Model> steps, int places, double change) : steps_(std::move(steps)), places_(places), change_(change) {}
+    Model(std::vector<LinearDecoder::Model> steps, int places, double change)
+        : steps_(std::move(steps)), places_(places), change_(change) {}
     /// Throws InvalidArgument for another number of features.
     Decoding decode(const Eigen::VectorXd& response) const {
       const auto n = Eigen::Index(steps_.size());
-      if (response.size() % n != 0) throw InvalidArgument(message("response has ", response.size(), " features, must be ", n, " steps of as many"));
+      if (response.size() % n != 0)
+        throw InvalidArgument(message("response has ", response.size(), " features, must be ", n, " steps of as many"));
       PlaceFilter filter(places_, change_);
-      for (Eigen::Index k = 0; k < n; ++k) filter.update(steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
+      for (Eigen::Index k = 0; k < n; ++k)
+        filter.update(
+            steps_[std::size_t(k)].log_likelihood(response.segment(k * (response.size() / n), response.size() / n)));
       const Eigen::VectorXd& p = filter.probability();
       return decoding_of(p.array().max(1e-300).log().matrix());
     }
@@ -60,15 +66,16 @@ struct BayesDecoder {
   };
 
   /// Throws InvalidArgument for data that do not fit together, or features that are not `steps` blocks.
-  template <class Step = LinearDecoder::Model>
-  Model fit(const LabelledResponses& training) const {
+  template <class Step = LinearDecoder::Model> Model fit(const LabelledResponses& training) const {
     validate(training);
     require_in_range("steps of the decoder", steps, 1, 1e6, "");
     if (training.response.rows() % steps != 0)
-      throw InvalidArgument(message("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
+      throw InvalidArgument(
+          message("responses have ", training.response.rows(), " features, must be ", steps, " steps of as many"));
     std::vector<Step> models;
     const Eigen::Index rows = training.response.rows() / steps;
-    for (int k = 0; k < steps; ++k) models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));
+    for (int k = 0; k < steps; ++k)
+      models.push_back(step.fit({training.response.middleRows(k * rows, rows), training.place, training.place_m}));
     return Model(std::move(models), training.places(), change);
   }
 };

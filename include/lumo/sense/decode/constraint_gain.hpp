@@ -11,18 +11,20 @@ namespace lumo::sense {
 
 /// Finds when a force sensor first feels the contact.
 struct OnsetDetector {
-  int baseline = 20;        ///< samples at the start that are without contact
-  double threshold = 5.0;   ///< standard deviations of the baseline
+  int baseline = 20;          ///< samples at the start that are without contact
+  double threshold = 5.0;     ///< standard deviations of the baseline
   double min_force_N = 0.05;  ///< above the baseline's mean, however quiet it was
-  int hold = 3;             ///< samples in a row that must lie above
-  int fit = 5;              ///< samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
+  int hold = 3;               ///< samples in a row that must lie above
+  int fit =
+      5;  ///< samples from the crossing on, through which a line goes back to the baseline; 0: take the crossing itself
 
   /// Place of the onset in samples (fractional), and the force's baseline there.
   struct Onset {
     double sample = 0.0;
     double baseline_N = 0.0;
   };
-  /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are not finite.
+  /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are
+  /// not finite.
   std::optional<Onset> find(std::span<const double> force_N) const;
 };
 
@@ -33,7 +35,8 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
   require_in_range("least force of the onset", min_force_N, 0.0, 1e6, "N");
   require_in_range("samples of the onset's line", fit, 0, 1e6, "");
   const auto n = std::ptrdiff_t(force_N.size());
-  if (n <= baseline) throw InvalidArgument(message("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
+  if (n <= baseline)
+    throw InvalidArgument(message("onset: ", n, " forces, must have more than the ", baseline, " without contact"));
   for (const double f : force_N)
     if (!std::isfinite(f)) throw InvalidArgument("onset: forces must be finite");
   double mean = 0.0, squares = 0.0;
@@ -60,10 +63,14 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
   return std::nullopt;
 }
 
-/// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches `force_N`, interpolated linearly [m].
-/// Nothing when there is no onset or the force is not reached. Both series at the same times.
-inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m, double force_N, const OnsetDetector& detector = {}) {
-  if (force.size() != marker_m.size()) throw InvalidArgument(message("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
+/// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches
+/// `force_N`, interpolated linearly [m]. Nothing when there is no onset or the force is not reached. Both series at the
+/// same times.
+inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m,
+                                                     double force_N, const OnsetDetector& detector = {}) {
+  if (force.size() != marker_m.size())
+    throw InvalidArgument(
+        message("displacement: ", force.size(), " forces and ", marker_m.size(), " marker places, must be as many"));
   require_positive("force to reach", force_N, "N");
   for (const double x : marker_m)
     if (!std::isfinite(x)) throw InvalidArgument("displacement: marker places must be finite");
@@ -77,13 +84,15 @@ inline std::optional<double> displacement_from_onset(std::span<const double> for
   for (auto i = std::size_t(std::floor(onset->sample)) + 1; i < force.size(); ++i)
     if (force[i] >= target) {
       const double before = force[i - 1], step = force[i] - before;
-      const double reached = before >= target || !(step > 0.0) ? double(i - 1) : double(i - 1) + (target - before) / step;
+      const double reached =
+          before >= target || !(step > 0.0) ? double(i - 1) : double(i - 1) + (target - before) / step;
       return std::abs(marker_at(reached) - marker_at(onset->sample));
     }
   return std::nullopt;
 }
 
-/// Progressive-Constraint Gain [%]: by how much less the indenter sinks in from onset to the load than into the baseline (paper, contact cycling).
+/// Progressive-Constraint Gain [%]: by how much less the indenter sinks in from onset to the load than into the
+/// baseline (paper, contact cycling).
 inline double progressive_constraint_gain_percent(double displacement_m, double baseline_m) {
   require_positive("baseline's displacement", baseline_m, "m");
   require_in_range("displacement", displacement_m, 0.0, 1e3, "m");

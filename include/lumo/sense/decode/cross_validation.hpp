@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/sense/decode/decoder.hpp"
 #include "lumo/core/statistics.hpp"
+#include "lumo/sense/decode/decoder.hpp"
 
 #include <cmath>
 #include <set>
@@ -21,12 +21,14 @@ struct DecodingReport {
   double log_score = 0.0;               ///< mean logarithm of the probability given to the true place, at least −700
 };
 
-/// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it. `fold[i]` of observation i.
-/// Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
+/// Leaves out one fold after the other (the paper: one repetition of all places), fits on the others and decodes it.
+/// `fold[i]` of observation i. Throws InvalidArgument for fewer than two folds, or when a place is only in one fold.
 template <Decoder D>
 DecodingReport cross_validate(const D& decoder, const LabelledResponses& data, const std::vector<int>& fold) {
   validate(data);
-  if (fold.size() != data.place.size()) throw InvalidArgument(message("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
+  if (fold.size() != data.place.size())
+    throw InvalidArgument(
+        message("cross-validation: ", data.place.size(), " observations and ", fold.size(), " folds"));
   const std::set<int> folds(fold.begin(), fold.end());
   if (folds.size() < 2) throw InvalidArgument("cross-validation needs at least 2 folds");
   DecodingReport report;

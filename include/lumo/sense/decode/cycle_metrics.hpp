@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/core/types.hpp"
 #include "lumo/core/statistics.hpp"
+#include "lumo/core/types.hpp"
 
 #include <vector>
 
@@ -12,15 +12,16 @@ struct CycleRun {
   std::vector<Eigen::MatrixXd> load;
 };
 
-/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at that force. The paper says
-/// "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles for re-contacts, is our reading.
-/// Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
+/// W_cycle: median over runs, forces and cycles of the RMS deviation from the pointwise median over the run's cycles at
+/// that force. The paper says "matched-force variation across cycles"; that it is taken as W_recontact is, with cycles
+/// for re-contacts, is our reading. Throws InvalidArgument for no runs, fewer than two cycles, or shapes that differ.
 inline double cycle_variation(const std::vector<CycleRun>& runs) {
   std::vector<double> deviation;
   for (const CycleRun& run : runs)
     for (const Eigen::MatrixXd& cycles : run.load) {
       if (cycles.cols() < 2 || cycles.rows() < 1)
-        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(), " cycles, must have at least 1 × 2"));
+        throw InvalidArgument(message("cycle variation: ", cycles.rows(), " channels × ", cycles.cols(),
+                                      " cycles, must have at least 1 × 2"));
       if (!cycles.allFinite()) throw InvalidArgument("cycle variation: responses must be finite");
       const Eigen::VectorXd middle = pointwise_median(cycles);
       for (Eigen::Index c = 0; c < cycles.cols(); ++c) deviation.push_back(rms(cycles.col(c) - middle));
@@ -29,11 +30,12 @@ inline double cycle_variation(const std::vector<CycleRun>& runs) {
   return median(deviation);
 }
 
-/// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both channels × re-contacts.
+/// Regional RMS change: of each channel, over re-contacts, from a low load to a high one (paper: 2 to 15 N). Both
+/// channels × re-contacts.
 inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eigen::MatrixXd& high) {
   if (low.rows() != high.rows() || low.cols() != high.cols() || low.cols() < 1)
-    throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ", high.cols(),
-        " responses, must be the same, at least one re-contact"));
+    throw InvalidArgument(message("regional change: ", low.rows(), " × ", low.cols(), " and ", high.rows(), " × ",
+                                  high.cols(), " responses, must be the same, at least one re-contact"));
   if (!low.allFinite() || !high.allFinite()) throw InvalidArgument("regional change: responses must be finite");
   return ((high - low).rowwise().squaredNorm() / double(low.cols())).cwiseSqrt();
 }

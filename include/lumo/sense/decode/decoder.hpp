@@ -22,15 +22,18 @@ struct LabelledResponses {
 /// Throws InvalidArgument unless shapes fit, numbers are finite, places ascend and every place has an observation.
 inline void validate(const LabelledResponses& d) {
   if (d.places() < 2 || d.response.rows() < 1 || d.response.cols() != Eigen::Index(d.place.size()))
-    throw InvalidArgument(message("labelled responses: ", d.response.rows(), " features × ", d.response.cols(), " observations, ", d.place.size(), " labels, ",
-        d.places(), " places"));
-  if (!d.response.allFinite() || !d.place_m.allFinite()) throw InvalidArgument("labelled responses: numbers must be finite");
+    throw InvalidArgument(message("labelled responses: ", d.response.rows(), " features × ", d.response.cols(),
+                                  " observations, ", d.place.size(), " labels, ", d.places(), " places"));
+  if (!d.response.allFinite() || !d.place_m.allFinite())
+    throw InvalidArgument("labelled responses: numbers must be finite");
   for (Eigen::Index i = 1; i < d.place_m.size(); ++i)
     if (!(d.place_m[i] > d.place_m[i - 1]))
-      throw InvalidArgument(message("labelled responses: place ", i, " lies at ", d.place_m[i], " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
+      throw InvalidArgument(message("labelled responses: place ", i, " lies at ", d.place_m[i],
+                                    " m, must exceed its predecessor, ", d.place_m[i - 1], " m"));
   std::vector<bool> seen(std::size_t(d.places()), false);
   for (const int p : d.place) {
-    if (p < 0 || p >= d.places()) throw InvalidArgument(message("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
+    if (p < 0 || p >= d.places())
+      throw InvalidArgument(message("labelled responses: place ", p, ", must lie in [0, ", d.places() - 1, "]"));
     seen[std::size_t(p)] = true;
   }
   for (std::size_t p = 0; p < seen.size(); ++p)
@@ -44,8 +47,8 @@ struct Decoding {
 };
 
 /// Learns places from labelled responses; the model it gives decodes new ones.
-/// Laws: `fit` is a pure function of its data; the place decoded is (one of) the most probable; the answer does not depend on the order of observations
-/// (up to rounding).
+/// Laws: `fit` is a pure function of its data; the place decoded is (one of) the most probable; the answer does not
+/// depend on the order of observations (up to rounding).
 template <class D>
 concept Decoder = requires(const D& decoder, const LabelledResponses& training, const Eigen::VectorXd& response) {
   { decoder.fit(training).decode(response) } -> std::same_as<Decoding>;
@@ -66,7 +69,8 @@ inline Decoding decoding_of(const Eigen::VectorXd& log_weight) {
 inline Eigen::MatrixXd place_means(const LabelledResponses& t) {
   Eigen::MatrixXd mean = Eigen::MatrixXd::Zero(t.response.rows(), t.places());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(t.places());
-  for (std::size_t i = 0; i < t.place.size(); ++i) mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
+  for (std::size_t i = 0; i < t.place.size(); ++i)
+    mean.col(t.place[i]) += t.response.col(Eigen::Index(i)), count[t.place[i]] += 1.0;
   return mean * count.cwiseInverse().asDiagonal();
 }
 

@@ -11,16 +11,18 @@
 
 namespace lumo::sense {
 
-/// Templates that are smooth along the finger: one Gaussian process for each feature over the finger coordinate, so that each place learns from its
-/// neighbours' observations too. A response is weighed against the processes' mean with one shrunk covariance of the residuals and the processes' own
-/// variance. Unlike discriminants it has a template between the tested places as well.
+/// Templates that are smooth along the finger: one Gaussian process for each feature over the finger coordinate, so
+/// that each place learns from its neighbours' observations too. A response is weighed against the processes' mean with
+/// one shrunk covariance of the residuals and the processes' own variance. Unlike discriminants it has a template
+/// between the tested places as well.
 struct GaussianProcessDecoder {
   double shrinkage = -1.0;  ///< of the residuals' covariance, 0 … 1; negative: Ledoit and Wolf's
   int grid = 201;           ///< coordinates that `coordinate_m` weighs
 
   class Model {
    public:
-    Model(const LabelledResponses& t, const GaussianProcessDecoder& config) : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
+    Model(const LabelledResponses& t, const GaussianProcessDecoder& config)
+        : grid_(Eigen::VectorXd::LinSpaced(config.grid, t.place_m[0], t.place_m[t.places() - 1])) {
       const Eigen::Index d = t.response.rows(), n = t.response.cols();
       const Eigen::VectorXd& coordinate = grid_;
       TrainingData data{Eigen::MatrixXd(1, n), Eigen::VectorXd(n), t.place_m.head(1), t.place_m.tail(1)};
@@ -46,14 +48,20 @@ struct GaussianProcessDecoder {
     /// Throws InvalidArgument for another number of features.
     Decoding decode(const Eigen::VectorXd& response) const { return weigh(response, mean_, place_); }
     /// Mean of the coordinate's posterior over the tested range, flat before [m].
-    double coordinate_m(const Eigen::VectorXd& response) const { return weigh(response, grid_mean_, fine_).probability.dot(grid_); }
+    double coordinate_m(const Eigen::VectorXd& response) const {
+      return weigh(response, grid_mean_, fine_).probability.dot(grid_);
+    }
 
    private:
     using Factor = Eigen::LLT<Eigen::MatrixXd>;
-    Factor factor(const Eigen::VectorXd& variance) const { return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal())); }
+    Factor factor(const Eigen::VectorXd& variance) const {
+      return Factor(covariance_ + Eigen::MatrixXd(variance.asDiagonal()));
+    }
     template <class Some>
-    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean, const std::vector<Some>& factors) {
-      if (response.size() != mean.rows()) throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean.rows()));
+    static Decoding weigh(const Eigen::VectorXd& response, const Eigen::MatrixXd& mean,
+                          const std::vector<Some>& factors) {
+      if (response.size() != mean.rows())
+        throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean.rows()));
       Eigen::VectorXd log_likelihood(mean.cols());
       for (Eigen::Index p = 0; p < mean.cols(); ++p) {
         const Some& l = factors[std::size_t(p)];

@@ -8,9 +8,11 @@
 
 namespace lumo::sense {
 
-/// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk towards a multiple of the identity;
-/// a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`: the least mean variance that is believed.
-inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage, double floor = 1e-300) {
+/// Covariance of residuals (features × observations) about means that took `parameters` degrees of freedom, shrunk
+/// towards a multiple of the identity; a negative shrinkage asks for Ledoit and Wolf's and is replaced by it. `floor`:
+/// the least mean variance that is believed.
+inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen::Index parameters, double& shrinkage,
+                                         double floor = 1e-300) {
   const Eigen::Index d = residual.rows(), n = residual.cols();
   const Eigen::MatrixXd s = residual * residual.transpose() / double(n);
   const double level = std::max(s.trace() / double(d), floor);
@@ -25,8 +27,9 @@ inline Eigen::MatrixXd shrunk_covariance(const Eigen::MatrixXd& residual, Eigen:
   return ((1.0 - shrinkage) * s + (shrinkage + 1e-9) * target) / left;
 }
 
-/// Regularised linear discriminant: Gaussians about the places' means with one covariance, shrunk towards a multiple of the identity because a
-/// finger gives few re-contacts for many regions. Source: Friedman 1989; the shrinkage is Ledoit & Wolf's (2004) from the data, or given.
+/// Regularised linear discriminant: Gaussians about the places' means with one covariance, shrunk towards a multiple of
+/// the identity because a finger gives few re-contacts for many regions. Source: Friedman 1989; the shrinkage is Ledoit
+/// & Wolf's (2004) from the data, or given.
 struct LinearDecoder {
   double shrinkage = -1.0;  ///< 0 … 1; negative: Ledoit and Wolf's
 
@@ -36,7 +39,8 @@ struct LinearDecoder {
       const Eigen::MatrixXd& mean = mean_;
       Eigen::MatrixXd residual = t.response;
       for (Eigen::Index i = 0; i < residual.cols(); ++i) residual.col(i) -= mean.col(t.place[std::size_t(i)]);
-      const Eigen::MatrixXd covariance = shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
+      const Eigen::MatrixXd covariance =
+          shrunk_covariance(residual, t.places(), shrinkage, 1e-12 * mean.cwiseAbs2().maxCoeff() + 1e-300);
       shrinkage_ = shrinkage;
       factor_.compute(covariance);
       weight_ = factor_.solve(mean);
@@ -46,7 +50,8 @@ struct LinearDecoder {
     Decoding decode(const Eigen::VectorXd& response) const { return decoding_of(log_likelihood(response)); }
     /// Of each place, up to one common constant.
     Eigen::VectorXd log_likelihood(const Eigen::VectorXd& response) const {
-      if (response.size() != mean_.rows()) throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean_.rows()));
+      if (response.size() != mean_.rows())
+        throw InvalidArgument(message("response has ", response.size(), " features, the decoder ", mean_.rows()));
       const Eigen::MatrixXd& weight = weight_;
       return weight.transpose() * response + offset_;
     }

@@ -3,8 +3,8 @@
 #include "lumo/core/error.hpp"
 #include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/decoder.hpp"
-#include "lumo/sense/devices/readout.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
+#include "lumo/sense/devices/readout.hpp"
 #include "lumo/sense/recording/session.hpp"
 
 #include <algorithm>
@@ -24,15 +24,18 @@ struct HoldResponse {
   int profiles = 0;
 };
 
-/// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last segment of kind "unloaded" that
-/// ended before it, because lamps drift between re-contacts; a session without any is an error. Throws InvalidArgument.
-inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles, const std::vector<Segment>& segments) {
+/// Responses of all segments of kind "hold" or "cycle" that have profiles. Each is taken against the mean over the last
+/// segment of kind "unloaded" that ended before it, because lamps drift between re-contacts; a session without any is
+/// an error. Throws InvalidArgument.
+inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& profiles,
+                                                const std::vector<Segment>& segments) {
   const auto mean = [&](const Segment& s) {
     std::pair<Eigen::VectorXd, int> m{Eigen::VectorXd(), 0};
     for (const Profile& p : profiles) {
       if (p.stamp_ns < s.from_ns || p.stamp_ns > s.to_ns) continue;
       if (m.second == 0) m.first = Eigen::VectorXd::Zero(p.value.size());
-      if (p.value.size() != m.first.size()) throw InvalidArgument(message("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
+      if (p.value.size() != m.first.size())
+        throw InvalidArgument(message("profiles have ", m.first.size(), " and ", p.value.size(), " values"));
       m.first += p.value;
       ++m.second;
     }
@@ -46,19 +49,22 @@ inline std::vector<HoldResponse> hold_responses(const std::span<const Profile>& 
     const Segment* before = nullptr;
     for (const Segment& u : segments)
       if (u.kind == "unloaded" && u.to_ns <= s.from_ns && (!before || u.to_ns > before->to_ns)) before = &u;
-    if (!before) throw InvalidArgument(message("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
+    if (!before)
+      throw InvalidArgument(message("the segment that begins at ", s.from_ns, " ns has no unloaded segment before it"));
     auto& reference = unloaded[std::size_t(before - segments.data())];
     if (reference.size() == 0) reference = mean(*before).first;
     const auto [value, count] = mean(s);
     if (count == 0) continue;
-    if (reference.size() != value.size()) throw InvalidArgument(message("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
+    if (reference.size() != value.size())
+      throw InvalidArgument(message("the unloaded segment that ends at ", before->to_ns, " ns has no profiles"));
     list.push_back({s, value - reference, count});
   }
   return list;
 }
 
 /// Those holds and cycles of one indenter at one approach angle: places are compared under the same contact only.
-inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm, double angle_deg) {
+inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& holds, double diameter_mm,
+                                              double angle_deg) {
   std::vector<HoldResponse> list;
   for (const HoldResponse& h : holds)
     if (h.segment.diameter_mm == diameter_mm && h.segment.angle_deg == angle_deg) list.push_back(h);
@@ -67,9 +73,10 @@ inline std::vector<HoldResponse> responses_of(const std::vector<HoldResponse>& h
 
 namespace detail {
 
-/// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each load of a re-contact is held once, and
-/// places, numbered along the finger, ascend in y.
-inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(const std::vector<HoldResponse>& holds) {
+/// Holds by place, re-contact and load. Throws InvalidArgument unless one indenter at one angle made them all, each
+/// load of a re-contact is held once, and places, numbered along the finger, ascend in y.
+inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recontacts(
+    const std::vector<HoldResponse>& holds) {
   std::map<int, std::map<int, std::map<double, const HoldResponse*>>> by_place;
   const Segment* first = nullptr;
   for (const HoldResponse& h : holds) {
@@ -77,19 +84,24 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
     if (s.kind != "hold" || s.place < 0 || s.repetition < 0) continue;
     if (!first) first = &s;
     if (s.diameter_mm != first->diameter_mm || s.angle_deg != first->angle_deg)
-      throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg, "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
-          "°, must be of one: take each by itself"));
+      throw InvalidArgument(message("holds are of indenters of ", first->diameter_mm, " mm at ", first->angle_deg,
+                                    "° and of ", s.diameter_mm, " mm at ", s.angle_deg,
+                                    "°, must be of one: take each by itself"));
     if (!by_place[s.place][s.repetition].emplace(s.load_N, &h).second)
-      throw InvalidArgument(message("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
+      throw InvalidArgument(
+          message("place ", s.place, ", re-contact ", s.repetition, " has two holds at ", s.load_N, " N"));
   }
   const Segment* before = nullptr;
   for (const auto& place : by_place) {
     const Segment& s = place.second.begin()->second.begin()->second->segment;
     for (const auto& recontact : place.second)
       for (const auto& hold : recontact.second)
-        if (hold.second->segment.y_mm != s.y_mm) throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
+        if (hold.second->segment.y_mm != s.y_mm)
+          throw InvalidArgument(
+              message("place ", s.place, " lies at y = ", s.y_mm, " and at ", hold.second->segment.y_mm, " mm"));
     if (before && !(s.y_mm > before->y_mm))
-      throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ", before->place, ", ", before->y_mm, " mm"));
+      throw InvalidArgument(message("place ", s.place, " lies at y = ", s.y_mm, " mm, must exceed that of place ",
+                                    before->place, ", ", before->y_mm, " mm"));
     before = &s;
   }
   return by_place;
@@ -97,13 +109,15 @@ inline std::map<int, std::map<int, std::map<double, const HoldResponse*>>> recon
 
 }  // namespace detail
 
-/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts. Throws InvalidArgument where
-/// more than one indenter or angle is among the holds, a load is held twice, or a place between two others is missing: its neighbours are none of each other.
+/// Slope profiles p_{i,r} over all loads of each re-contact: for each place along the finger, channels × re-contacts.
+/// Throws InvalidArgument where more than one indenter or angle is among the holds, a load is held twice, or a place
+/// between two others is missing: its neighbours are none of each other.
 inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldResponse>& holds) {
   std::vector<Eigen::MatrixXd> slopes;
   int next = -1;
   for (const auto& place : detail::recontacts(holds)) {
-    if (next >= 0 && place.first != next) throw InvalidArgument(message("place ", next, " has no re-contacts, but places before and after it have"));
+    if (next >= 0 && place.first != next)
+      throw InvalidArgument(message("place ", next, " has no re-contacts, but places before and after it have"));
     next = place.first + 1;
     Eigen::MatrixXd m(holds.front().response.size(), Eigen::Index(place.second.size()));
     Eigen::Index column = 0;
@@ -125,7 +139,8 @@ struct DecodingTask {
   std::vector<int> fold;
 };
 
-/// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as slope_profiles does.
+/// Loads [N] of at least `least_N` at which every re-contact was held, ascending. Throws InvalidArgument as
+/// slope_profiles does.
 inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, double least_N) {
   std::map<double, int> count;
   int recontacts = 0;
@@ -140,8 +155,9 @@ inline std::vector<double> common_loads(const std::vector<HoldResponse>& holds, 
   return loads;
 }
 
-/// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at least two. Re-contacts that lack one of
-/// them are left out. Throws InvalidArgument when fewer than two places are left, and as slope_profiles does for holds that are not of one kind.
+/// Signed change of response from load to load (paper: from 2 to 5 N), the steps one below the other. `load_N`: at
+/// least two. Re-contacts that lack one of them are left out. Throws InvalidArgument when fewer than two places are
+/// left, and as slope_profiles does for holds that are not of one kind.
 inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const std::vector<double>& load_N) {
   if (load_N.size() < 2) throw InvalidArgument(message("decoding needs at least 2 loads, has ", load_N.size()));
   struct Contact {
@@ -160,7 +176,8 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
       place_m[c.place] = 1e-3 * c.at.front()->segment.y_mm;
       contacts.push_back(std::move(c));
     }
-  if (place_m.size() < 2) throw InvalidArgument(message("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
+  if (place_m.size() < 2)
+    throw InvalidArgument(message("decoding: ", place_m.size(), " places have all the loads, must be at least 2"));
   DecodingTask task;
   const Eigen::Index channels = contacts.front().at.front()->response.size(), steps = Eigen::Index(load_N.size()) - 1;
   task.data.response.resize(channels * steps, Eigen::Index(contacts.size()));
@@ -174,18 +191,21 @@ inline DecodingTask decoding_task(const std::vector<HoldResponse>& holds, const 
   for (std::size_t i = 0; i < contacts.size(); ++i) {
     const Contact& c = contacts[i];
     for (Eigen::Index k = 0; k < steps; ++k)
-      task.data.response.block(k * channels, Eigen::Index(i), channels, 1) = c.at[std::size_t(k) + 1]->response - c.at[std::size_t(k)]->response;
+      task.data.response.block(k * channels, Eigen::Index(i), channels, 1) =
+          c.at[std::size_t(k) + 1]->response - c.at[std::size_t(k)]->response;
     task.data.place.push_back(number[c.place]);
     task.fold.push_back(c.repetition);
   }
   return task;
 }
 
-/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched loads.
+/// Runs of cycles within maintained contact: one for each indenter, place, angle and repetition, with its matched
+/// loads.
 inline std::vector<CycleRun> cycle_runs(const std::vector<HoldResponse>& holds) {
   std::map<std::tuple<double, int, double, int>, std::map<double, std::vector<const HoldResponse*>>> runs;
   for (const HoldResponse& h : holds)
-    if (const Segment& s = h.segment; s.kind == "cycle") runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
+    if (const Segment& s = h.segment; s.kind == "cycle")
+      runs[{s.diameter_mm, s.place, s.angle_deg, s.repetition}][s.load_N].push_back(&h);
   std::vector<CycleRun> list;
   for (const auto& run : runs) {
     CycleRun r;

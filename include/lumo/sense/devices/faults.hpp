@@ -8,25 +8,25 @@ namespace lumo::sense {
 
 /// What can be wrong with a finger's two streams. The first block concerns frames, the second joint samples.
 enum class Fault : std::uint32_t {
-  frame_dropped,      ///< a frame is missing between two
-  frames_missing,     ///< none for longer than the limit
-  frame_repeated,     ///< the same picture or the same stamp again
-  frame_late,         ///< older than allowed when it came
-  frame_time,         ///< its stamp runs backwards or lies in the future
-  frame_corrupt,      ///< wrong size or format, or light that no contact makes
+  frame_dropped,   ///< a frame is missing between two
+  frames_missing,  ///< none for longer than the limit
+  frame_repeated,  ///< the same picture or the same stamp again
+  frame_late,      ///< older than allowed when it came
+  frame_time,      ///< its stamp runs backwards or lies in the future
+  frame_corrupt,   ///< wrong size or format, or light that no contact makes
   frame_black,
   frame_saturated,
-  led_dead,           ///< dark about one LED
-  exposure_changed,   ///< by its metadata, or all lights together
-  camera_lost,        ///< the source has failed
+  led_dead,          ///< dark about one LED
+  exposure_changed,  ///< by its metadata, or all lights together
+  camera_lost,       ///< the source has failed
   joint_dropped,
   joint_missing,
   joint_time,
-  joint_not_finite,   ///< a value is not a number, or the number of joints is another
-  torque_stuck,       ///< the very same effort for too long
+  joint_not_finite,  ///< a value is not a number, or the number of joints is another
+  torque_stuck,      ///< the very same effort for too long
   torque_spike,
-  torque_saturated,   ///< beyond the motor's range, or at the end of what its driver can say
-  position_jump,      ///< faster, or farther, than the joint can turn
+  torque_saturated,  ///< beyond the motor's range, or at the end of what its driver can say
+  position_jump,     ///< faster, or farther, than the joint can turn
   actuator_lost,
   count
 };
@@ -47,9 +47,10 @@ class Faults {
 /// Names, separated by spaces.
 inline std::string to_string(Faults faults) {
   static constexpr std::array<const char*, std::size_t(Fault::count)> names{
-      "frame_dropped", "frames_missing", "frame_repeated", "frame_late", "frame_time", "frame_corrupt", "frame_black", "frame_saturated", "led_dead",
-      "exposure_changed", "camera_lost", "joint_dropped", "joint_missing", "joint_time", "joint_not_finite", "torque_stuck", "torque_spike",
-      "torque_saturated", "position_jump", "actuator_lost"};
+      "frame_dropped", "frames_missing", "frame_repeated",   "frame_late",    "frame_time",
+      "frame_corrupt", "frame_black",    "frame_saturated",  "led_dead",      "exposure_changed",
+      "camera_lost",   "joint_dropped",  "joint_missing",    "joint_time",    "joint_not_finite",
+      "torque_stuck",  "torque_spike",   "torque_saturated", "position_jump", "actuator_lost"};
   std::string text;
   for (std::size_t i = 0; i < names.size(); ++i)
     if (faults.has(Fault(i))) text += (text.empty() ? "" : " ") + std::string(names[i]);

@@ -27,12 +27,13 @@ struct ImageView {
   bool empty() const { return !data || width <= 0 || height <= 0; }
 };
 
-inline constexpr int max_image_side = 32768;               ///< [px]
+inline constexpr int max_image_side = 32768;                 ///< [px]
 inline constexpr std::int64_t max_image_area = 100'000'000;  ///< [px]
 
 /// Whether an image from outside may be this large [px].
 constexpr bool is_image_size(std::int64_t width, std::int64_t height) {
-  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side && width * height <= max_image_area;
+  return width >= 1 && height >= 1 && width <= max_image_side && height <= max_image_side &&
+         width * height <= max_image_area;
 }
 
 /// An image that owns its pixels; rows without padding.
@@ -46,7 +47,8 @@ struct Image {
   static Image black(int width, int height, PixelFormat format = PixelFormat::bgr) {
     require_in_range("image width", width, 1, max_image_side, "px");
     require_in_range("image height", height, 1, max_image_side, "px");
-    return {width, height, format, std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+    return {width, height, format,
+            std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
   }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
   std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }
@@ -55,7 +57,8 @@ struct Image {
 /// One picture of a camera and how it was taken.
 struct Frame {
   ImageView image;
-  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is after the exposure's middle is the session's frame delay
+  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is
+                              ///< after the exposure's middle is the session's frame delay
   double exposure_s = 0.0;    ///< 0: not known
   double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
   std::int64_t index = 0;     ///< counted by the source

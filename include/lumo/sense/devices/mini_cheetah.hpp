@@ -22,10 +22,11 @@ struct FixedRange {
   double unpack(std::uint32_t n) const { return low + step() * double(n); }
 };
 
-/// The CAN protocol of the MIT mini-cheetah actuators and of the drivers that follow it (source: B. Katz's public firmware and its documentation;
-/// widths and byte order are common, ranges differ by make and firmware and must be set to those of the motor at hand).
-/// Command, 8 bytes: position 16 bits, velocity 12, kp 12, kd 12, feed-forward torque 12, most significant first.
-/// Reply, 6 bytes (later firmware appends temperature and error, which are not read): number of the motor 8 bits, position 16, velocity 12, torque or current 12.
+/// The CAN protocol of the MIT mini-cheetah actuators and of the drivers that follow it (source: B. Katz's public
+/// firmware and its documentation; widths and byte order are common, ranges differ by make and firmware and must be set
+/// to those of the motor at hand). Command, 8 bytes: position 16 bits, velocity 12, kp 12, kd 12, feed-forward torque
+/// 12, most significant first. Reply, 6 bytes (later firmware appends temperature and error, which are not read):
+/// number of the motor 8 bits, position 16, velocity 12, torque or current 12.
 struct MiniCheetahProtocol {
   double position_rad = 12.5;
   double velocity_rad_per_s = 65.0;
@@ -52,17 +53,27 @@ struct MiniCheetahProtocol {
   Bytes pack(const Command& c) const {
     for (const double v : {c.position_rad, c.velocity_rad_per_s, c.kp, c.kd, c.torque_Nm})
       if (!std::isfinite(v)) throw InvalidArgument("motor command: numbers must be finite");
-    const std::uint32_t p = range(position_rad, 16).pack(c.position_rad), v = range(velocity_rad_per_s, 12).pack(c.velocity_rad_per_s);
-    const std::uint32_t kp = FixedRange{0.0, kp_max, 12}.pack(c.kp), kd = FixedRange{0.0, kd_max, 12}.pack(c.kd), t = range(torque_Nm, 12).pack(c.torque_Nm);
-    return {std::uint8_t(p >> 8), std::uint8_t(p & 0xff), std::uint8_t(v >> 4), std::uint8_t((v & 0xf) << 4 | kp >> 8),
-            std::uint8_t(kp & 0xff), std::uint8_t(kd >> 4), std::uint8_t((kd & 0xf) << 4 | t >> 8), std::uint8_t(t & 0xff)};
+    const std::uint32_t p = range(position_rad, 16).pack(c.position_rad),
+                        v = range(velocity_rad_per_s, 12).pack(c.velocity_rad_per_s);
+    const std::uint32_t kp = FixedRange{0.0, kp_max, 12}.pack(c.kp), kd = FixedRange{0.0, kd_max, 12}.pack(c.kd),
+                        t = range(torque_Nm, 12).pack(c.torque_Nm);
+    return {std::uint8_t(p >> 8),
+            std::uint8_t(p & 0xff),
+            std::uint8_t(v >> 4),
+            std::uint8_t((v & 0xf) << 4 | kp >> 8),
+            std::uint8_t(kp & 0xff),
+            std::uint8_t(kd >> 4),
+            std::uint8_t((kd & 0xf) << 4 | t >> 8),
+            std::uint8_t(t & 0xff)};
   }
   /// Nothing for fewer than six bytes.
   std::optional<Reply> unpack(std::span<const std::uint8_t> b) const {
     if (b.size() < 6) return std::nullopt;
-    const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4, t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
+    const std::uint32_t p = std::uint32_t(b[1]) << 8 | b[2], v = std::uint32_t(b[3]) << 4 | b[4] >> 4,
+                        t = std::uint32_t(b[4] & 0xf) << 8 | b[5];
     const bool full = p == 0 || p == 0xffff || v == 0 || v == 0xfff || t == 0 || t == 0xfff;
-    return Reply{int(b[0]), range(position_rad, 16).unpack(p), range(velocity_rad_per_s, 12).unpack(v), range(effort, 12).unpack(t), full};
+    return Reply{int(b[0]), range(position_rad, 16).unpack(p), range(velocity_rad_per_s, 12).unpack(v),
+                 range(effort, 12).unpack(t), full};
   }
 
   static FixedRange range(double limit, int bits) { return {-limit, limit, bits}; }

@@ -16,7 +16,8 @@ struct PhotodiodeSample {
   Eigen::VectorXd signal_V;
 };
 
-/// A row of photodiodes along the finger: the readout without a camera. Values are photocurrents in units of the calibration, (V − dark) · scale.
+/// A row of photodiodes along the finger: the readout without a camera. Values are photocurrents in units of the
+/// calibration, (V − dark) · scale.
 class PhotodiodeArray {
  public:
   using Sample = PhotodiodeSample;
@@ -35,12 +36,14 @@ class PhotodiodeArray {
     if (config_.dark_V.size() == 0) config_.dark_V = Eigen::VectorXd::Zero(n);
     if (config_.scale.size() == 0) config_.scale = Eigen::VectorXd::Ones(n);
     if (config_.dark_V.size() != n || config_.scale.size() != n)
-      throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(), " dark values and ", config_.scale.size(),
-          " scales, must be as many"));
-    if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite()) throw InvalidArgument("photodiode array: numbers must be finite");
+      throw InvalidArgument(message("photodiode array has ", n, " positions, ", config_.dark_V.size(),
+                                    " dark values and ", config_.scale.size(), " scales, must be as many"));
+    if (!config_.position_m.allFinite() || !config_.dark_V.allFinite() || !config_.scale.allFinite())
+      throw InvalidArgument("photodiode array: numbers must be finite");
     for (Eigen::Index i = 1; i < n; ++i)
       if (!(config_.position_m[i] > config_.position_m[i - 1]))
-        throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i], " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
+        throw InvalidArgument(message("photodiode ", i, " is at ", config_.position_m[i],
+                                      " m, must lie beyond its predecessor at ", config_.position_m[i - 1], " m"));
     require_positive("photodiode full scale", config_.full_scale_V, "V");
   }
 
@@ -48,7 +51,8 @@ class PhotodiodeArray {
     if (sample.signal_V.size() != config_.position_m.size() || !sample.signal_V.allFinite()) return false;
     profile.stamp_ns = sample.stamp_ns;
     profile.value = (sample.signal_V - config_.dark_V).cwiseProduct(config_.scale);
-    profile.saturated = double((sample.signal_V.array() >= config_.full_scale_V).count()) / double(sample.signal_V.size());
+    profile.saturated =
+        double((sample.signal_V.array() >= config_.full_scale_V).count()) / double(sample.signal_V.size());
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return config_.position_m; }

@@ -17,12 +17,12 @@ namespace lumo::sense {
 struct PictureHeader {
   enum class Format { png, jpeg, bmp };
   Format format;
-  std::uint32_t width, height;   ///< [px]
-  int bits;                      ///< of one channel; of a whole pixel in a BMP file
+  std::uint32_t width, height;  ///< [px]
+  int bits;                     ///< of one channel; of a whole pixel in a BMP file
 };
 
-/// The header of a PNG, JPEG or BMP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER and later). Nothing, where there is none: what
-/// a decoder would take into memory for a picture is then not known.
+/// The header of a PNG, JPEG or BMP file (PNG: W3C 2003 §11.2.2; JPEG: ITU-T T.81 §B.2.2; BMP: BITMAPINFOHEADER and
+/// later). Nothing, where there is none: what a decoder would take into memory for a picture is then not known.
 std::optional<PictureHeader> picture_header(std::span<const std::uint8_t> file);
 
 /// Whether a picture is worth decoding: a few bytes must not ask for gigabytes.
@@ -30,13 +30,16 @@ inline bool is_decodable(const std::optional<PictureHeader>& h) { return h && is
 
 namespace detail {
 
-template <std::unsigned_integral T>
-T number_in(std::span<const std::uint8_t> bytes, std::size_t at, ByteOrder order) { return number_at<T>(bytes.data() + at, order); }
+template <std::unsigned_integral T> T number_in(std::span<const std::uint8_t> bytes, std::size_t at, ByteOrder order) {
+  return number_at<T>(bytes.data() + at, order);
+}
 
 inline std::optional<PictureHeader> png_header(std::span<const std::uint8_t> f) {
-  constexpr std::array<std::uint8_t, 16> head{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R'};
+  constexpr std::array<std::uint8_t, 16> head{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n',
+                                              0,    0,   0,   13,  'I',  'H',  'D',  'R'};
   if (f.size() < 26 || !std::equal(head.begin(), head.end(), f.begin())) return std::nullopt;
-  return PictureHeader{PictureHeader::Format::png, number_in<std::uint32_t>(f, 16, ByteOrder::big), number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
+  return PictureHeader{PictureHeader::Format::png, number_in<std::uint32_t>(f, 16, ByteOrder::big),
+                       number_in<std::uint32_t>(f, 20, ByteOrder::big), f[24]};
 }
 
 /// From marker to marker up to the frame's.
@@ -45,7 +48,7 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
   for (std::size_t at = 2; at + 4 <= f.size();) {
     if (f[at] != 0xff) return std::nullopt;
     const std::uint8_t marker = f[at + 1];
-    if (marker == 0xff) {   // fill bytes may stand before a marker
+    if (marker == 0xff) {  // fill bytes may stand before a marker
       ++at;
       continue;
     }
@@ -54,13 +57,14 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
       at += 2;
       continue;
     }
-    if (marker == 0xd9 || marker == 0xda) return std::nullopt;   // end, or pixels, before a frame
+    if (marker == 0xd9 || marker == 0xda) return std::nullopt;  // end, or pixels, before a frame
     const std::size_t length = number_in<std::uint16_t>(f, at + 2, ByteOrder::big);
     const bool frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc;
     if (length < 2 || (frame && length < 8)) return std::nullopt;
     if (frame) {
       if (at + 9 > f.size()) return std::nullopt;
-      return PictureHeader{PictureHeader::Format::jpeg, number_in<std::uint16_t>(f, at + 7, ByteOrder::big), number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
+      return PictureHeader{PictureHeader::Format::jpeg, number_in<std::uint16_t>(f, at + 7, ByteOrder::big),
+                           number_in<std::uint16_t>(f, at + 5, ByteOrder::big), f[at + 4]};
     }
     at += 2 + length;
   }
@@ -68,10 +72,12 @@ inline std::optional<PictureHeader> jpeg_header(std::span<const std::uint8_t> f)
 }
 
 inline std::optional<PictureHeader> bmp_header(std::span<const std::uint8_t> f) {
-  if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || number_in<std::uint32_t>(f, 14, ByteOrder::little) < 40) return std::nullopt;
+  if (f.size() < 30 || f[0] != 'B' || f[1] != 'M' || number_in<std::uint32_t>(f, 14, ByteOrder::little) < 40)
+    return std::nullopt;
   // Rows may run from top to bottom, which a negative height says.
   const std::uint32_t height = number_in<std::uint32_t>(f, 22, ByteOrder::little);
-  return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little), height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
+  return PictureHeader{PictureHeader::Format::bmp, number_in<std::uint32_t>(f, 18, ByteOrder::little),
+                       height >> 31 ? ~height + 1 : height, int(number_in<std::uint16_t>(f, 28, ByteOrder::little))};
 }
 
 }  // namespace detail

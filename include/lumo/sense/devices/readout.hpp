@@ -16,8 +16,9 @@ struct Profile {
 };
 
 /// Turns one raw sample (a camera's frame, a row of photodiodes) into a longitudinal profile.
-/// Laws: linear in the light as long as nothing saturates; value i belongs to `positions_m()[i]` on the finger's y axis, ascending; a sample that
-/// is not of the readout's size or kind gives false and leaves the profile as it was; no memory is taken after the first call.
+/// Laws: linear in the light as long as nothing saturates; value i belongs to `positions_m()[i]` on the finger's y
+/// axis, ascending; a sample that is not of the readout's size or kind gives false and leaves the profile as it was; no
+/// memory is taken after the first call.
 template <class R>
 concept Readout = requires(R& readout, const R& view, const typename R::Sample& sample, Profile& profile) {
   { readout.read(sample, profile) } -> std::same_as<bool>;

@@ -9,9 +9,9 @@
 
 namespace lumo::sense {
 
-/// A recorded stream given as it came: nothing is there before its time. One item is read ahead, so that reading a picture does not count to whoever asks for it.
-template <class Source>
-class Replay {
+/// A recorded stream given as it came: nothing is there before its time. One item is read ahead, so that reading a
+/// picture does not count to whoever asks for it.
+template <class Source> class Replay {
  public:
   explicit Replay(Source source) : source_(std::move(source)), ahead_(source_.next()) {}
 
@@ -24,7 +24,8 @@ class Replay {
     if (!ahead_ || ahead_->stamp_ns > now_ns_) return decltype(ahead_)();
     auto item = std::move(ahead_);
     ahead_.reset();
-    if constexpr (Actuator<Source>) ahead_ = source_.next();  // owns what it gives; a picture stays valid until the next one is read
+    if constexpr (Actuator<Source>)
+      ahead_ = source_.next();  // owns what it gives; a picture stays valid until the next one is read
     return item;
   }
   StreamState state() const { return ahead_ ? StreamState::open : source_.state(); }

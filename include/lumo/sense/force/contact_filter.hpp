@@ -3,8 +3,8 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/joints/contact_jacobian.hpp"
 #include "lumo/sense/force/offset_walk.hpp"
+#include "lumo/sense/joints/contact_jacobian.hpp"
 
 #include <Eigen/LU>
 
@@ -25,36 +25,38 @@ struct ContactBelief {
   Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], F [N])
 };
 
-/// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are what is seen: y, and the
-/// contact's torque on each joint, each with the offset of its sensor; these filters are linear. Place and force follow from them at the moment of
-/// asking (posterior mode, Gauss–Newton), so that no linearisation about an old guess remains – an extended Kalman filter on (y, F) would come to believe
-/// that one joint's torque tells the place. The torque's offset is learnt while nothing touches.
-/// A measurement that arrives late is put where it belongs, and what came after it is done again.
-template <ContactJacobian Jacobian>
-class ContactFilter {
-
+/// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are
+/// what is seen: y, and the contact's torque on each joint, each with the offset of its sensor; these filters are
+/// linear. Place and force follow from them at the moment of asking (posterior mode, Gauss–Newton), so that no
+/// linearisation about an old guess remains – an extended Kalman filter on (y, F) would come to believe that one
+/// joint's torque tells the place. The torque's offset is learnt while nothing touches. A measurement that arrives late
+/// is put where it belongs, and what came after it is done again.
+template <ContactJacobian Jacobian> class ContactFilter {
  public:
   struct Config {
     int link = 0;
-    double from_m = -27.5_mm, to_m = 27.5_mm;      ///< of the pad: the prior of y is uniform on it
-    double creep_m_per_sqrt_s = 5.0_mm;            ///< random walk of y
-    double torque_Nm_per_sqrt_s = 0.3;             ///< random walk of the contact's torques
+    double from_m = -27.5_mm, to_m = 27.5_mm;  ///< of the pad: the prior of y is uniform on it
+    double creep_m_per_sqrt_s = 5.0_mm;        ///< random walk of y
+    double torque_Nm_per_sqrt_s = 0.3;         ///< random walk of the contact's torques
     double torque_prior_Nm = 2.0, force_prior_N = 100.0;
-    double location_bias_m = 1.0_mm, location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
-    double torque_bias_Nm = 0.02, torque_bias_s = 5.0;       ///< of the torques'; assumed
-    double no_contact_Nm = 0.01;                   ///< torque of what may act on the pad unseen
-    double jump_gate = 5.0;                        ///< a location or torque this many standard deviations off is a new contact or load
-    std::size_t history = 512;                     ///< measurements that a late one may precede
+    double location_bias_m = 1.0_mm,
+           location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
+    double torque_bias_Nm = 0.02, torque_bias_s = 5.0;  ///< of the torques'; assumed
+    double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
+    double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
+    std::size_t history = 512;  ///< measurements that a late one may precede
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});
 
-  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the history, ignored. Throws InvalidArgument,
-  /// as add_location does, for numbers that are not finite or belong to no finger.
+  /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the
+  /// history, ignored. Throws InvalidArgument, as add_location does, for numbers that are not finite or belong to no
+  /// finger.
   bool add_torque(std::int64_t stamp_ns, const JointVector& torque_Nm, const JointVector& variance) {
     if (torque_Nm.size() != jacobian_.joints() || variance.size() != jacobian_.joints())
-      throw InvalidArgument(message("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(), " torques and ", variance.size(), " variances"));
+      throw InvalidArgument(message("contact filter has ", jacobian_.joints(), " joints, got ", torque_Nm.size(),
+                                    " torques and ", variance.size(), " variances"));
     for (Eigen::Index j = 0; j < torque_Nm.size(); ++j) {
       require_in_range("contact torque", torque_Nm[j], -1e9, 1e9, "N·m");
       require_in_range("variance of a contact torque", variance[j], 1e-18, 1e12, "N²·m²");
@@ -109,26 +111,30 @@ class ContactFilter {
 };
 
 template <ContactJacobian Jacobian>
-ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config) : jacobian_(std::move(jacobian)), config_(config) {
+ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
+    : jacobian_(std::move(jacobian)), config_(config) {
   require_in_range("pad's end", config.to_m, config.from_m, 10.0, "m");
   require_in_range("joints of the Jacobian", jacobian_.joints(), 1, max_joints, "");
   using Row = std::tuple<const char*, double, const char*>;
   for (const auto& [what, value, unit] :
-       {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"}, Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
+       {Row{"creep of the contact", config.creep_m_per_sqrt_s, "m/sqrt(s)"},
+        Row{"random walk of the torque", config.torque_Nm_per_sqrt_s, "N·m/sqrt(s)"},
         Row{"prior of the torque", config.torque_prior_Nm, "N·m"}, Row{"prior of the force", config.force_prior_N, "N"},
-        Row{"time of the localiser's offset", config.location_bias_s, "s"}, Row{"time of the torque's offset", config.torque_bias_s, "s"},
+        Row{"time of the localiser's offset", config.location_bias_s, "s"},
+        Row{"time of the torque's offset", config.torque_bias_s, "s"},
         Row{"torque without contact", config.no_contact_Nm, "N·m"}, Row{"jump gate", config.jump_gate, ""}})
     require_positive(what, value, unit);
   require_in_range("offset of the localiser", config.location_bias_m, 0.0, 1.0, "m");
   require_in_range("offset of the torque", config.torque_bias_Nm, 0.0, 1e3, "N·m");
   require_in_range("history of the filter", double(config.history), 2.0, 1e6, "measurements");
   events_.resize(config.history);
-  prior_.place = {0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0, config.location_bias_m * config.location_bias_m};
-  prior_.torque.fill({0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
+  prior_.place = {0.5 * (config.from_m + config.to_m), 0.0, pad_variance(), 0.0,
+                  config.location_bias_m * config.location_bias_m};
+  prior_.torque.fill(
+      {0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
 }
 
-template <ContactJacobian Jacobian>
-bool ContactFilter<Jacobian>::add(Event e) {
+template <ContactJacobian Jacobian> bool ContactFilter<Jacobian>::add(Event e) {
   if (!started_) prior_.stamp_ns = e.stamp_ns, started_ = true;
   if (e.stamp_ns < prior_.stamp_ns) return false;
   if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
@@ -149,19 +155,19 @@ bool ContactFilter<Jacobian>::add(Event e) {
   return true;
 }
 
-template <ContactJacobian Jacobian>
-void ContactFilter<Jacobian>::predict(Seen& s, std::int64_t stamp_ns) const {
+template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::predict(Seen& s, std::int64_t stamp_ns) const {
   const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
   if (!(dt > 0.0)) return;
   s.stamp_ns = stamp_ns;
   const auto square = [](double v) { return v * v; };
-  s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m), config_.location_bias_s);
+  s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
+                  config_.location_bias_s);
   for (int j = 0; j < jacobian_.joints(); ++j)
-    s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm), square(config_.torque_bias_Nm), config_.torque_bias_s);
+    s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
+                                     square(config_.torque_bias_Nm), config_.torque_bias_s);
 }
 
-template <ContactJacobian Jacobian>
-void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
+template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
   if (e.kind == Kind::location) {
     const double off = e.y - s.place.x - s.place.b;
     if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
@@ -172,7 +178,8 @@ void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
       OffsetWalk& t = s.torque[std::size_t(j)];
       if (e.kind == Kind::torque) {
         const double off = e.torque[j] - t.x - t.b;
-        if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j]))  // loads jump, offsets do not
+        if (off * off >
+            config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j]))  // loads jump, offsets do not
           t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm, t.xb = 0.0;
         t.update(e.torque[j], e.torque_variance[j]);
       } else {
@@ -187,14 +194,16 @@ ContactBelief ContactFilter<Jacobian>::at(std::int64_t stamp_ns, const JointVect
   Seen s = last();
   predict(s, stamp_ns);
   const int n = jacobian_.joints();
-  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, 1e-14), force_weight = 1.0 / (config_.force_prior_N * config_.force_prior_N);
+  const double place = s.place.x, place_weight = 1.0 / std::max(s.place.xx, 1e-14),
+               force_weight = 1.0 / (config_.force_prior_N * config_.force_prior_N);
   // Mode of exp(−½ [(y − place)²/P_y + Σ (T_j − F a_j(y))²/P_j + F²/P_F]).
   ContactBelief belief;
   double y = place, force = 0.0;
   Eigen::Matrix2d information;
   for (int k = 0; k < 8; ++k) {
     const double inside = std::clamp(y, config_.from_m, config_.to_m);
-    const JointVector a = jacobian_.column(q, {config_.link, inside}), slope = jacobian_.slope(q, {config_.link, inside});
+    const JointVector a = jacobian_.column(q, {config_.link, inside}),
+                      slope = jacobian_.slope(q, {config_.link, inside});
     double aa = force_weight, at = 0.0;
     for (int j = 0; j < n; ++j) {
       const OffsetWalk& t = s.torque[std::size_t(j)];

@@ -1,10 +1,10 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/force/force_solution.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
+#include "lumo/sense/recording/alignment.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,7 +14,8 @@
 
 namespace lumo::sense {
 
-/// One moment of a log at which a force is asked for: joints there, what was estimated of the place, and the truth to compare with.
+/// One moment of a log at which a force is asked for: joints there, what was estimated of the place, and the truth to
+/// compare with.
 struct ForceSample {
   std::int64_t stamp_ns = 0;
   JointVector position_rad, contact_torque_Nm;  ///< torque: motor minus torque model
@@ -37,42 +38,51 @@ struct ForceErrors {
   struct Common {
     Error optical, fixed_arm, known_location;
   };
-  Common common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
-  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the common samples; empty where there is
-  /// no gap.
+  Common
+      common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
+  /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the
+  /// common samples; empty where there is no gap.
   std::optional<double> recovery() const {
     const double gap = common.fixed_arm.mae_N - common.known_location.mae_N;
-    return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap) : std::nullopt;
+    return common.optical.samples && gap > 0.0 ? std::optional((common.fixed_arm.mae_N - common.optical.mae_N) / gap)
+                                               : std::nullopt;
   }
 };
 
-/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nothing in gaps of more than `max_gap_s`.
+/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nothing in
+/// gaps of more than `max_gap_s`.
 class ContactTorques {
  public:
   /// Throws InvalidArgument for no samples, or models that do not fit the joints.
-  ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock = {}, double delay_s = 0.0)
+  ContactTorques(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
+                 const ClockMap& clock = {}, double delay_s = 0.0)
       : joints_(int(models.size())), series_(series(samples, models, clock, delay_s)) {}
 
   /// Positions, then torques.
-  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const { return series_.at(stamp_ns, max_gap_s); }
+  std::optional<Eigen::VectorXd> at(std::int64_t stamp_ns, double max_gap_s = 0.02) const {
+    return series_.at(stamp_ns, max_gap_s);
+  }
   int joints() const { return joints_; }
   /// RMS misfit of interpolation in position [rad] and torque [N·m], joint by joint.
   Eigen::VectorXd residual() const { return series_.interpolation_residual(); }
 
  private:
-  static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models, const ClockMap& clock, double delay_s) {
+  static TimeSeries series(std::span<const JointSample> samples, const std::vector<TorqueModel>& models,
+                           const ClockMap& clock, double delay_s) {
     const auto n = Eigen::Index(models.size());
     std::vector<std::int64_t> stamp;
     Eigen::MatrixXd value(2 * n, Eigen::Index(samples.size()));
     for (std::size_t i = 0; i < samples.size(); ++i) {
       const JointSample& s = samples[i];
       if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n)
-        throw InvalidArgument(message("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
+        throw InvalidArgument(
+            message("contact torques: sample ", i, " has ", s.effort.size(), " joints, there are ", n, " models"));
       stamp.push_back(clock(s.stamp_ns) - std::llround(1e9 * delay_s));
       for (Eigen::Index j = 0; j < n; ++j) {
         const TorqueModel& m = models[std::size_t(j)];
         value(j, Eigen::Index(i)) = s.position_rad[j];
-        value(n + j, Eigen::Index(i)) = m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
+        value(n + j, Eigen::Index(i)) =
+            m.motor_torque(s.effort[j], s.unit) - m.unloaded(s.position_rad[j], s.velocity_rad_per_s[j]);
       }
     }
     if (stamp.empty() || n == 0) throw InvalidArgument("contact torques: no samples or no joints");
@@ -83,10 +93,11 @@ class ContactTorques {
   TimeSeries series_;
 };
 
-/// Compares the ways to a force on the same samples. `from_m`, `to_m`: the tested range, whose middle is the fixed arm. Forces are taken as at least 0, for
-/// all ways alike.
+/// Compares the ways to a force on the same samples. `from_m`, `to_m`: the tested range, whose middle is the fixed arm.
+/// Forces are taken as at least 0, for all ways alike.
 template <ContactJacobian J>
-ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, int link, double from_m, double to_m, double torque_sigma_Nm) {
+ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples, int link, double from_m, double to_m,
+                         double torque_sigma_Nm) {
   require_in_range("end of the tested range", to_m, from_m, 10.0, "m");
   ForceErrors e;
   const auto count = [](ForceErrors::Error& error, double force, double truth) {
@@ -95,7 +106,8 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
   for (const ForceSample& s : samples) {
     const auto at = [&](ForceErrors::Error& error, double y) {
       const ContactPoint point{link, y};
-      const Identification f = solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
+      const Identification f =
+          solve_forces(jacobian, s.position_rad, s.contact_torque_Nm, std::span(&point, 1), torque_sigma_Nm);
       if (f.complete()) count(error, f.value[0], s.true_force_N);
       return f.complete() ? std::optional(f.value[0]) : std::nullopt;
     };
@@ -103,8 +115,10 @@ ForceErrors force_errors(const J& jacobian, std::span<const ForceSample> samples
     const auto optical = s.estimated_y_m ? at(e.optical, *s.estimated_y_m) : std::nullopt;
     const auto fixed = at(e.fixed_arm, 0.5 * (from_m + to_m)), known = at(e.known_location, s.true_y_m);
     if (optical && fixed && known)
-      count(e.common.optical, *optical, s.true_force_N), count(e.common.fixed_arm, *fixed, s.true_force_N), count(e.common.known_location, *known, s.true_force_N);
-    const TorqueOnlySolution alone = solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
+      count(e.common.optical, *optical, s.true_force_N), count(e.common.fixed_arm, *fixed, s.true_force_N),
+          count(e.common.known_location, *known, s.true_force_N);
+    const TorqueOnlySolution alone =
+        solve_torque_only(jacobian, s.position_rad, s.contact_torque_Nm, link, from_m, to_m, torque_sigma_Nm);
     if (alone.rank == 2) count(e.torque_only, alone.force_N, s.true_force_N);
   }
   return e;

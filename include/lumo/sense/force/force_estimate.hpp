@@ -24,7 +24,8 @@ constexpr const char* to_string(EstimatorState s) {
   return names[std::size_t(s)];
 }
 
-/// One contact: the place on the finger and the normal force of the object on the pad. What cannot be told is empty; the rest is finite.
+/// One contact: the place on the finger and the normal force of the object on the pad. What cannot be told is empty;
+/// the rest is finite.
 struct ContactForce {
   std::optional<double> y_m;
   std::optional<double> force_N;
@@ -39,11 +40,13 @@ struct ForceEstimate {
   Faults faults;
   int contacts = 0;
   std::array<ContactForce, 2> contact;  ///< the first max(1, contacts) mean something
-  /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or combinations) are.
+  /// Unknowns are (y, F) of one contact or (F₁, F₂) of two, in units of what counts as known; `rank` of them (or
+  /// combinations) are.
   int rank = 0;
-  Eigen::Matrix2d null_directions{{0.0, 0.0}, {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
-  std::int64_t frame_stamp_ns = 0;  ///< of the newest usable frame
-  std::int64_t joint_stamp_ns = 0;  ///< of the newest usable joint sample
+  Eigen::Matrix2d null_directions{{0.0, 0.0},
+                                  {0.0, 0.0}};  ///< the last 2 − rank columns: unit directions that the data leave open
+  std::int64_t frame_stamp_ns = 0;              ///< of the newest usable frame
+  std::int64_t joint_stamp_ns = 0;              ///< of the newest usable joint sample
 };
 
 }  // namespace lumo::sense

@@ -1,22 +1,25 @@
 #pragma once
 
-#include "lumo/sense/joints/contact_jacobian.hpp"
 #include "lumo/core/golden_section.hpp"
+#include "lumo/sense/joints/contact_jacobian.hpp"
 #include "lumo/sense/joints/identification.hpp"
 
 #include <cmath>
 
 namespace lumo::sense {
 
-/// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not tell apart come back
-/// as null directions: three contacts on two joints, two on one link of one joint, any at a joint's axis.
+/// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
+/// tell apart come back as null directions: three contacts on two joints, two on one link of one joint, any at a
+/// joint's axis.
 template <ContactJacobian J>
-Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
+Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
+                            std::span<const ContactPoint> contacts, double torque_sigma_Nm) {
   const auto m = Eigen::Index(contacts.size());
   // A contact within a tenth of a millimetre of all axes counts as on them.
   const Eigen::MatrixXd a = contact_columns(jacobian, q, contacts);
   const double largest = a.size() ? a.cwiseAbs().maxCoeff() : 0.0;
-  if (largest < 1e-4) return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
+  if (largest < 1e-4)
+    return {Eigen::VectorXd::Zero(m), Eigen::MatrixXd::Zero(m, m), 0, Eigen::MatrixXd::Identity(m, m), 0.0};
   return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
 }
 
@@ -24,16 +27,17 @@ Identification solve_forces(const J& jacobian, const JointVector& q, const Joint
 struct TorqueOnlySolution {
   double y_m = 0.0;
   double force_N = 0.0;
-  int rank = 0;                                         ///< of (y, force): 2 both, 1 a combination, 0 nothing
-  Eigen::Vector2d null_direction{0.0, 0.0};  ///< (y in units of 10 mm, force in N), unit; where the rank is 1
-  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};   ///< of (y [m], force [N]); where the rank is 2
+  int rank = 0;                                        ///< of (y, force): 2 both, 1 a combination, 0 nothing
+  Eigen::Vector2d null_direction{0.0, 0.0};            ///< (y in units of 10 mm, force in N), unit; where the rank is 1
+  Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], force [N]); where the rank is 2
 };
 
-/// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques (paper's torque-only
-/// baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the range's middle.
+/// On one link, between `from_m` and `to_m`: two joints before the contact give the place by the ratio of their torques
+/// (paper's torque-only baseline is τ₁/τ₂). A single joint has rank 1. The value along a null direction is that of the
+/// range's middle.
 template <ContactJacobian J>
-TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm, int link, double from_m, double to_m,
-    double torque_sigma_Nm) {
+TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
+                                     int link, double from_m, double to_m, double torque_sigma_Nm) {
   require_in_range("end of the finger", to_m, from_m, 10.0, "m");
   require_positive("error of the torque", torque_sigma_Nm, "N·m");
   const auto force_at = [&](double y, double& misfit) {
@@ -52,7 +56,9 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
     h.col(1) = jacobian.column(q, {link, s.y_m});
     return h;
   };
-  const auto look = [&] { return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3); };
+  const auto look = [&] {
+    return identify(sensitivity(), Eigen::VectorXd(contact_torque_Nm), Eigen::Vector2d::Ones(), torque_sigma_Nm, 1e-3);
+  };
   Identification local = look();
   if (local.complete()) {
     constexpr int cells = 64;
@@ -62,7 +68,8 @@ TorqueOnlySolution solve_torque_only(const J& jacobian, const JointVector& q, co
       force_at(from_m + (to_m - from_m) * k / cells, misfit);
       if (misfit < least) least = misfit, best = k;
     }
-    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells, b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
+    const double a = from_m + (to_m - from_m) * std::max(0, best - 1) / cells,
+                 b = from_m + (to_m - from_m) * std::min(cells, best + 1) / cells;
     s.y_m = golden_section([&](double y) { return force_at(y, misfit), misfit; }, a, b, 40);
     s.force_N = force_at(s.y_m, misfit);
     local = look();

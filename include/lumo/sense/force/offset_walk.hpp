@@ -5,13 +5,15 @@
 
 namespace lumo::sense {
 
-/// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov): two states, linear, exact.
-/// The offset keeps many alike measurements (a motor that sticks, frames of one peak) from looking like many independent ones.
+/// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov):
+/// two states, linear, exact. The offset keeps many alike measurements (a motor that sticks, frames of one peak) from
+/// looking like many independent ones.
 struct OffsetWalk {
   double x = 0.0, b = 0.0;
   double xx = 0.0, xb = 0.0, bb = 0.0;  ///< covariance
 
-  /// `walk`: growth of the variance of x per second, up to `most`. `offset`: stationary variance of b, which forgets within `time_s`.
+  /// `walk`: growth of the variance of x per second, up to `most`. `offset`: stationary variance of b, which forgets
+  /// within `time_s`.
   void predict(double dt, double walk, double most, double offset, double time_s) {
     const double keep = std::exp(-dt / time_s);
     b *= keep;

@@ -22,22 +22,27 @@ namespace lumo::sense {
 /// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
 struct HandLink {
   std::string name;
-  std::vector<int> joints;              ///< that move it, by their numbers in the joint samples
-  Eigen::Matrix2Xd hole_m;              ///< centres (y, z) of its mounting holes, at least two
+  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
   double hole_radius_m = 1.5_mm;
-  bool z_clockwise = false;             ///< in the image z lies clockwise of y (image rows run down)
+  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
   double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
   double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
 };
 
 /// Throws InvalidArgument for a link that makes no sense.
 inline void validate(const HandLink& l) {
-  if (l.joints.empty()) throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
-  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite()) throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(), " mounting holes, must have at least 2, at finite places"));
+  if (l.joints.empty())
+    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
+    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
+                                  " mounting holes, must have at least 2, at finite places"));
   for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
     for (Eigen::Index j = 0; j < k; ++j)
-      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j)); !(apart >= 1.0_mm && apart <= 10.0))
-        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart, " mm apart, must be 1 to 10000 mm"));
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
+          !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
+                                      " mm apart, must be 1 to 10000 mm"));
   require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
   require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
   require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
@@ -46,10 +51,10 @@ inline void validate(const HandLink& l) {
 /// How a link's plane lies in the image: turned, shifted and scaled.
 struct LinkMap {
   Eigen::Vector2d origin_px{0.0, 0.0};
-  Eigen::Vector2d along_px_per_m{1.0, 0.0};   ///< of y
+  Eigen::Vector2d along_px_per_m{1.0, 0.0};  ///< of y
   bool z_clockwise = false;
-  double residual_px = 0.0;                                    ///< RMS of what the fit leaves
-  double contrast_DN = 0.0;                                    ///< of the palest hole that it was found by
+  double residual_px = 0.0;  ///< RMS of what the fit leaves
+  double contrast_DN = 0.0;  ///< of the palest hole that it was found by
 
   Eigen::Vector2d pixel(double y_m, double z_m) const {
     const double side = z_clockwise ? 1.0 : -1.0;
@@ -59,15 +64,20 @@ struct LinkMap {
   }
   double px_per_m() const { return std::hypot(along_px_per_m.x(), along_px_per_m.y()); }
 
-  /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or points that coincide.
+  /// Least squares over points of the link (2 × n, n ≥ 2) and where they are seen. Throws InvalidArgument for fewer, or
+  /// points that coincide.
   static LinkMap fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise);
 };
 
 inline LinkMap LinkMap::fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix2Xd& pixel, bool z_clockwise) {
   using Complex = std::complex<double>;
   const Eigen::Index n = point_m.cols();
-  if (n < 2 || pixel.cols() != n) throw InvalidArgument(message("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
-  const auto point = [&](Eigen::Index k) { return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k)); };
+  if (n < 2 || pixel.cols() != n)
+    throw InvalidArgument(
+        message("link map has ", n, " points and ", pixel.cols(), " pixels, must have at least 2 of each"));
+  const auto point = [&](Eigen::Index k) {
+    return Complex(point_m(0, k), z_clockwise ? point_m(1, k) : -point_m(1, k));
+  };
   const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
   Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
   for (Eigen::Index k = 0; k < n; ++k) middle += point(k) / double(n), middle_px += seen(k) / double(n);
@@ -101,14 +111,18 @@ struct Hole {
   double contrast;
 };
 
-/// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none that is dark enough.
-inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector2d& expected, double radius, double reach, double min_contrast) {
+/// The dark disc of a radius that stands out most from its rim, within `reach` of a pixel; nothing where there is none
+/// that is dark enough.
+inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector2d& expected, double radius,
+                                     double reach, double min_contrast) {
   const double inner = std::max(0.8, 0.75 * radius), rim = 1.35 * radius, outer = rim + std::max(1.5, 0.6 * radius);
-  if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() && expected.norm() < 1e6 && reach < 1e6)) return std::nullopt;
+  if (!(outer > 0.0 && 2.0 * outer < std::min(image.width, image.height) && expected.allFinite() &&
+        expected.norm() < 1e6 && reach < 1e6))
+    return std::nullopt;
   // Means of the disc and of the rim's eight sectors: a hole is darker than all of them, an edge or a gap is not.
   struct Near {
     int x, y;
-    std::size_t part;   ///< sector, or 8: the disc
+    std::size_t part;  ///< sector, or 8: the disc
   };
   std::vector<Near> near;
   std::array<int, 9> count{};
@@ -127,7 +141,8 @@ inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector
       if (count[k] > 0) around = std::min(around, double(sum[k]) / count[k]);
     return std::pair(double(sum[8]) / count[8], around);
   };
-  const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())), v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
+  const int whole = std::max(1, int(std::ceil(reach))), u = int(std::lround(expected.x())),
+            v = int(std::lround(expected.y())), edge = int(std::ceil(outer));
   double best = min_contrast;
   std::optional<Eigen::Vector2d> place;
   for (int cy = std::max(v - whole, edge); cy <= std::min(v + whole, image.height - 1 - edge); ++cy)
@@ -137,14 +152,17 @@ inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector
       if (around - disc > best) best = around - disc, place = Eigen::Vector2d(cx, cy);
     }
   if (!place) return std::nullopt;
-  for (int pass = 0; pass < 4; ++pass) {   // centroid of the darkness, each time about the last one
-    if (place->x() < outer || place->y() < outer || place->x() > image.width - 1 - outer || place->y() > image.height - 1 - outer) return std::nullopt;
+  for (int pass = 0; pass < 4; ++pass) {  // centroid of the darkness, each time about the last one
+    if (place->x() < outer || place->y() < outer || place->x() > image.width - 1 - outer ||
+        place->y() > image.height - 1 - outer)
+      return std::nullopt;
     const double light = look(int(std::lround(place->x())), int(std::lround(place->y()))).second;
     Eigen::Vector2d moment = Eigen::Vector2d::Zero();
     double weight = 0.0;
     for (int y = int(std::ceil(place->y() - rim)); y <= int(std::floor(place->y() + rim)); ++y)
       for (int x = int(std::ceil(place->x() - rim)); x <= int(std::floor(place->x() + rim)); ++x) {
-        const double w = std::hypot(x - place->x(), y - place->y()) > rim ? 0.0 : std::max(0.0, light - image.green(x, y));
+        const double w =
+            std::hypot(x - place->x(), y - place->y()) > rim ? 0.0 : std::max(0.0, light - image.green(x, y));
         moment += w * Eigen::Vector2d(x, y);
         weight += w;
       }
@@ -156,8 +174,10 @@ inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector
 
 }  // namespace detail
 
-/// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they do not fit the link.
-inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess, const HoleSearch& search = {}) {
+/// Finds the link by its mounting holes, about where `guess` expects them. Nothing where one is not seen, or where they
+/// do not fit the link.
+inline std::optional<LinkMap> register_link(const ImageView& image, const HandLink& link, const LinkMap& guess,
+                                            const HoleSearch& search = {}) {
   if (image.empty() || !guess.origin_px.allFinite() || !(guess.origin_px.norm() < 1e6)) return std::nullopt;
   const double scale = guess.px_per_m();
   const Eigen::Index n = link.hole_m.cols();
@@ -165,17 +185,21 @@ inline std::optional<LinkMap> register_link(const ImageView& image, const HandLi
   double contrast = 255.0;
   for (Eigen::Index k = 0; k < n; ++k) {
     const Eigen::Vector2d expected = guess.pixel(link.hole_m(0, k), link.hole_m(1, k));
-    const auto hole = detail::find_hole(image, expected, link.hole_radius_m * scale, search.reach_m * scale, search.min_contrast);
+    const auto hole =
+        detail::find_hole(image, expected, link.hole_radius_m * scale, search.reach_m * scale, search.min_contrast);
     if (!hole) return std::nullopt;
     seen.col(k) = hole->center;
     contrast = std::min(contrast, hole->contrast);
   }
   for (Eigen::Index k = 1; k < n; ++k)
     for (Eigen::Index j = 0; j < k; ++j)
-      if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale) return std::nullopt;   // one hole taken for two
+      if ((seen.col(k) - seen.col(j)).norm() < link.hole_radius_m * scale)
+        return std::nullopt;  // one hole taken for two
   LinkMap map = LinkMap::fit(link.hole_m, seen, link.z_clockwise);
   map.contrast_DN = contrast;
-  if (map.residual_px > search.max_residual_m * scale || std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change) return std::nullopt;
+  if (map.residual_px > search.max_residual_m * scale ||
+      std::abs(map.px_per_m() / scale - 1.0) > search.max_scale_change)
+    return std::nullopt;
   return map;
 }
 

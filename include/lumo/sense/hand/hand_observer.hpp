@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/sense/hand/hand_link.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
 #include "lumo/core/statistics.hpp"
+#include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/hand/hand_link.hpp"
 
 #include <Eigen/Core>
 
@@ -19,34 +19,34 @@ namespace lumo::sense {
 
 /// A place of a link where the light has changed.
 struct HandContact {
-  int link = 0;                  ///< number in the hand
-  double y_m = 0.0, z_m = 0.0;   ///< centroid, weighted by the residual
+  int link = 0;                 ///< number in the hand
+  double y_m = 0.0, z_m = 0.0;  ///< centroid, weighted by the residual
   double y_low_m = 0.0, y_high_m = 0.0;
-  double peak_DN = 0.0;          ///< largest residual
-  double mean_DN = 0.0;          ///< over the region
+  double peak_DN = 0.0;  ///< largest residual
+  double mean_DN = 0.0;  ///< over the region
   double area_m2 = 0.0;
-  Eigen::Vector2d pixel{0.0, 0.0};   ///< of the centroid
-  std::vector<std::pair<int, int>> cells;            ///< of HandObserver's grid, along and across
+  Eigen::Vector2d pixel{0.0, 0.0};         ///< of the centroid
+  std::vector<std::pair<int, int>> cells;  ///< of HandObserver's grid, along and across
 };
 
 /// What one frame says about a hand.
 struct HandEstimate {
   std::int64_t stamp_ns = 0;
-  std::vector<bool> seen;               ///< by link: its holes were found and a reference is there
-  std::vector<int> reference;           ///< by link: number of the reference it was compared with, −1: none
-  std::vector<LinkMap> map;             ///< by link; where it was seen last
-  std::vector<HandContact> contacts;    ///< link by link, from proximal to distal
+  std::vector<bool> seen;             ///< by link: its holes were found and a reference is there
+  std::vector<int> reference;         ///< by link: number of the reference it was compared with, −1: none
+  std::vector<LinkMap> map;           ///< by link; where it was seen last
+  std::vector<HandContact> contacts;  ///< link by link, from proximal to distal
 };
 
-/// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting holes, compared with the unloaded picture of the nearest
-/// joint configuration, freed of global and slow differences of green, and what is left in absolute value above the noise is cut into connected regions.
+/// Contacts on several links at once, without labels (paper, integrated hand): each link is found by its mounting
+/// holes, compared with the unloaded picture of the nearest joint configuration, freed of global and slow differences
+/// of green, and what is left in absolute value above the noise is cut into connected regions.
 class HandObserver {
  public:
-
   struct Config {
-    double cell_m = 1.0_mm;            ///< of the grid on which a link's side is read
-    double threshold = 6.0;            ///< a region must reach so many noises
-    double edge = 3.0;                 ///< and extends down to so many
+    double cell_m = 1.0_mm;  ///< of the grid on which a link's side is read
+    double threshold = 6.0;  ///< a region must reach so many noises
+    double edge = 3.0;       ///< and extends down to so many
     double noise_floor_DN = 1.0;
     double min_area_m2 = 6e-6;
     double max_joint_step_rad = 0.35;  ///< a reference farther away says nothing
@@ -56,7 +56,9 @@ class HandObserver {
   /// `first`: where each link is in the first picture, about. Throws InvalidArgument.
   HandObserver(std::vector<HandLink> links, std::vector<LinkMap> first, Config config)
       : links_(std::move(links)), last_(std::move(first)), config_(std::move(config)) {
-    if (links_.empty() || last_.size() != links_.size()) throw InvalidArgument(message("hand has ", links_.size(), " links and ", last_.size(), " first places, must have as many, at least 1"));
+    if (links_.empty() || last_.size() != links_.size())
+      throw InvalidArgument(message("hand has ", links_.size(), " links and ", last_.size(),
+                                    " first places, must have as many, at least 1"));
     for (const HandLink& l : links_) validate(l);
     require_in_range("cell of the hand's grid", 1e3 * config_.cell_m, 0.1, 10.0, "mm");
     require_in_range("edge of a region", config_.edge, 0.0, config_.threshold, "noises");
@@ -65,7 +67,9 @@ class HandObserver {
     steps_.resize(links_.size());
     noise_.resize(links_.size());
     for (const HandLink& l : links_) {
-      const auto cells = [&](double low, double high) { return std::max(1, int(std::lround((high - low) / config_.cell_m))); };
+      const auto cells = [&](double low, double high) {
+        return std::max(1, int(std::lround((high - low) / config_.cell_m)));
+      };
       grid_.push_back({cells(l.y_low_m, l.y_high_m), cells(l.z_low_m, l.z_high_m)});
       require_in_range("cells of a link's grid", double(grid_.back().along) * grid_.back().across, 1, 20000, "");
     }
@@ -98,7 +102,7 @@ class HandObserver {
   }
 
  private:
-  using Grid = Eigen::MatrixXd;   ///< along × across [DN]
+  using Grid = Eigen::MatrixXd;  ///< along × across [DN]
   struct Cells {
     int along, across;
   };
@@ -114,21 +118,25 @@ class HandObserver {
   Grid read(int link, const LinkMap& map, const ImageView& image) const;
   Grid levelled(const Grid& difference) const;
   const Grid& noise(int link);
-  void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const;
+  void regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
+               std::vector<HandContact>& contacts) const;
 
   std::vector<HandLink> links_;
   std::vector<LinkMap> last_;
   Config config_;
   std::vector<Cells> grid_;
-  std::vector<std::vector<Reference>> library_;   ///< by link
-  std::vector<std::vector<Grid>> steps_;          ///< by link: what differs between each reference and its nearest one before, in absolute value
-  std::vector<Grid> noise_;                       ///< by link; empty where references have come since
+  std::vector<std::vector<Reference>> library_;  ///< by link
+  std::vector<std::vector<Grid>>
+      steps_;  ///< by link: what differs between each reference and its nearest one before, in absolute value
+  std::vector<Grid> noise_;  ///< by link; empty where references have come since
 };
 
 inline std::vector<double> HandObserver::joints_of(int link, const JointVector& all) const {
   std::vector<double> own;
   for (const int j : links_[std::size_t(link)].joints) {
-    if (j < 0 || j >= all.size()) throw InvalidArgument(message("link '", printable(links_[std::size_t(link)].name), "' needs joint ", j, ", samples have ", all.size()));
+    if (j < 0 || j >= all.size())
+      throw InvalidArgument(message("link '", printable(links_[std::size_t(link)].name), "' needs joint ", j,
+                                    ", samples have ", all.size()));
     if (!std::isfinite(all[j])) throw InvalidArgument("positions of joints must be finite");
     own.push_back(all[j]);
   }
@@ -147,7 +155,8 @@ inline std::pair<int, double> HandObserver::nearest(int link, const std::vector<
   return best;
 }
 
-/// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand out more.
+/// About where it was last and about where it was at the nearest reference, if there is one: the one whose holes stand
+/// out more.
 inline auto HandObserver::find(int link, int nearest, const ImageView& image) -> std::optional<LinkMap> {
   const HandLink& l = links_[std::size_t(link)];
   auto found = register_link(image, l, last_[std::size_t(link)], config_.holes);
@@ -173,15 +182,17 @@ inline auto HandObserver::read(int link, const LinkMap& map, const ImageView& im
         continue;
       }
       const double u = p.x() - x0, v = p.y() - y0;
-      g(i, j) = (1 - v) * ((1 - u) * image.green(x0, y0) + u * image.green(x0 + 1, y0)) + v * ((1 - u) * image.green(x0, y0 + 1) + u * image.green(x0 + 1, y0 + 1));
+      g(i, j) = (1 - v) * ((1 - u) * image.green(x0, y0) + u * image.green(x0 + 1, y0)) +
+                v * ((1 - u) * image.green(x0, y0 + 1) + u * image.green(x0 + 1, y0 + 1));
     }
   return g;
 }
 
-/// Without its slow part along the link: the straight line through the means across that passes closest to two fifths of them, for contacts may cover more than half of
-/// a link (least quantile of squares, after Rousseeuw 1984, over all pairs of means; then least squares over those near it).
+/// Without its slow part along the link: the straight line through the means across that passes closest to two fifths
+/// of them, for contacts may cover more than half of a link (least quantile of squares, after Rousseeuw 1984, over all
+/// pairs of means; then least squares over those near it).
 inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
-  std::vector<std::array<double, 2>> mean;   // row and mean, of rows that are seen
+  std::vector<std::array<double, 2>> mean;  // row and mean, of rows that are seen
   for (Eigen::Index i = 0; i < difference.rows(); ++i) {
     double sum = 0.0;
     int count = 0;
@@ -210,7 +221,8 @@ inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
     if (off[k] > 3.0 * least) continue;
     n += 1.0, x += mean[k][0], y += mean[k][1], xx += mean[k][0] * mean[k][0], xy += mean[k][0] * mean[k][1];
   }
-  if (const double spread = n * xx - x * x; spread > 0.0) slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
+  if (const double spread = n * xx - x * x; spread > 0.0)
+    slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
   Eigen::MatrixXd rest = difference;
   for (Eigen::Index i = 0; i < rest.rows(); ++i) rest.row(i).array() -= level + slope * double(i);
   return rest;
@@ -235,8 +247,8 @@ inline int HandObserver::add_reference(const JointVector& joints, const ImageVie
   return count;
 }
 
-/// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal number. Beside an LED, where a fraction of a pixel
-/// counts, it is several times that of the plain side.
+/// Of each cell: what nine tenths of the references' differences stay below, as the standard deviation of a normal
+/// number. Beside an LED, where a fraction of a pixel counts, it is several times that of the plain side.
 inline auto HandObserver::noise(int link) -> const Grid& {
   Eigen::MatrixXd& sigma = noise_[std::size_t(link)];
   if (sigma.size() > 0) return sigma;
@@ -251,7 +263,8 @@ inline auto HandObserver::noise(int link) -> const Grid& {
   return sigma;
 }
 
-inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image) -> HandEstimate {
+inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& joints, const ImageView& image)
+    -> HandEstimate {
   HandEstimate e{stamp_ns, {}, {}, {}, {}};
   for (int l = 0; l < int(links_.size()); ++l) {
     const std::vector<double> own = joints_of(l, joints);
@@ -261,17 +274,22 @@ inline auto HandObserver::observe(std::int64_t stamp_ns, const JointVector& join
     e.seen.push_back(known);
     e.reference.push_back(known ? near.first : -1);
     e.map.push_back(last_[std::size_t(l)]);
-    if (known) regions(l, levelled(read(l, *map, image) - library_[std::size_t(l)][std::size_t(near.first)].green), noise(l), *map, e.contacts);
+    if (known)
+      regions(l, levelled(read(l, *map, image) - library_[std::size_t(l)][std::size_t(near.first)].green), noise(l),
+              *map, e.contacts);
   }
   return e;
 }
 
-inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map, std::vector<HandContact>& contacts) const {
+inline void HandObserver::regions(int link, const Grid& residual, const Grid& sigma, const LinkMap& map,
+                                  std::vector<HandContact>& contacts) const {
   const auto [along, across] = grid_[std::size_t(link)];
   const auto [cell_length, cell_height] = cell_m(link);
   std::vector<bool> taken(std::size_t(along) * std::size_t(across), false);
   const auto index = [&, n = across](int i, int j) { return std::size_t(i) * std::size_t(n) + std::size_t(j); };
-  const auto strong = [&](int i, int j) { return std::abs(residual(i, j)) > config_.edge * sigma(i, j); };   // false for NaN
+  const auto strong = [&](int i, int j) {
+    return std::abs(residual(i, j)) > config_.edge * sigma(i, j);
+  };  // false for NaN
   for (int i = 0; i < along; ++i)
     for (int j = 0; j < across; ++j) {
       if (taken[index(i, j)] || !strong(i, j)) continue;

@@ -14,9 +14,10 @@ struct ContactPoint {
   double y_m = 0.0;  ///< finger coordinate on it
 };
 
-/// How a normal force on a pad shows in the motors. The force is that of the object on the finger, against the pad's outward normal, at the
-/// contact point; `column` is the torque that the motors add to hold it, n × 1 [N·m per N = m], positive along each joint's axis.
-/// Laws: joints beyond the contact's link carry nothing; `slope` is the derivative of `column` by y_m.
+/// How a normal force on a pad shows in the motors. The force is that of the object on the finger, against the pad's
+/// outward normal, at the contact point; `column` is the torque that the motors add to hold it, n × 1 [N·m per N = m],
+/// positive along each joint's axis. Laws: joints beyond the contact's link carry nothing; `slope` is the derivative of
+/// `column` by y_m.
 template <class J>
 concept ContactJacobian = requires(const J& j, const JointVector& q, const ContactPoint& c) {
   { j.joints() } -> std::convertible_to<int>;

@@ -15,23 +15,27 @@ struct Identification {
   Eigen::VectorXd value;       ///< of least norm in units of the scales: nothing is added along null directions
   Eigen::MatrixXd covariance;  ///< along the identified directions only
   Eigen::Index rank = 0;
-  Eigen::MatrixXd null_space;  ///< parameters × (parameters − rank), unit columns in units of the scales: may be added at will
-  double residual = 0.0;       ///< RMS of what the fit leaves
+  Eigen::MatrixXd
+      null_space;  ///< parameters × (parameters − rank), unit columns in units of the scales: may be added at will
+  double residual = 0.0;  ///< RMS of what the fit leaves
 
   Eigen::Index unknowns() const { return value.size(); }
   bool complete() const { return rank == unknowns(); }
 };
 
-/// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of each). Singular values below
-/// `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of b; where it is 0, that of the residual is taken. `known` > 0: nor do
-/// directions whose standard deviation exceeds that many scales, for of those the data tell less than was known before.
-/// Throws InvalidArgument for shapes that do not fit or numbers that are not finite.
-inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale, double sigma = 0.0, double tolerance = 1e-6,
-                               double known = 0.0) {
+/// Solves a x ≈ b for equal, independent errors. `scale` makes parameters of unlike units comparable (a typical size of
+/// each). Singular values below `tolerance` times the largest do not count. `sigma`: standard deviation of an entry of
+/// b; where it is 0, that of the residual is taken. `known` > 0: nor do directions whose standard deviation exceeds
+/// that many scales, for of those the data tell less than was known before. Throws InvalidArgument for shapes that do
+/// not fit or numbers that are not finite.
+inline Identification identify(const Eigen::MatrixXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& scale,
+                               double sigma = 0.0, double tolerance = 1e-6, double known = 0.0) {
   const Eigen::Index n = a.cols();
   if (n < 1 || a.rows() != b.size() || scale.size() != n)
-    throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(), " observations and ", scale.size(), " scales"));
-  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all()) throw InvalidArgument("identification: numbers must be finite, scales positive");
+    throw InvalidArgument(message("identification has ", a.rows(), " × ", n, " coefficients, ", b.size(),
+                                  " observations and ", scale.size(), " scales"));
+  if (!a.allFinite() || !b.allFinite() || !(scale.array() > 0.0).all())
+    throw InvalidArgument("identification: numbers must be finite, scales positive");
   Identification r;
   const Eigen::MatrixXd scaled = a * scale.asDiagonal();
   if (a.rows() == 0 || scaled.cwiseAbs().maxCoeff() == 0.0) {

@@ -2,9 +2,9 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/devices/faults.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/recording/alignment.hpp"
 
 #include <algorithm>
 #include <array>
@@ -19,15 +19,17 @@ class JointMonitor {
   struct Config {
     int joints = 1;
     double period_s = 1e-3;
-    double max_ahead_s = 0.01;        ///< how far a stamp may lie in the future
-    double stuck_s = 0.1;             ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
-    /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the effort's unit. Where there is a step, as many
-    /// samples more must be the same as noise alone would not make so in 10⁹ trials; noise far below half a step never tells. 0: no step.
+    double max_ahead_s = 0.01;  ///< how far a stamp may lie in the future
+    double stuck_s =
+        0.1;  ///< the very same effort of a joint for this long is stuck; at least 20 samples. Real currents are noisy
+    /// Step in which efforts come, and standard deviation of their noise before they are rounded to it, both in the
+    /// effort's unit. Where there is a step, as many samples more must be the same as noise alone would not make so in
+    /// 10⁹ trials; noise far below half a step never tells. 0: no step.
     double quantum = 0.0, noise = 0.0;
-    double spike = 0.5;               ///< jump against the median of the last five [A or N·m, as the effort]
-    double max_effort = 40.0;         ///< of the motor, same unit
+    double spike = 0.5;        ///< jump against the median of the last five [A or N·m, as the effort]
+    double max_effort = 40.0;  ///< of the motor, same unit
     double max_velocity_rad_per_s = 65.0;
-    double max_position_rad = 1e4;    ///< beyond, the encoder is out of its mind
+    double max_position_rad = 1e4;  ///< beyond, the encoder is out of its mind
   };
 
   /// Throws InvalidArgument for numbers that make no sense.
@@ -42,8 +44,10 @@ class JointMonitor {
     require_in_range("step of the effort", config.quantum, 0.0, config.max_effort, "");
     require_in_range("noise of the effort", config.noise, 0.0, config.max_effort, "");
     if (config.quantum > 0.0) {
-      const double same = config.noise > 0.0 ? std::erf(config.quantum / (2.8284271247461901 * config.noise)) : 1.0;  // share of samples on a step's middle
-      least_same_ = std::max(least_same_, same < 1.0 ? std::log(1e-9) / std::log(same) : std::numeric_limits<double>::infinity());
+      const double same = config.noise > 0.0 ? std::erf(config.quantum / (2.8284271247461901 * config.noise))
+                                             : 1.0;  // share of samples on a step's middle
+      least_same_ =
+          std::max(least_same_, same < 1.0 ? std::log(1e-9) / std::log(same) : std::numeric_limits<double>::infinity());
     }
   }
 
@@ -56,19 +60,22 @@ class JointMonitor {
     Verdict v;
     const auto reject = [&](Fault f) { v.faults.add(f), v.usable = false; };
     if (s.stamp_ns < -stamp_limit_ns || s.stamp_ns > stamp_limit_ns) return reject(Fault::joint_time), v;
-    if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_)) return reject(Fault::joint_time), v;
+    if (1e-9 * double(s.stamp_ns - now_ns) > config_.max_ahead_s || (seen_ && s.stamp_ns <= stamp_ns_))
+      return reject(Fault::joint_time), v;
     const double step_s = seen_ ? 1e-9 * double(s.stamp_ns - stamp_ns_) : 0.0;
     if (step_s > 2.5 * config_.period_s) v.faults.add(Fault::joint_dropped);
     stamp_ns_ = s.stamp_ns;
     const Eigen::Index n = config_.joints;
-    if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n || !s.effort.allFinite() || !s.position_rad.allFinite() ||
-        !s.velocity_rad_per_s.allFinite())
+    if (s.effort.size() != n || s.position_rad.size() != n || s.velocity_rad_per_s.size() != n ||
+        !s.effort.allFinite() || !s.position_rad.allFinite() || !s.velocity_rad_per_s.allFinite())
       return seen_ = true, reject(Fault::joint_not_finite), v;
-    if (s.position_rad.cwiseAbs().maxCoeff() > config_.max_position_rad || s.velocity_rad_per_s.cwiseAbs().maxCoeff() > config_.max_velocity_rad_per_s)
+    if (s.position_rad.cwiseAbs().maxCoeff() > config_.max_position_rad ||
+        s.velocity_rad_per_s.cwiseAbs().maxCoeff() > config_.max_velocity_rad_per_s)
       return seen_ = true, reject(Fault::position_jump), v;
     if (!filled_) position_ = s.position_rad;
 
-    const double reach = config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
+    const double reach =
+        config_.max_velocity_rad_per_s * std::max(1e-9 * double(s.stamp_ns - position_ns_), config_.period_s);
     if (filled_ && (s.position_rad - position_).cwiseAbs().maxCoeff() > 1.5 * reach) reject(Fault::position_jump);
     if (v.usable) position_ = s.position_rad, position_ns_ = s.stamp_ns;
     if (s.saturated || s.effort.cwiseAbs().maxCoeff() > config_.max_effort) reject(Fault::torque_saturated);

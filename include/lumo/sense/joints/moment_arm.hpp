@@ -10,7 +10,9 @@ struct MomentArm {
   double sign = 1.0;                ///< −1 where the motor turns the other way: positive torque lifts the pad off
 
   int joints() const { return 1; }
-  JointVector column(const JointVector&, const ContactPoint& c) const { return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m)); }
+  JointVector column(const JointVector&, const ContactPoint& c) const {
+    return JointVector::Constant(1, sign * (joint_to_origin_m + c.y_m));
+  }
   JointVector slope(const JointVector&, const ContactPoint&) const { return JointVector::Constant(1, sign); }
 };
 

@@ -12,11 +12,12 @@ namespace lumo::sense {
 /// Revolute joints in a row, each with one link that may carry a pad.
 class SerialChain {
  public:
-
   struct Link {
-    Eigen::Isometry3d joint = Eigen::Isometry3d::Identity();    ///< pose of the joint's frame in the frame of the link before (or the base), at angle 0
-    Vec3d axis = Vec3d::UnitX();                    ///< of rotation, in the joint's frame; unit
-    Eigen::Isometry3d finger = Eigen::Isometry3d::Identity();   ///< pose of the pad's finger frame (y along it, z out of it) in the joint's frame
+    Eigen::Isometry3d joint = Eigen::Isometry3d::Identity();   ///< pose of the joint's frame in the frame of the link
+                                                               ///< before (or the base), at angle 0
+    Vec3d axis = Vec3d::UnitX();                               ///< of rotation, in the joint's frame; unit
+    Eigen::Isometry3d finger = Eigen::Isometry3d::Identity();  ///< pose of the pad's finger frame (y along it, z out of
+                                                               ///< it) in the joint's frame
   };
 
   /// Throws InvalidArgument for no or too many links, or numbers that make no sense.
@@ -24,9 +25,11 @@ class SerialChain {
     if (links_.empty() || links_.size() > std::size_t(max_joints))
       throw InvalidArgument(message("serial chain has ", links_.size(), " links, must have 1 to ", max_joints));
     for (Link& l : links_) {
-      if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite()) throw InvalidArgument("serial chain: poses must be finite");
+      if (!l.joint.matrix().allFinite() || !l.finger.matrix().allFinite())
+        throw InvalidArgument("serial chain: poses must be finite");
       for (const Eigen::Isometry3d& pose : {l.joint, l.finger})
-        if ((pose.linear().transpose() * pose.linear() - Mat3d::Identity()).norm() > 1e-6 || pose.linear().determinant() < 0.0)
+        if ((pose.linear().transpose() * pose.linear() - Mat3d::Identity()).norm() > 1e-6 ||
+            pose.linear().determinant() < 0.0)
           throw InvalidArgument("serial chain: poses must turn and move, not stretch or mirror");
       require_positive("length of a joint's axis", l.axis.norm(), "");
       l.axis.normalize();
@@ -46,7 +49,9 @@ class SerialChain {
     return torques(p, finger.linear().col(1), finger.linear().col(2), false);
   }
   /// Where the contact is, in the base's frame [m].
-  Vec3d position(const JointVector& q, const ContactPoint& c) const { return pose(q, c.link).finger * Vec3d(0.0, c.y_m, 0.0); }
+  Vec3d position(const JointVector& q, const ContactPoint& c) const {
+    return pose(q, c.link).finger * Vec3d(0.0, c.y_m, 0.0);
+  }
   /// Outward normal of the pad there, in the base's frame.
   Vec3d normal(const JointVector& q, const ContactPoint& c) const {
     const Eigen::Isometry3d finger = pose(q, c.link).finger;
@@ -55,13 +60,16 @@ class SerialChain {
 
  private:
   struct Pose {
-    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis, origin;  ///< of the joints up to the contact's
+    Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, max_joints> axis,
+        origin;  ///< of the joints up to the contact's
     Eigen::Isometry3d finger;
   };
 
   Pose pose(const JointVector& q, int link) const {
-    if (link < 0 || link >= joints()) throw InvalidArgument(message("contact lies on link ", link, ", the chain has ", joints()));
-    if (q.size() != joints()) throw InvalidArgument(message("chain has ", joints(), " joints, got ", q.size(), " angles"));
+    if (link < 0 || link >= joints())
+      throw InvalidArgument(message("contact lies on link ", link, ", the chain has ", joints()));
+    if (q.size() != joints())
+      throw InvalidArgument(message("chain has ", joints(), " joints, got ", q.size(), " angles"));
     Pose p;
     p.axis.resize(3, link + 1);
     p.origin.resize(3, link + 1);

@@ -10,9 +10,11 @@
 
 namespace lumo::sense {
 
-/// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean [N·m]. What sticks is another at each
-/// rest, and under a contact it adds to the contact's torque unseen. Rests count from 0.1 s on. Nothing for fewer than three.
-inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint, const TorqueModel& model) {
+/// How far the torque of an unloaded joint at rest is off the model: RMS over the rests of a run of each rest's mean
+/// [N·m]. What sticks is another at each rest, and under a contact it adds to the contact's torque unseen. Rests count
+/// from 0.1 s on. Nothing for fewer than three.
+inline std::optional<double> standstill_scatter(std::span<const JointSample> samples, int joint,
+                                                const TorqueModel& model) {
   double squares = 0.0, sum = 0.0;
   int rests = 0, count = 0;
   std::int64_t from = 0, last = 0;

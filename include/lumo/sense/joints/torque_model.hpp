@@ -2,8 +2,8 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/golden_section.hpp"
-#include "lumo/sense/joints/identification.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
+#include "lumo/sense/joints/identification.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,12 +13,13 @@
 
 namespace lumo::sense {
 
-/// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's rise towards standstill and a
-/// viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one rigid link, gravity_sin · sin q + gravity_cos · cos q.
+/// One joint without contact: what the motor spends on friction, weight and offset. Friction is Coulomb's, Stribeck's
+/// rise towards standstill and a viscous part (Armstrong-Hélouvry, Dupont & Canudas de Wit 1994); weight is that of one
+/// rigid link, gravity_sin · sin q + gravity_cos · cos q.
 struct TorqueModel {
   double torque_constant_Nm_per_A = 1.0;  ///< at the joint, gear included; not seen by an unloaded run
   double coulomb_Nm = 0.0;
-  double stribeck_Nm = 0.0;             ///< by which friction at standstill exceeds Coulomb's
+  double stribeck_Nm = 0.0;  ///< by which friction at standstill exceeds Coulomb's
   double viscous_Nm_s_per_rad = 0.0;
   double bias_Nm = 0.0;
   double gravity_sin_Nm = 0.0, gravity_cos_Nm = 0.0;
@@ -27,8 +28,12 @@ struct TorqueModel {
   double noise_Nm = 0.01;                 ///< of one sample
 
   /// Torque of the motor [N·m] from its effort.
-  double motor_torque(double effort, Effort unit) const { return unit == Effort::current_A ? torque_constant_Nm_per_A * effort : effort; }
-  double friction(double velocity) const { return std::tanh(velocity / rest_velocity_rad_per_s) * magnitude(velocity) + viscous_Nm_s_per_rad * velocity; }
+  double motor_torque(double effort, Effort unit) const {
+    return unit == Effort::current_A ? torque_constant_Nm_per_A * effort : effort;
+  }
+  double friction(double velocity) const {
+    return std::tanh(velocity / rest_velocity_rad_per_s) * magnitude(velocity) + viscous_Nm_s_per_rad * velocity;
+  }
   double unloaded(double position, double velocity) const {
     return friction(velocity) + bias_Nm + gravity_sin_Nm * std::sin(position) + gravity_cos_Nm * std::cos(position);
   }
@@ -39,13 +44,16 @@ struct TorqueModel {
   }
 
  private:
-  double magnitude(double velocity) const { return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2)); }
+  double magnitude(double velocity) const {
+    return coulomb_Nm + stribeck_Nm * std::exp(-std::pow(velocity / stribeck_velocity_rad_per_s, 2));
+  }
 };
 
 /// Throws InvalidArgument for numbers that make no sense.
 inline void validate(const TorqueModel& m) {
   if (!(std::abs(m.torque_constant_Nm_per_A) >= 1e-6 && std::abs(m.torque_constant_Nm_per_A) <= 1e3))
-    throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A, " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
+    throw InvalidArgument(message("torque constant is ", m.torque_constant_Nm_per_A,
+                                  " N·m/A, must lie in [1e-6, 1000] N·m/A, on either side of 0"));
   for (const double v : {m.coulomb_Nm, m.stribeck_Nm, m.bias_Nm, m.gravity_sin_Nm, m.gravity_cos_Nm})
     require_in_range("friction, offset or weight of a torque model", v, -1e3, 1e3, "N·m");
   require_in_range("viscous friction", m.viscous_Nm_s_per_rad, -1e3, 1e3, "N·m·s/rad");
@@ -56,19 +64,23 @@ inline void validate(const TorqueModel& m) {
 
 /// A torque model from an unloaded run, and what that run could not tell.
 struct TorqueIdentification {
-  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm", "viscous_Nm_s_per_rad", "bias_Nm", "gravity_sin_Nm", "gravity_cos_Nm"};
-  TorqueModel model;     ///< what is not identified stays 0 along the null directions
+  static constexpr std::array<const char*, 6> names{"coulomb_Nm", "stribeck_Nm",    "viscous_Nm_s_per_rad",
+                                                    "bias_Nm",    "gravity_sin_Nm", "gravity_cos_Nm"};
+  TorqueModel model;      ///< what is not identified stays 0 along the null directions
   Identification linear;  ///< of `names`, in this order
 };
 
-/// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a run does not tell. The Stribeck
-/// velocity is searched for by sections; all else is linear. Throws InvalidArgument for no samples or numbers that are not finite.
-inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint, const TorqueModel& start = {}) {
+/// Fits friction, bias and weight of joint `joint` to samples without contact. `start` gives the constants that such a
+/// run does not tell. The Stribeck velocity is searched for by sections; all else is linear. Throws InvalidArgument for
+/// no samples or numbers that are not finite.
+inline TorqueIdentification identify_unloaded(std::span<const JointSample> samples, int joint,
+                                              const TorqueModel& start = {}) {
   std::vector<double> q, v, t;
   for (const JointSample& s : samples) {
     if (joint < 0 || joint >= s.effort.size() || joint >= s.position_rad.size() || joint >= s.velocity_rad_per_s.size())
       throw InvalidArgument(message("unloaded run has no joint ", joint));
-    q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]), t.push_back(start.motor_torque(s.effort[joint], s.unit));
+    q.push_back(s.position_rad[joint]), v.push_back(s.velocity_rad_per_s[joint]),
+        t.push_back(start.motor_torque(s.effort[joint], s.unit));
   }
   if (t.empty()) throw InvalidArgument("unloaded run has no samples");
   const auto n = Eigen::Index(t.size());
@@ -77,27 +89,33 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
     Eigen::MatrixXd a(n, 6);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double w = v[std::size_t(i)], sign = std::tanh(w / start.rest_velocity_rad_per_s);
-      a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]), std::cos(q[std::size_t(i)]);
+      a.row(i) << sign, sign * std::exp(-std::pow(w / stribeck_velocity, 2)), w, 1.0, std::sin(q[std::size_t(i)]),
+          std::cos(q[std::size_t(i)]);
     }
-    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where the run did not go.
+    // Parameters are of some 50 mN·m; what the run does not tell to half of that stays out, or noise would speak where
+    // the run did not go.
     return identify(a, torque, Eigen::VectorXd::Constant(6, 0.05), 0.0, 1e-6, 0.5);
   };
   // Golden sections in the logarithm, after a coarse look: the residual has one minimum near its smallest coarse value.
   double fastest = 0.0;
   for (const double w : v) fastest = std::max(fastest, std::abs(w));
-  const double low = std::log(std::max(1.5 * start.rest_velocity_rad_per_s, 1e-6)), high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
+  const double low = std::log(std::max(1.5 * start.rest_velocity_rad_per_s, 1e-6)),
+               high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
   constexpr int looks = 13;
   int least = 0;
   double smallest = 1e300;
   for (int k = 0; k < looks; ++k)
-    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) smallest = r, least = k;
-  const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1), b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
+    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9))
+      smallest = r, least = k;
+  const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1),
+               b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
   const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));
   TorqueIdentification result{start, fit(best)};
   const Eigen::VectorXd& x = result.linear.value;
   TorqueModel& m = result.model;
   m.stribeck_velocity_rad_per_s = best;
-  m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4], m.gravity_cos_Nm = x[5];
+  m.coulomb_Nm = x[0], m.stribeck_Nm = x[1], m.viscous_Nm_s_per_rad = x[2], m.bias_Nm = x[3], m.gravity_sin_Nm = x[4],
+  m.gravity_cos_Nm = x[5];
   m.noise_Nm = result.linear.residual;
   return result;
 }

@@ -23,16 +23,18 @@
 
 namespace lumo::sense {
 
-/// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken is there when the program or the power ends. Stamps are told
-/// from the first picture's on. What comes before it, or does not come after what was last, is left out and counted, as are samples that the motor's range has cut off.
-/// `encode(ImageView)` gives a std::vector<std::uint8_t>, the bytes of an image file; it is called from the recorder's thread.
-template <class Encode>
-class LogRecorder {
+/// Writes a log's folder while it happens: pictures by a thread of its own, tables row by row, so that what was taken
+/// is there when the program or the power ends. Stamps are told from the first picture's on. What comes before it, or
+/// does not come after what was last, is left out and counted, as are samples that the motor's range has cut off.
+/// `encode(ImageView)` gives a std::vector<std::uint8_t>, the bytes of an image file; it is called from the recorder's
+/// thread.
+template <class Encode> class LogRecorder {
  public:
-  static constexpr std::size_t most_waiting = 64;   ///< pictures that the disk is behind; more are left out
+  static constexpr std::size_t most_waiting = 64;  ///< pictures that the disk is behind; more are left out
 
   /// `folder` and `folder`/frames are there. `session_json` is written as it is. Throws InputError.
-  LogRecorder(std::string folder, std::string_view session_json, Encode encode) : folder_(std::move(folder)), encode_(std::move(encode)) {
+  LogRecorder(std::string folder, std::string_view session_json, Encode encode)
+      : folder_(std::move(folder)), encode_(std::move(encode)) {
     write_whole(folder_ + "/session.json", session_json);
     open(frames_, "frames.csv");
     append(frames_, frame_header(false), "frames.csv");
@@ -53,10 +55,12 @@ class LogRecorder {
     const std::int64_t stamp = f.stamp_ns - *begin_;
     std::unique_lock lock(mutex_);
     if (!fault_.empty()) throw InputError(fault_);
-    if (waiting_.size() >= most_waiting || f.image.empty() || (last_frame_ && stamp <= *last_frame_)) return void(++lost_frames_);
+    if (waiting_.size() >= most_waiting || f.image.empty() || (last_frame_ && stamp <= *last_frame_))
+      return void(++lost_frames_);
     lock.unlock();
     Image copy = Image::black(f.image.width, f.image.height, f.image.format);
-    for (int y = 0; y < copy.height; ++y) std::copy_n(f.image.row(y), std::size_t(copy.width) * std::size_t(channels(copy.format)), copy.row(y));
+    for (int y = 0; y < copy.height; ++y)
+      std::copy_n(f.image.row(y), std::size_t(copy.width) * std::size_t(channels(copy.format)), copy.row(y));
     lock.lock();
     last_frame_ = stamp;
     waiting_.push_back({{stamp, frame_file(count_++), f.exposure_s, f.gain}, std::move(copy)});
@@ -65,19 +69,23 @@ class LogRecorder {
 
   /// Throws InputError where it cannot be written, or joints or kind of effort change.
   void add(const JointSample& s) {
-    if (!begin_ || s.stamp_ns < *begin_ || s.saturated || !s.effort.allFinite() || !s.position_rad.allFinite() || !s.velocity_rad_per_s.allFinite()) return void(++lost_samples_);
+    if (!begin_ || s.stamp_ns < *begin_ || s.saturated || !s.effort.allFinite() || !s.position_rad.allFinite() ||
+        !s.velocity_rad_per_s.allFinite())
+      return void(++lost_samples_);
     JointSample shifted = s;
     shifted.stamp_ns -= *begin_;
     if (last_joint_ && shifted.stamp_ns <= *last_joint_) return void(++lost_samples_);
     if (samples_ == 0) joints_of_ = s.effort.size(), unit_ = s.unit;
-    if (s.effort.size() != joints_of_ || s.position_rad.size() != joints_of_ || s.velocity_rad_per_s.size() != joints_of_ || s.unit != unit_)
+    if (s.effort.size() != joints_of_ || s.position_rad.size() != joints_of_ ||
+        s.velocity_rad_per_s.size() != joints_of_ || s.unit != unit_)
       throw InputError(folder_ + "/joint.csv: the motors tell of other joints than before");
     if (samples_++ == 0) {
       open(joints_, "joint.csv");
       append(joints_, joint_header(int(joints_of_), unit_), "joint.csv");
     }
     joint_rows_ += joint_row(shifted, last_joint_);
-    if (joint_rows_.size() > 16384 || shifted.stamp_ns - flushed_ns_ > 200'000'000) flushed_ns_ = shifted.stamp_ns, flush_joints();
+    if (joint_rows_.size() > 16384 || shifted.stamp_ns - flushed_ns_ > 200'000'000)
+      flushed_ns_ = shifted.stamp_ns, flush_joints();
   }
 
   /// Waits until all is written. Throws InputError.
@@ -126,7 +134,7 @@ class LogRecorder {
       try {
         const auto bytes = encode_(p.image.view());
         write_whole(folder_ + "/frames/" + p.record.file, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-        append(frames_, frame_row(p.record, false, last), "frames.csv");   // after its picture
+        append(frames_, frame_row(p.record, false, last), "frames.csv");  // after its picture
       } catch (const std::exception& e) {
         fault = e.what();
       } catch (...) {
@@ -158,7 +166,7 @@ class LogRecorder {
   Eigen::Index joints_of_ = 0;
   Effort unit_ = Effort::torque_Nm;
   std::size_t count_ = 0, samples_ = 0, lost_frames_ = 0, lost_samples_ = 0;
-  std::mutex mutex_;   ///< of what follows
+  std::mutex mutex_;  ///< of what follows
   std::condition_variable there_;
   std::deque<Picture> waiting_;
   std::string fault_;
@@ -166,10 +174,12 @@ class LogRecorder {
   std::thread writer_;
 };
 
-/// Records camera and motors until `going_on(seconds)` says no, which is asked at each turn with the time since the first picture, or until the camera ends. Throws InputError,
-/// with `name` before the message, where no picture comes for `wait.patience_s`.
+/// Records camera and motors until `going_on(seconds)` says no, which is asked at each turn with the time since the
+/// first picture, or until the camera ends. Throws InputError, with `name` before the message, where no picture comes
+/// for `wait.patience_s`.
 template <Camera C, Actuator A, class Recorder, class GoingOn>
-void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, const std::string& name, const LiveWait& wait = {}) {
+void record_live(C& camera, A& actuator, Recorder& recorder, GoingOn going_on, const std::string& name,
+                 const LiveWait& wait = {}) {
   validate(wait);
   const auto drain = [&] {
     for (auto s = actuator.next(); s; s = actuator.next()) recorder.add(*s);

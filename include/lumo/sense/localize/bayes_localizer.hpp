@@ -15,29 +15,33 @@
 
 namespace lumo::sense {
 
-/// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a bright bump of unknown height
-/// and one of a few widths on top of what is not contact: noise, and slow changes of the lamps and of ambient light, which are integrated out.
-/// No labels, no training. How far a real bump is from the assumed shape is said by `shape_error` and `bias_sigma_m`.
+/// Filter over the number of contacts (none, one, two) and, for one, over its place on a grid. A contact is taken as a
+/// bright bump of unknown height and one of a few widths on top of what is not contact: noise, and slow changes of the
+/// lamps and of ambient light, which are integrated out. No labels, no training. How far a real bump is from the
+/// assumed shape is said by `shape_error` and `bias_sigma_m`.
 class BayesLocalizer {
  public:
-
   struct Config {
-    Eigen::VectorXd position_m;          ///< of the profile's values
-    Eigen::VectorXd noise;               ///< standard deviation of each, unloaded
-    Eigen::VectorXd unloaded;            ///< mean profile of the unloaded finger; empty: lamps are steady
-    double lamp_sigma = 0.01;     ///< relative change of all lamps together; assumed
-    double ambient_sigma = 0.3;   ///< change of ambient light, in the profile's unit; assumed
-    double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;  ///< grid
-    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};        ///< standard deviations of bumps
-    double end_m = 0.0;                 ///< the pad ends at ± this place in clear faces, which throw a bump's light back as a mirror image would; 0: no ends near
-    double end_share = 1.0;             ///< of that light; assumed: what meets a clear end at less than 45° to the finger's axis leaves, the rest is reflected totally
+    Eigen::VectorXd position_m;  ///< of the profile's values
+    Eigen::VectorXd noise;       ///< standard deviation of each, unloaded
+    Eigen::VectorXd unloaded;    ///< mean profile of the unloaded finger; empty: lamps are steady
+    double lamp_sigma = 0.01;    ///< relative change of all lamps together; assumed
+    double ambient_sigma = 0.3;  ///< change of ambient light, in the profile's unit; assumed
+    double from_m = -30.0_mm, to_m = 30.0_mm, spacing_m = 0.5_mm;   ///< grid
+    std::array<double, 4> width_m{3.0_mm, 4.0_mm, 5.5_mm, 8.0_mm};  ///< standard deviations of bumps
+    double end_m = 0.0;  ///< the pad ends at ± this place in clear faces, which throw a bump's light back as a mirror
+                         ///< image would; 0: no ends near
+    double end_share = 1.0;  ///< of that light; assumed: what meets a clear end at less than 45° to the finger's axis
+                             ///< leaves, the rest is reflected totally
     double amplitude_sigma = 50.0;  ///< prior of a bump's height, half normal, in the profile's unit
     double shape_error = 0.05;      ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;   ///< how far the bump's middle is believed to lie from the contact; assumed
-    double end_bias_sigma_m = 0.0;  ///< the same, on top, of contacts within 5 mm of an end; less up to 10 mm from it; assumed
+    double end_bias_sigma_m =
+        0.0;  ///< the same, on top, of contacts within 5 mm of an end; less up to 10 mm from it; assumed
     double min_separation_m = 12.0_mm;  ///< of two contacts
-    double min_share = 0.2;             ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
-    double change_rate_per_s = 2.0;     ///< how often contacts come and go
+    double min_share =
+        0.2;  ///< of the stronger contact's height that the weaker one must have: less may be the bump's own shape
+    double change_rate_per_s = 2.0;      ///< how often contacts come and go
     double creep_m_per_sqrt_s = 1.0_mm;  ///< random walk of a contact that stays
     double gap_s = 0.5;                  ///< longer without a profile: forget
   };
@@ -71,7 +75,9 @@ class BayesLocalizer {
   std::array<double, 2> heights(const Pair& pair, double tempering, double& det) const;
   void predict(double step_s);
   double bias_variance_m2(double y) const {
-    const double near = config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0, end = near * config_.end_bias_sigma_m;
+    const double near =
+                     config_.end_m > 0.0 ? std::clamp((std::abs(y) - config_.end_m + 10.0_mm) / 5.0_mm, 0.0, 1.0) : 0.0,
+                 end = near * config_.end_bias_sigma_m;
     return config_.bias_sigma_m * config_.bias_sigma_m + end * end;
   }
   ContactLocation one() const;
@@ -79,11 +85,11 @@ class BayesLocalizer {
 
   Config config_;
   Eigen::VectorXd grid_;
-  Eigen::MatrixXd bumps_;      ///< profile × (grid · widths): the width varies slowest
-  Eigen::MatrixXd matched_;    ///< Σ⁻¹ bumps
-  Eigen::MatrixXd precision_;  ///< Σ⁻¹ of the profile
+  Eigen::MatrixXd bumps_;                ///< profile × (grid · widths): the width varies slowest
+  Eigen::MatrixXd matched_;              ///< Σ⁻¹ bumps
+  Eigen::MatrixXd precision_;            ///< Σ⁻¹ of the profile
   std::array<Eigen::MatrixXd, 4> gram_;  ///< bumpsᵀ Σ⁻¹ bumps of each width
-  Eigen::VectorXd energy_;     ///< diagonal of it, all widths
+  Eigen::VectorXd energy_;               ///< diagonal of it, all widths
   Eigen::VectorXd score_, place_, likelihood_, spread_, expected_;  ///< expected_: place_ before the newest profile
   Eigen::Vector3d number_{1.0, 0.0, 0.0};
   Pair pair_;
@@ -94,16 +100,18 @@ class BayesLocalizer {
 inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)) {
   const Eigen::Index n = config_.position_m.size();
   if (n < 3 || config_.noise.size() != n || (config_.unloaded.size() != 0 && config_.unloaded.size() != n))
-    throw InvalidArgument(message("localiser has ", n, " positions, ", config_.noise.size(), " noises and ", config_.unloaded.size(),
-        " unloaded values, must have as many, at least 3"));
+    throw InvalidArgument(message("localiser has ", n, " positions, ", config_.noise.size(), " noises and ",
+                                  config_.unloaded.size(), " unloaded values, must have as many, at least 3"));
   for (Eigen::Index i = 0; i < n; ++i) require_positive("noise of a profile's value", config_.noise[i], "");
   require_ascending_positions(config_.position_m);
-  if (config_.unloaded.size() && !config_.unloaded.allFinite()) throw InvalidArgument("localiser: unloaded values must be finite");
+  if (config_.unloaded.size() && !config_.unloaded.allFinite())
+    throw InvalidArgument("localiser: unloaded values must be finite");
   require_in_range("relative change of the lamps", config_.lamp_sigma, 0.0, 1e3, "");
   require_in_range("change of ambient light", config_.ambient_sigma, 0.0, 1e6, "");
   require_positive("grid spacing", config_.spacing_m, "m");
   require_in_range("grid's start", config_.from_m, -10.0, 10.0, "m");
-  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m, config_.from_m + most_cells * config_.spacing_m, "m");
+  require_in_range("grid's end", config_.to_m, config_.from_m + 2.0 * config_.spacing_m,
+                   config_.from_m + most_cells * config_.spacing_m, "m");
   for (const double w : config_.width_m) require_positive("width of a bump", w, "m");
   require_in_range("end of the pad", config_.end_m, 0.0, 10.0, "m");
   require_in_range("share of the light that the pad's ends throw back", config_.end_share, 0.0, 1.0, "");
@@ -121,31 +129,40 @@ inline BayesLocalizer::BayesLocalizer(Config config) : config_(std::move(config)
   grid_ = Eigen::VectorXd::LinSpaced(cells, config_.from_m, config_.to_m);
   Eigen::MatrixXd covariance = config_.noise.cwiseAbs2().asDiagonal();
   covariance.array() += config_.ambient_sigma * config_.ambient_sigma;
-  if (config_.unloaded.size()) covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
+  if (config_.unloaded.size())
+    covariance += config_.lamp_sigma * config_.lamp_sigma * config_.unloaded * config_.unloaded.transpose();
   precision_ = covariance.llt().solve(Eigen::MatrixXd::Identity(n, n));
   bumps_.resize(n, cells * widths);
   for (Eigen::Index w = 0; w < widths; ++w)
     for (Eigen::Index j = 0; j < cells; ++j) {
-      const auto bump_at = [&](double y) { return Eigen::VectorXd((-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp()); };
+      const auto bump_at = [&](double y) {
+        return Eigen::VectorXd(
+            (-0.5 * ((config_.position_m.array() - y) / config_.width_m[std::size_t(w)]).square()).exp());
+      };
       auto bump = bumps_.col(w * cells + j);
       bump = bump_at(grid_[j]);
       if (config_.end_m > 0.0)
-        for (const double end : {-config_.end_m, config_.end_m}) bump += config_.end_share * bump_at(2.0 * end - grid_[j]);
+        for (const double end : {-config_.end_m, config_.end_m})
+          bump += config_.end_share * bump_at(2.0 * end - grid_[j]);
     }
   matched_ = precision_ * bumps_;
   energy_ = bumps_.cwiseProduct(matched_).colwise().sum().transpose();
-  for (Eigen::Index w = 0; w < widths; ++w) gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
+  for (Eigen::Index w = 0; w < widths; ++w)
+    gram_[std::size_t(w)] = bumps_.middleCols(w * cells, cells).transpose() * matched_.middleCols(w * cells, cells);
   place_ = Eigen::VectorXd::Constant(cells, 1.0 / double(cells));
   likelihood_ = spread_ = expected_ = place_;
   score_.resize(bumps_.cols());
 }
 
-/// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and integrated out.
+/// Log of the Bayes factor of a bump with matched score s and energy g against none; its height is half normal and
+/// integrated out.
 inline double BayesLocalizer::log_evidence(double s, double g, double tempering) const {
-  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior, t = s * tempering;
+  const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), h = g * tempering + prior,
+               t = s * tempering;
   const double z = t / std::sqrt(h);
   // log of 2 Φ(z) e^{z²/2}, without overflow on either side
-  const double tail = z > -6.0 ? 0.5 * z * z + std::log(std::erfc(-0.70710678118654752440 * z)) : std::log(0.79788456080286535588 / -z) - 1.0 / (z * z);
+  const double tail = z > -6.0 ? 0.5 * z * z + std::log(std::erfc(-0.70710678118654752440 * z))
+                               : std::log(0.79788456080286535588 / -z) - 1.0 / (z * z);
   return tail + 0.5 * std::log(prior / h);
 }
 
@@ -153,8 +170,10 @@ inline double BayesLocalizer::log_evidence(double s, double g, double tempering)
 inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempering, double& det) const {
   const Eigen::MatrixXd& gram = gram_[std::size_t(p.width)];
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
-  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior, c = tempering * gram(p.first, p.second);
-  const double s = tempering * score_[p.width * grid_.size() + p.first], t = tempering * score_[p.width * grid_.size() + p.second];
+  const double a = tempering * gram(p.first, p.first) + prior, b = tempering * gram(p.second, p.second) + prior,
+               c = tempering * gram(p.first, p.second);
+  const double s = tempering * score_[p.width * grid_.size() + p.first],
+               t = tempering * score_[p.width * grid_.size() + p.second];
   det = a * b - c * c;
   return {(b * s - c * t) / det, (a * t - c * s) / det};
 }
@@ -163,7 +182,8 @@ inline std::array<double, 2> BayesLocalizer::heights(const Pair& p, double tempe
 inline auto BayesLocalizer::best_pair(double tempering) const -> Pair {
   const Eigen::Index cells = grid_.size();
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma);
-  const auto apart = std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
+  const auto apart =
+      std::max<Eigen::Index>(1, Eigen::Index(std::ceil(config_.min_separation_m / config_.spacing_m - 1e-9)));
   Pair best;
   const auto look = [&](Eigen::Index width, Eigen::Index i, Eigen::Index j) {
     const Eigen::MatrixXd& gram = gram_[std::size_t(width)];
@@ -184,8 +204,8 @@ inline auto BayesLocalizer::best_pair(double tempering) const -> Pair {
   return best;
 }
 
-/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is not quite the assumed one, and changes
-/// of the lamps, are else taken for a second one.
+/// Two contacts must show as two peaks, so that two within about three bump widths count as one: a bump whose shape is
+/// not quite the assumed one, and changes of the lamps, are else taken for a second one.
 inline bool BayesLocalizer::dips_between(const Eigen::VectorXd& response, const Pair& pair) const {
   const auto index = [&](Eigen::Index cell) {
     Eigen::Index i = 0;
@@ -204,13 +224,19 @@ inline double BayesLocalizer::log_evidence(const Pair& p, double tempering) cons
   double det = 1.0;
   const auto h = heights(p, tempering, det);
   const double prior = 1.0 / (config_.amplitude_sigma * config_.amplitude_sigma), cells = double(grid_.size());
-  const double fit = 0.5 * tempering * (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
-  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace): √(2π) times a bump's error of place, width/√L of the log
-  // likelihood L = fit/2 that it explains, for L falls off as L (1 − d²/(2 width²)) does when the bump is moved by d.
+  const double fit =
+      0.5 * tempering *
+      (score_[p.width * grid_.size() + p.first] * h[0] + score_[p.width * grid_.size() + p.second] * h[1]);
+  // The sum over pairs is replaced by the best one times the cells that it stands for (Laplace): √(2π) times a bump's
+  // error of place, width/√L of the log likelihood L = fit/2 that it explains, for L falls off as L (1 − d²/(2 width²))
+  // does when the bump is moved by d.
   const double width = config_.width_m[std::size_t(p.width)];
-  const double sharp = std::max(1.0, 2.5066282746310002 * width / std::sqrt(std::max(0.5 * fit, 1.0)) / config_.spacing_m);
-  const double apart = config_.min_separation_m / config_.spacing_m, pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
-  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) - std::log(std::max(pairs, 1.0)) - std::log(double(widths));
+  const double sharp =
+      std::max(1.0, 2.5066282746310002 * width / std::sqrt(std::max(0.5 * fit, 1.0)) / config_.spacing_m);
+  const double apart = config_.min_separation_m / config_.spacing_m,
+               pairs = 0.5 * (cells - apart) * (cells - apart + 1.0);
+  return fit + 0.5 * std::log(prior * prior / det) + std::log(4.0) + 2.0 * std::log(sharp) -
+         std::log(std::max(pairs, 1.0)) - std::log(double(widths));
 }
 
 inline void BayesLocalizer::predict(double step_s) {
@@ -224,7 +250,9 @@ inline void BayesLocalizer::predict(double step_s) {
   spread_.setZero();
   double whole = 0.0;
   for (Eigen::Index k = -reach; k <= reach; ++k) {
-    const double w = !narrow ? std::exp(-0.5 * double(k * k) / (walk * walk)) : k == 0 ? 1.0 - walk * walk : 0.5 * walk * walk;
+    const double w = !narrow  ? std::exp(-0.5 * double(k * k) / (walk * walk))
+                     : k == 0 ? 1.0 - walk * walk
+                              : 0.5 * walk * walk;
     whole += w;
     const Eigen::Index n = place_.size() - std::abs(k);
     spread_.segment(std::max<Eigen::Index>(k, 0), n) += w * place_.segment(std::max<Eigen::Index>(-k, 0), n);
@@ -235,7 +263,8 @@ inline void BayesLocalizer::predict(double step_s) {
 
 inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   if (response.value.size() != config_.position_m.size())
-    throw InvalidArgument(message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
+    throw InvalidArgument(
+        message("response has ", response.value.size(), " values, the localiser ", config_.position_m.size()));
   const double step_s = 1e-9 * double(response.stamp_ns - stamp_ns_);
   if (!fresh_ && step_s <= 0.0) return answer(response.stamp_ns);
   const Eigen::Index cells = grid_.size();
@@ -254,13 +283,16 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
   const double typical = config_.noise.mean(), shape = config_.shape_error * response.value.cwiseAbs().maxCoeff();
   double tempering = typical * typical / (typical * typical + shape * shape);
 
-  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and noise stands for it (Birge).
+  // Best of one and of two bumps; where even that leaves more than noise, what is seen is no sum of such bumps, and
+  // noise stands for it (Birge).
   const double explained = (score_.cwiseMax(0.0).cwiseAbs2().cwiseQuotient(energy_)).maxCoeff();
   pair_ = best_pair(tempering);
   if (pair_.explained > 0.0 && !dips_between(response.value, pair_)) pair_.explained = -1.0;
-  const double chi2 = response.value.dot(precision_ * response.value), freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
+  const double chi2 = response.value.dot(precision_ * response.value),
+               freedom = double(std::max<Eigen::Index>(1, response.value.size() - 4));
   const double left = chi2 - std::max(explained, pair_.explained / tempering);
-  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom)) tempering = std::min(tempering, freedom / left);  // more than noise alone does
+  if (left > freedom + 3.0 * std::sqrt(2.0 * freedom))
+    tempering = std::min(tempering, freedom / left);  // more than noise alone does
 
   double top = -1e300;
   for (Eigen::Index j = 0; j < cells; ++j) {
@@ -283,7 +315,8 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
 
   const double log_two = log_evidence(pair_, tempering);
   const double highest = std::max({0.0, log_one, log_two});
-  number_ = number_.cwiseProduct(Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
+  number_ = number_.cwiseProduct(
+      Eigen::Vector3d(std::exp(-highest), std::exp(log_one - highest), std::exp(log_two - highest)));
   number_ = number_.cwiseMax(1e-12);
   number_ /= number_.sum();
   return answer(stamp_ns_);
@@ -292,10 +325,12 @@ inline LocationEstimate BayesLocalizer::update(const Profile& response) {
 inline ContactLocation BayesLocalizer::one() const {
   const GridMoments now = moments_about_mode(grid_, place_), before = moments_about_mode(grid_, expected_);
   const double cell2 = config_.spacing_m * config_.spacing_m / 12.0, bias2 = bias_variance_m2(now.mean);
-  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large noise; one that tells of another place owes
-  // nothing to what was known.
+  // What was known before is taken off again: 1/noise = 1/posterior − 1/prior. A profile that tells little has a large
+  // noise; one that tells of another place owes nothing to what was known.
   const double posterior = now.variance + cell2, prior = before.variance + cell2, moved = now.mean - before.mean;
-  const double noise = moved * moved > 9.0 * (prior + posterior) ? posterior : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
+  const double noise = moved * moved > 9.0 * (prior + posterior)
+                           ? posterior
+                           : posterior * prior / std::max(prior - posterior, 1e-3 * prior);
   const Eigen::Index k = grid_.size() + now.mode;  // of the second width, a middling one
   return {now.mean, posterior + bias2, std::max(0.0, score_[k] / energy_[k]), bias2, noise};
 }

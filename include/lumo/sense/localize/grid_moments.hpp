@@ -14,7 +14,8 @@ struct GridMoments {
   Eigen::Index mode;
 };
 
-/// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many weights as places, one of them positive.
+/// About the mode: a part below 10⁻⁴ of it, as new contacts that may be anywhere leave it, does not count. As many
+/// weights as places, one of them positive.
 inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen::VectorXd& weight) {
   GridMoments m{0.0, 0.0, 0};
   const double most = weight.maxCoeff(&m.mode);

@@ -13,10 +13,11 @@ namespace lumo::sense {
 /// Where the finger is touched, and how sure that is.
 struct ContactLocation {
   double y_m = 0.0;
-  double variance_m2 = 0.0;  ///< of all errors
-  double amplitude = 0.0;    ///< of the response there, in the readout's unit
+  double variance_m2 = 0.0;        ///< of all errors
+  double amplitude = 0.0;          ///< of the response there, in the readout's unit
   double bias_variance_m2 = 0.0;   ///< what of it stays the same from profile to profile
-  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that takes estimates as independent
+  double noise_variance_m2 = 0.0;  ///< of what this profile adds to its predecessors, without bias: for a filter that
+                                   ///< takes estimates as independent
 };
 
 /// Throws InvalidArgument unless positions of a profile are finite and ascend.
@@ -24,7 +25,8 @@ inline void require_ascending_positions(const Eigen::VectorXd& position_m) {
   for (Eigen::Index i = 0; i < position_m.size(); ++i) {
     require_in_range("position of a profile's value", position_m[i], -10.0, 10.0, "m");
     if (i > 0 && !(position_m[i] > position_m[i - 1]))
-      throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i], " m, must exceed its predecessor, ", position_m[i - 1], " m"));
+      throw InvalidArgument(message("position ", i, " of a profile is ", position_m[i],
+                                    " m, must exceed its predecessor, ", position_m[i - 1], " m"));
   }
 }
 
@@ -37,8 +39,8 @@ struct LocationEstimate {
 };
 
 /// Locates contacts from responses: profiles minus the unloaded reference.
-/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not newer than its predecessor
-/// changes nothing but the answer's stamp; after `reset` it is as new.
+/// Laws: causal, what it says depends on this and earlier responses only; finite for finite responses; one that is not
+/// newer than its predecessor changes nothing but the answer's stamp; after `reset` it is as new.
 template <class L>
 concept LocationEstimator = requires(L& localizer, const Profile& response) {
   { localizer.update(response) } -> std::same_as<LocationEstimate>;

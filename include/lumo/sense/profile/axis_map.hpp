@@ -13,16 +13,17 @@
 
 namespace lumo::sense {
 
-/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the finger coordinate
-/// y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a, b, c) from the fit.
+/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the
+/// finger coordinate y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a,
+/// b, c) from the fit.
 struct AxisMap {
-  Eigen::Vector2d origin_px{0.0, 0.0};     ///< pixel centres lie on whole numbers
-  Eigen::Vector2d direction{1.0, 0.0};    ///< unit, towards the finger's tip (+y)
+  Eigen::Vector2d origin_px{0.0, 0.0};  ///< pixel centres lie on whole numbers
+  Eigen::Vector2d direction{1.0, 0.0};  ///< unit, towards the finger's tip (+y)
   double half_length_px = 1.0;
-  Eigen::Vector3d coefficients{0.0, 1.0, 0.0};             ///< a [m], b [m], c
+  Eigen::Vector3d coefficients{0.0, 1.0, 0.0};  ///< a [m], b [m], c
   Eigen::Matrix3d covariance{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
-  double centroid_sigma_px = 0.0;                          ///< assumed or found, whichever is larger
-  double residual_px = 0.0;                                ///< RMS of what the fit leaves
+  double centroid_sigma_px = 0.0;  ///< assumed or found, whichever is larger
+  double residual_px = 0.0;        ///< RMS of what the fit leaves
 
   double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {
@@ -30,7 +31,9 @@ struct AxisMap {
     return (coefficients[0] + coefficients[1] * s) / (1.0 + coefficients[2] * s);
   }
   /// Inverse of y_m.
-  double u_px(double y) const { return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y); }
+  double u_px(double y) const {
+    return half_length_px * (y - coefficients[0]) / (coefficients[1] - coefficients[2] * y);
+  }
   /// dy/du [m/px].
   double scale_m_per_px(double u) const {
     const double w = 1.0 + coefficients[2] * u / half_length_px;
@@ -47,19 +50,23 @@ struct AxisMap {
     return {1.0 / w, s / w, -s * (coefficients[0] + coefficients[1] * s) / (w * w)};
   }
 
-  /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three places fix the map, more give a
-  /// residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not
-  /// finite.
+  /// Fit to places in the image (2 × n, ascending in y) of known finger coordinates, by least squares in pixels. Three
+  /// places fix the map, more give a residual. |c| is at most ½. `sigma_px`: what a centroid is believed to be good
+  /// for. Throws InvalidArgument for fewer than three, wrong order or numbers that are not finite.
   static AxisMap fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px = 0.3);
 };
 
 inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd& y_m, double sigma_px) {
   const Eigen::Index n = y_m.size();
-  if (n < 3 || pixel.cols() != n) throw InvalidArgument(message("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
+  if (n < 3 || pixel.cols() != n)
+    throw InvalidArgument(
+        message("axis map has ", pixel.cols(), " places and ", n, " coordinates, must have at least 3 of each"));
   if (!pixel.allFinite() || !y_m.allFinite()) throw InvalidArgument("axis map: places and coordinates must be finite");
   require_positive("centroid error", sigma_px, "px");
   for (Eigen::Index i = 1; i < n; ++i)
-    if (!(y_m[i] > y_m[i - 1])) throw InvalidArgument(message("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
+    if (!(y_m[i] > y_m[i - 1]))
+      throw InvalidArgument(
+          message("axis map: coordinate ", i, " is ", y_m[i], " m, must exceed its predecessor, ", y_m[i - 1], " m"));
 
   AxisMap map;
   map.origin_px = pixel.rowwise().mean();
@@ -70,7 +77,8 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   if (map.direction.dot(pixel.col(n - 1) - pixel.col(0)) < 0.0) map.direction = -map.direction;
   const Eigen::VectorXd u = centred.transpose() * map.direction;
   for (Eigen::Index i = 1; i < n; ++i)
-    if (!(u[i] > u[i - 1])) throw InvalidArgument(message("axis map: place ", i, " does not follow its predecessor in the image"));
+    if (!(u[i] > u[i - 1]))
+      throw InvalidArgument(message("axis map: place ", i, " does not follow its predecessor in the image"));
   map.half_length_px = 0.5 * (u[n - 1] - u[0]);
 
   // Gauss–Newton on u − u(y) ≈ (y(u) − y)/y'(u); the start is the affine map through the ends.
@@ -90,12 +98,14 @@ inline AxisMap AxisMap::fit(const Eigen::Matrix2Xd& pixel, const Eigen::VectorXd
   for (int k = 0; k < 20; ++k) {
     linearise();
     Eigen::Vector3d step = normal.ldlt().solve(Eigen::Vector3d(J.transpose() * r));
-    const double c = std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
+    const double c =
+        std::clamp(map.coefficients[2] - step[2], -0.5, 0.5);  // beyond, the line's end lies near the camera
     if (c != map.coefficients[2] - step[2]) {  // a and b are then those that fit best with c at its limit
       step[2] = map.coefficients[2] - c;
       map.coefficients[2] = c;
       linearise();
-      step.template head<2>() = Eigen::Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
+      step.template head<2>() =
+          Eigen::Matrix2d(normal.template topLeftCorner<2, 2>()).inverse() * (J.template leftCols<2>().transpose() * r);
       map.coefficients.template head<2>() -= step.template head<2>();
     } else {
       map.coefficients -= step;

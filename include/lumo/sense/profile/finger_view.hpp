@@ -1,11 +1,11 @@
 #pragma once
 
+#include "lumo/core/statistics.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
-#include "lumo/sense/recording/session.hpp"
-#include "lumo/core/statistics.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"
+#include "lumo/sense/recording/session.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -16,13 +16,16 @@
 
 namespace lumo::sense {
 
-/// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without one the first half second.
+/// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without
+/// one the first half second.
 struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known = std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
-    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000} : UnloadedStretch{known->from_ns, known->to_ns};
+    const auto known =
+        std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
+    return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000}
+                                     : UnloadedStretch{known->from_ns, known->to_ns};
   }
   bool holds(std::int64_t stamp_ns) const { return stamp_ns >= from_ns && stamp_ns <= to_ns; }
 };
@@ -43,7 +46,8 @@ class MeanImage {
   /// Rounded. Empty when nothing was added.
   Image image() const {
     Image m = mean_;
-    for (std::size_t i = 0; i < sum_.size(); ++i) m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
+    for (std::size_t i = 0; i < sum_.size(); ++i)
+      m.pixels[i] = std::uint8_t((sum_[i] + std::uint32_t(count_) / 2) / std::uint32_t(count_));
     return m;
   }
 
@@ -60,12 +64,15 @@ struct FingerView {
   int width = 0, height = 0;
   PixelFormat format = PixelFormat::bgr;
 
-  GreenProfile readout(const LongitudinalBins& bins) const { return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format}); }
+  GreenProfile readout(const LongitudinalBins& bins) const {
+    return GreenProfile({leds.map, bins, band_low_m, band_high_m, width, height, format});
+  }
 };
 
-/// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest surroundings. Across: positive clockwise of
-/// the tip's direction in the image, in m at the map's scale.
-inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map, double half_range_m = 22.0e-3) {
+/// The stretch across the finger, about its row of LEDs, that has at least half of the row's light above the darkest
+/// surroundings. Across: positive clockwise of the tip's direction in the image, in m at the map's scale.
+inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisMap& map,
+                                          double half_range_m = 22.0e-3) {
   const double scale = map.scale_m_per_px(map.u_px(0.0));
   const int reach = std::max(unloaded.width, unloaded.height);
   std::vector<double> sum(std::size_t(2 * reach + 1), 0.0), count = sum;
@@ -86,7 +93,10 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
   for (int k = -8; k <= 8; ++k)
     if (const auto i = std::size_t(k + reach); count[i] > 0.5 * most) near.push_back(sum[i] / count[i]);
   const double limit = dark + 0.5 * (median(near) - dark);
-  const auto lit = [&](int k) { return count[std::size_t(k + reach)] > 0.5 * most && sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit; };
+  const auto lit = [&](int k) {
+    return count[std::size_t(k + reach)] > 0.5 * most &&
+           sum[std::size_t(k + reach)] / count[std::size_t(k + reach)] >= limit;
+  };
   int low = 0, high = 0;
   while (low > -reach && lit(low - 1)) --low;
   while (high < reach && lit(high + 1)) ++high;
@@ -97,8 +107,13 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
 inline FingerView view_finger(const ImageView& unloaded, const Session& session, const std::string& name) {
   std::optional<LedDetection> leds;
   const double parallax = led_parallax(session);
-  if (!unloaded.empty()) leds = LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}.find(unloaded);
-  if (!leds) throw InputError(message(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
+  if (!unloaded.empty())
+    leds =
+        LedDetector{session.led_count, parallax * session.led_pitch_m, parallax * session.led_first_y_m, session.distal}
+            .find(unloaded);
+  if (!leds)
+    throw InputError(
+        message(name, ": no row of ", session.led_count, " LEDs is seen in the pictures of the unloaded finger"));
   const auto [low, high] = lit_band(unloaded, leds->map);
   return {*leds, low, high, unloaded.width, unloaded.height, unloaded.format};
 }
@@ -114,8 +129,7 @@ FingerView view_finger(C& camera, const Session& session, const UnloadedStretch&
 }
 
 /// Profiles of all frames that the readout can read.
-template <Camera C>
-std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
+template <Camera C> std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
   std::vector<Profile> list;
   Profile p;
   for (auto f = camera.next(); f; f = camera.next())
@@ -124,7 +138,8 @@ std::vector<Profile> read_profiles(C& camera, GreenProfile& readout) {
 }
 
 /// Of the profiles in the unloaded stretch. Throws InputError when there are none.
-inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch, const std::string& name) {
+inline UnloadedReference unloaded_reference(const std::vector<Profile>& profiles, const UnloadedStretch& stretch,
+                                            const std::string& name) {
   UnloadedReference reference;
   for (const Profile& p : profiles)
     if (stretch.holds(p.stamp_ns)) reference.add(p);

@@ -3,9 +3,9 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/devices/faults.hpp"
 #include "lumo/sense/devices/readout.hpp"
+#include "lumo/sense/recording/alignment.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,22 +14,23 @@
 
 namespace lumo::sense {
 
-/// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its predecessor.
+/// Says of each frame's profile whether it can be trusted, by comparison with the unloaded one and with its
+/// predecessor.
 class FrameMonitor {
  public:
-
   struct Config {
-    Eigen::VectorXd position_m;               ///< of the profile's values
-    Eigen::VectorXd unloaded;                 ///< mean profile without contact
+    Eigen::VectorXd position_m;  ///< of the profile's values
+    Eigen::VectorXd unloaded;    ///< mean profile without contact
     std::vector<double> led_m{-22.0_mm, -11.0_mm, 0.0, 11.0_mm, 22.0_mm};
-    double period_s = 1.0 / 30.0;      ///< of the frames
-    double max_age_s = 0.15;           ///< from stamp to arrival
-    double max_ahead_s = 0.01;         ///< how far a stamp may lie in the future
-    double black = 0.25;               ///< mean light, relative to unloaded, below which a frame is black
-    double saturated = 0.05;           ///< share of full pixels that is too many
-    double led_dark = 0.6;             ///< light about one LED, relative to the others', below which it is dead
-    double exposure = 0.15;            ///< change of all lights (median over the finger) that no contact makes
-    double corrupt_low = 0.4, corrupt_high = 4.0;  ///< light anywhere, relative to unloaded, outside of which the picture is damaged
+    double period_s = 1.0 / 30.0;  ///< of the frames
+    double max_age_s = 0.15;       ///< from stamp to arrival
+    double max_ahead_s = 0.01;     ///< how far a stamp may lie in the future
+    double black = 0.25;           ///< mean light, relative to unloaded, below which a frame is black
+    double saturated = 0.05;       ///< share of full pixels that is too many
+    double led_dark = 0.6;         ///< light about one LED, relative to the others', below which it is dead
+    double exposure = 0.15;        ///< change of all lights (median over the finger) that no contact makes
+    double corrupt_low = 0.4,
+           corrupt_high = 4.0;  ///< light anywhere, relative to unloaded, outside of which the picture is damaged
     double exposure_s = 0.0, gain = 0.0;  ///< under which the reference was taken; 0: not known
   };
 
@@ -37,7 +38,8 @@ class FrameMonitor {
   explicit FrameMonitor(Config config) : config_(std::move(config)) {
     const Eigen::Index n = config_.position_m.size();
     if (n < 1 || config_.unloaded.size() != n)
-      throw InvalidArgument(message("frame monitor has ", n, " positions and ", config_.unloaded.size(), " unloaded values, must have as many"));
+      throw InvalidArgument(message("frame monitor has ", n, " positions and ", config_.unloaded.size(),
+                                    " unloaded values, must have as many"));
     for (Eigen::Index i = 0; i < n; ++i) require_positive("unloaded light at every position", config_.unloaded[i], "");
     require_positive("period of the frames", config_.period_s, "s");
     require_positive("greatest age of a frame", config_.max_age_s, "s");
@@ -52,7 +54,8 @@ class FrameMonitor {
   Verdict check_time(std::int64_t stamp_ns, std::int64_t now_ns) {
     Verdict v;
     if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns) return reject(Fault::frame_time);
-    if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s) return reject(Fault::frame_time);
+    if (const double ahead = 1e-9 * double(stamp_ns - now_ns); ahead > config_.max_ahead_s)
+      return reject(Fault::frame_time);
     if (seen_ && stamp_ns == stamp_ns_) return reject(Fault::frame_repeated);
     if (seen_ && stamp_ns < stamp_ns_) return reject(Fault::frame_time);
     if (1e-9 * double(now_ns - stamp_ns) > config_.max_age_s) v.faults.add(Fault::frame_late);
@@ -79,7 +82,8 @@ class FrameMonitor {
     std::nth_element(sorted_.data(), sorted_.data() + n / 2, sorted_.data() + n);
     const double median = sorted_[n / 2];
     if (!v.faults.any()) {
-      const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(), [&](double y) { return led_ratio(y) < config_.led_dark * median; });
+      const bool dead = std::any_of(config_.led_m.begin(), config_.led_m.end(),
+                                    [&](double y) { return led_ratio(y) < config_.led_dark * median; });
       if (dead)
         v.faults.add(Fault::led_dead);
       else if (ratio_.minCoeff() < config_.corrupt_low || ratio_.maxCoeff() > config_.corrupt_high)

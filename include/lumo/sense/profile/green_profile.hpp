@@ -1,10 +1,10 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/profile/axis_map.hpp"
 #include "lumo/sense/devices/frame.hpp"
-#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "lumo/sense/devices/readout.hpp"
+#include "lumo/sense/profile/axis_map.hpp"
+#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>
@@ -13,7 +13,8 @@
 namespace lumo::sense {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
-/// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not matter.
+/// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not
+/// matter.
 class GreenProfile {
  public:
   using Sample = Frame;
@@ -21,29 +22,33 @@ class GreenProfile {
   struct Config {
     AxisMap map;
     LongitudinalBins bins = LongitudinalBins::regions();
-    double band_low_m = -8.0_mm;   ///< the band's limits to the sides of the map's line; positive lies clockwise of the tip's direction in the image (image y runs down)
+    double band_low_m = -8.0_mm;  ///< the band's limits to the sides of the map's line; positive lies clockwise of the
+                                  ///< tip's direction in the image (image y runs down)
     double band_high_m = 8.0_mm;
     int width = 640, height = 480;  ///< of the frames [px]
     PixelFormat format = PixelFormat::bgr;
-    int row_step = 1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
+    int row_step =
+        1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
   };
 
   /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  explicit GreenProfile(const Config& config)
-      : strip_(strip_of(config)),
-        centres_(config.bins.centres_m()) {}
+  explicit GreenProfile(const Config& config) : strip_(strip_of(config)), centres_(config.bins.centres_m()) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
     profile.stamp_ns = frame.stamp_ns;
-    strip_.sum(frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr, profile.value);
+    strip_.sum(
+        frame.image, [](const std::uint8_t* p, const std::uint8_t*, std::size_t i) { return p[i]; }, nullptr,
+        profile.value);
     profile.saturated = strip_.saturated_share(frame.image);
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
 
   /// The pixels that a configuration reads. Throws as the constructor.
-  static Strip strip_of(const Config& c) { return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step}; }
+  static Strip strip_of(const Config& c) {
+    return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step};
+  }
 
  private:
   Strip strip_;
@@ -52,18 +57,18 @@ class GreenProfile {
 
 static_assert(Readout<GreenProfile>);
 
-/// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing (paper, force estimation).
-/// Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles takes away.
+/// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing
+/// (paper, force estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of
+/// these profiles takes away.
 class PositiveGreenProfile {
  public:
   using Sample = Frame;
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
-      : strip_(GreenProfile::strip_of(config)),
-        centres_(config.bins.centres_m()),
-        unloaded_(std::move(unloaded)) {
-    if (!strip_.fits(unloaded_.view())) throw InvalidArgument("unloaded image has not the size or format of the frames");
+      : strip_(GreenProfile::strip_of(config)), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
+    if (!strip_.fits(unloaded_.view()))
+      throw InvalidArgument("unloaded image has not the size or format of the frames");
   }
 
   bool read(const Frame& frame, Profile& profile) {
@@ -71,7 +76,11 @@ class PositiveGreenProfile {
     profile.stamp_ns = frame.stamp_ns;
     const ImageView reference = unloaded_.view();
     strip_.sum(
-        frame.image, [](const std::uint8_t* p, const std::uint8_t* q, std::size_t i) { return std::uint8_t(p[i] > q[i] ? p[i] - q[i] : 0); }, &reference, profile.value);
+        frame.image,
+        [](const std::uint8_t* p, const std::uint8_t* q, std::size_t i) {
+          return std::uint8_t(p[i] > q[i] ? p[i] - q[i] : 0);
+        },
+        &reference, profile.value);
     profile.saturated = strip_.saturated_share(frame.image);
     return true;
   }

@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/profile/axis_map.hpp"
 #include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/profile/axis_map.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -19,12 +19,12 @@ struct LedDetection {
   AxisMap map;
 };
 
-/// Finds the LEDs of a finger by what is known of them: bright spots in a row, at one pitch, in equal steps but for perspective.
-/// Runs once for a camera's place, not on every frame.
+/// Finds the LEDs of a finger by what is known of them: bright spots in a row, at one pitch, in equal steps but for
+/// perspective. Runs once for a camera's place, not on every frame.
 struct LedDetector {
   int count = 5;
   double pitch_m = 11.0_mm;
-  double first_y_m = -22.0_mm;  ///< of the most proximal one
+  double first_y_m = -22.0_mm;       ///< of the most proximal one
   Eigen::Vector2d distal{1.0, 0.0};  ///< direction in the image, at most a right angle from that of the tip
   int spot_radius_px = 0;            ///< of a LED's image; 0: the image's larger side over 120, at least 2
   double min_contrast = 8.0;         ///< green above the surroundings [DN]
@@ -49,7 +49,8 @@ namespace detail {
 /// Sums of green over rectangles in constant time.
 class IntegralImage {
  public:
-  explicit IntegralImage(const ImageView& v) : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
+  explicit IntegralImage(const ImageView& v)
+      : width_(v.width), height_(v.height), sum_(std::size_t(v.width + 1) * std::size_t(v.height + 1)) {
     for (int y = 0; y < v.height; ++y) {
       std::uint32_t row = 0;
       for (int x = 0; x < v.width; ++x) {
@@ -60,7 +61,8 @@ class IntegralImage {
   }
   /// Mean over the square of half width r about (x, y), as far as it lies in the image.
   double mean(int x, int y, int r) const {
-    const int x0 = std::max(0, x - r), x1 = std::min(width_, x + r + 1), y0 = std::max(0, y - r), y1 = std::min(height_, y + r + 1);
+    const int x0 = std::max(0, x - r), x1 = std::min(width_, x + r + 1), y0 = std::max(0, y - r),
+              y1 = std::min(height_, y + r + 1);
     const std::uint32_t s = at(x1, y1) - at(x0, y1) - at(x1, y0) + at(x0, y0);  // wraps round and back
     return double(s) / (double(x1 - x0) * double(y1 - y0));
   }
@@ -83,7 +85,9 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
       double around = 0.0;  // the brightest of eight neighbours, so that edges and streaks are no spots
       for (int j = -far; j <= far; j += far)
         for (int i = -far; i <= far; i += far)
-          if (i != 0 || j != 0) around = std::max(around, sums.mean(std::clamp(x + i, 0, image.width - 1), std::clamp(y + j, 0, image.height - 1), r));
+          if (i != 0 || j != 0)
+            around = std::max(
+                around, sums.mean(std::clamp(x + i, 0, image.width - 1), std::clamp(y + j, 0, image.height - 1), r));
       contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)] = float(sums.mean(x, y, r) - around);
     }
   const auto at = [&](int x, int y) { return contrast[std::size_t(y) * std::size_t(image.width) + std::size_t(x)]; };
@@ -102,7 +106,8 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
           top = other < c || (other == c && (j > 0 || (j == 0 && i > 0)));  // of equals, the first
         }
       if (!top) continue;
-      // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must not pull it.
+      // Centroid of what stands above the surroundings, three times, each about the last one's middle: the window must
+      // not pull it.
       Eigen::Vector2d centre(x, y);
       const double ground = sums.mean(x, y, far);
       for (int pass = 0; pass < 3; ++pass) {
@@ -118,7 +123,8 @@ inline std::vector<LedDetector::Spot> LedDetector::spots(const ImageView& image,
             weight += w;
           }
         if (weight <= 0.0) break;
-        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as far.
+        // A Gaussian window on a Gaussian spot halves the way to its centre (for equal widths): step nearly twice as
+        // far.
         centre += 1.8 * (moment / weight - centre);
       }
       if ((centre - Eigen::Vector2d(x, y)).norm() < 2.0 * r) found.push_back({centre, c});
@@ -149,13 +155,16 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
       for (int k = 0; whole && k < count; ++k) {
         const Eigen::Vector2d expected = from + k * step;
         const auto off = [&](const Spot& s) { return (s.place - expected).squaredNorm(); };
-        const auto near = std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
-        whole = (near->place - expected).norm() < 0.3 * step.norm() && (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
+        const auto near =
+            std::min_element(all.begin(), all.end(), [&](const Spot& a, const Spot& b) { return off(a) < off(b); });
+        whole = (near->place - expected).norm() < 0.3 * step.norm() &&
+                (k == 0 || near->place != Eigen::Vector2d(row.centroid_px.col(k - 1)));
         row.centroid_px.col(k) = near->place;
         row.contrast[k] = near->contrast;
       }
       if (!whole) continue;
-      for (int k = 1; whole && k < count; ++k) whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
+      for (int k = 1; whole && k < count; ++k)
+        whole = (row.centroid_px.col(k) - row.centroid_px.col(k - 1)).dot(step) > 0.25 * step.squaredNorm();
       if (!whole || row.contrast.minCoeff() < min_share * row.contrast.maxCoeff()) continue;
       row.map = AxisMap::fit(row.centroid_px, y, centroid_sigma_px);
       const Eigen::Vector2d across(-row.map.direction.y(), row.map.direction.x());

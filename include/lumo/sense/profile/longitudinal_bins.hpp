@@ -29,10 +29,12 @@ struct LongitudinalBins {
 
   /// Throws InvalidArgument unless there are at least two edges that ascend.
   friend void validate(const LongitudinalBins& b) {
-    if (b.edges_m.size() < 2) throw InvalidArgument(message("longitudinal bins have ", b.edges_m.size(), " edges, must have at least 2"));
+    if (b.edges_m.size() < 2)
+      throw InvalidArgument(message("longitudinal bins have ", b.edges_m.size(), " edges, must have at least 2"));
     for (Eigen::Index i = 1; i < b.edges_m.size(); ++i)
       if (!(b.edges_m[i] > b.edges_m[i - 1]))
-        throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i], " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
+        throw InvalidArgument(message("edge ", i, " of the longitudinal bins is ", b.edges_m[i],
+                                      " m, must exceed its predecessor, ", b.edges_m[i - 1], " m"));
   }
 };
 

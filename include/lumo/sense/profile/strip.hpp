@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/sense/profile/axis_map.hpp"
 #include "lumo/sense/devices/frame.hpp"
+#include "lumo/sense/profile/axis_map.hpp"
 #include "lumo/sense/profile/longitudinal_bins.hpp"
 
 #include <algorithm>
@@ -12,15 +12,19 @@
 
 namespace lumo::sense {
 
-/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at right
-/// angles, in steps of whole pixels along the image's direction that is nearer to the axis.
+/// The pixels of a band along the finger, laid out once as runs in the image's rows. Lines of equal y cross the axis at
+/// right angles, in steps of whole pixels along the image's direction that is nearer to the axis.
 class Strip {
  public:
-  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step);
+  Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height,
+        PixelFormat format, int row_step);
 
-  bool fits(const ImageView& image) const { return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_; }
+  bool fits(const ImageView& image) const {
+    return !image.empty() && image.width == width_ && image.height == height_ && image.format == format_;
+  }
 
-  /// Mean of value(pixels, reference pixels, byte) over each bin. Bytes of all channels are summed, which is cheaper than to pick one of three.
+  /// Mean of value(pixels, reference pixels, byte) over each bin. Bytes of all channels are summed, which is cheaper
+  /// than to pick one of three.
   template <class Value>
   void sum(const ImageView& image, Value value, const ImageView* reference, Eigen::VectorXd& mean);
 
@@ -46,8 +50,13 @@ class Strip {
   std::vector<double> integral_;  ///< of the mean, from the first place
 };
 
-inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width, int height, PixelFormat format, int row_step)
-    : width_(width), height_(height), channels_(sense::channels(format)), channel_(format == PixelFormat::bgr ? 1 : 0), format_(format) {
+inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low_m, double high_m, int width,
+                    int height, PixelFormat format, int row_step)
+    : width_(width),
+      height_(height),
+      channels_(sense::channels(format)),
+      channel_(format == PixelFormat::bgr ? 1 : 0),
+      format_(format) {
   require_in_range("frame width", width, 1, max_image_side, "px");
   require_in_range("frame height", height, 1, max_image_side, "px");
   require_in_range("row step", row_step, 1, height, "");
@@ -58,12 +67,15 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
   const double scale = map.scale_m_per_px(map.u_px(0.5 * (bins.edges_m[0] + bins.edges_m[bins.size()])));
   const double v0 = low_m / scale, v1 = high_m / scale;
   for (const double y : {bins.edges_m[0], bins.edges_m[bins.size()]})
-    if (const double u = map.u_px(y); !(std::isfinite(u) && map.scale_m_per_px(u) > 0.0 && 1.0 + map.coefficients[2] * u / map.half_length_px > 0.0))
+    if (const double u = map.u_px(y);
+        !(std::isfinite(u) && map.scale_m_per_px(u) > 0.0 && 1.0 + map.coefficients[2] * u / map.half_length_px > 0.0))
       throw InvalidArgument(message("the axis map has no place in the image for y = ", 1e3 * y, " mm"));
 
-  // Place of a pixel: its column (or row) sheared onto the line, so that u = (place − origin) · main; equal places have equal u.
+  // Place of a pixel: its column (or row) sheared onto the line, so that u = (place − origin) · main; equal places have
+  // equal u.
   const double main = along_ ? d.x() : d.y(), shear = along_ ? d.y() / d.x() : d.x() / d.y();
-  const double main_origin = along_ ? map.origin_px.x() : map.origin_px.y(), cross_origin = along_ ? map.origin_px.y() : map.origin_px.x();
+  const double main_origin = along_ ? map.origin_px.x() : map.origin_px.y(),
+               cross_origin = along_ ? map.origin_px.y() : map.origin_px.x();
   const auto place_of = [&](double y) { return main_origin + map.u_px(y) / main; };
   const double from = std::min(place_of(bins.edges_m[0]), place_of(bins.edges_m[bins.size()]));
   const double to = std::max(place_of(bins.edges_m[0]), place_of(bins.edges_m[bins.size()]));
@@ -95,7 +107,8 @@ inline Strip::Strip(const AxisMap& map, const LongitudinalBins& bins, double low
     }
   for (std::size_t k = 0; k < count.size(); ++k) {
     if (count[k] == 0)
-      throw InvalidArgument(message("the finger's band leaves the image: no pixel at y = ", 1e3 * map.y_m((double(base) + double(k) - main_origin) * main), " mm"));
+      throw InvalidArgument(message("the finger's band leaves the image: no pixel at y = ",
+                                    1e3 * map.y_m((double(base) + double(k) - main_origin) * main), " mm"));
     inverse_count_.push_back(1.0 / count[k]);
   }
   for (Eigen::Index i = 0; i < bins.edges_m.size(); ++i) edges_.push_back(place_of(bins.edges_m[i]) + 0.5 - base);
@@ -118,12 +131,14 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
   int rows = 0, row = -1;
   for (const Run& run : runs_) {
     const std::uint8_t* __restrict p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_;
-    const std::uint8_t* __restrict q = reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
+    const std::uint8_t* __restrict q =
+        reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
     const std::size_t bytes = std::size_t(run.count) * std::size_t(channels_);
     if (along_) {
       if (run.row != row && (row = run.row, ++rows) == 256) flush(), rows = 0;
       std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
-      for (std::size_t i = 0; i < bytes; ++i) to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
+      for (std::size_t i = 0; i < bytes; ++i)
+        to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
     } else {
       // 48 lanes are a whole number of pixels in either format; a lane takes 257 bytes.
       std::uint16_t lane[48] = {};
@@ -146,7 +161,8 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
 
   const int stride = along_ ? channels_ : 1, offset = along_ ? channel_ : 0;
   for (int k = 0; k < places_; ++k)
-    integral_[std::size_t(k) + 1] = integral_[std::size_t(k)] + wide_[std::size_t(k * stride + offset)] * inverse_count_[std::size_t(k)];
+    integral_[std::size_t(k) + 1] =
+        integral_[std::size_t(k)] + wide_[std::size_t(k * stride + offset)] * inverse_count_[std::size_t(k)];
   const auto up_to = [&](double place) {
     const auto whole = std::min(std::size_t(place), integral_.size() - 2);
     return integral_[whole] + (place - double(whole)) * (integral_[whole + 1] - integral_[whole]);

@@ -10,13 +10,16 @@
 
 namespace lumo::sense {
 
-/// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured against.
+/// Mean profile of the unloaded finger and the scatter of single profiles about it: what responses are measured
+/// against.
 class UnloadedReference {
  public:
-  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or values that are not finite.
+  /// Adds a profile of the unloaded finger (Welford's running moments). Throws InvalidArgument for another length or
+  /// values that are not finite.
   void add(const Profile& p) {
     if (count_ == 0) mean_ = squares_ = Eigen::VectorXd::Zero(p.value.size());
-    if (p.value.size() != mean_.size()) throw InvalidArgument(message("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
+    if (p.value.size() != mean_.size())
+      throw InvalidArgument(message("unloaded profile has ", p.value.size(), " values, the reference ", mean_.size()));
     if (!p.value.allFinite()) throw InvalidArgument("unloaded profile: values must be finite");
     ++count_;
     const Eigen::VectorXd before = p.value - mean_;
@@ -26,8 +29,8 @@ class UnloadedReference {
 
   int count() const { return count_; }
   const Eigen::VectorXd& mean() const { return mean_; }
-  /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number twice is not free of noise). The
-  /// mean's own error is part of it.
+  /// Standard deviation of one response at each position, at least `floor` (an 8-bit camera that gives the same number
+  /// twice is not free of noise). The mean's own error is part of it.
   Eigen::VectorXd noise(double floor = 0.02) const {
     if (count_ < 2) return Eigen::VectorXd::Constant(mean_.size(), floor);
     const double n = count_;

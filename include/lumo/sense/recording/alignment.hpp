@@ -21,24 +21,28 @@ inline constexpr std::int64_t stamp_limit_ns = 4'600'000'000'000'000'000;
 struct ClockMap {
   std::int64_t origin_ns = 0;
   double offset_s = 0.0;
-  double drift = 0.0;         ///< seconds per second
-  double residual_s = 0.0;    ///< RMS of what a fit left; 0 where it was given, not fitted
+  double drift = 0.0;       ///< seconds per second
+  double residual_s = 0.0;  ///< RMS of what a fit left; 0 where it was given, not fitted
   bool operator==(const ClockMap&) const = default;
 
   /// Ends at the limit of stamps.
   std::int64_t operator()(std::int64_t from_ns) const {
     constexpr double limit = double(stamp_limit_ns);
     const double shift = 1e9 * offset_s + drift * (double(from_ns) - double(origin_ns));
-    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns, stamp_limit_ns);
+    return std::clamp<std::int64_t>(from_ns + std::llround(std::clamp(shift, -limit, limit)), -stamp_limit_ns,
+                                    stamp_limit_ns);
   }
 
-  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws InvalidArgument for none.
+  /// From the stamps of the same events on both clocks, by least squares; one event gives the offset alone. Throws
+  /// InvalidArgument for none.
   static ClockMap fit(std::span<const std::int64_t> from_ns, std::span<const std::int64_t> to_ns) {
     if (from_ns.empty() || from_ns.size() != to_ns.size())
-      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(), " common events, must have as many, at least 1"));
+      throw InvalidArgument(message("clocks have ", from_ns.size(), " and ", to_ns.size(),
+                                    " common events, must have as many, at least 1"));
     for (std::size_t i = 0; i < from_ns.size(); ++i)
       for (const std::int64_t stamp : {from_ns[i], to_ns[i]})
-        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns) throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
+        if (stamp < -stamp_limit_ns || stamp > stamp_limit_ns)
+          throw InvalidArgument(message("stamp of a common event is ", stamp, " ns, must lie within 4.6e18 ns"));
     ClockMap map;
     map.origin_ns = from_ns[from_ns.size() / 2];
     const double n = double(from_ns.size());
@@ -61,13 +65,17 @@ struct ClockMap {
 class TimeSeries {
  public:
   /// `value`: channels × stamps. Stamps ascend strictly. Throws InvalidArgument.
-  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value) : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
-    if (value_.cols() != Eigen::Index(stamp_.size())) throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
+  TimeSeries(std::vector<std::int64_t> stamp_ns, Eigen::MatrixXd value)
+      : stamp_(std::move(stamp_ns)), value_(std::move(value)) {
+    if (value_.cols() != Eigen::Index(stamp_.size()))
+      throw InvalidArgument(message("time series has ", stamp_.size(), " stamps and ", value_.cols(), " values"));
     for (std::size_t i = 1; i < stamp_.size(); ++i)
       if (stamp_[i] <= stamp_[i - 1])  // of ascending stamps the ends tell of all
-        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ", stamp_[i - 1], " ns"));
+        throw InvalidArgument(message("time series: stamp ", i, " is ", stamp_[i], " ns, must exceed its predecessor, ",
+                                      stamp_[i - 1], " ns"));
     if (!stamp_.empty() && (stamp_.front() < -stamp_limit_ns || stamp_.back() > stamp_limit_ns))
-      throw InvalidArgument(message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
+      throw InvalidArgument(
+          message("time series goes from ", stamp_.front(), " to ", stamp_.back(), " ns, must lie within 4.6e18 ns"));
   }
 
   /// Value at a time; nothing outside of the series, or in a gap longer than `max_gap_s`.
@@ -84,8 +92,9 @@ class TimeSeries {
     return Eigen::VectorXd((1.0 - share) * value.col(j - 1) + share * value.col(j));
   }
 
-  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature that interpolation does not follow. For
-  /// white noise of standard deviation σ it is √1.5 σ; interpolation itself spans half the distance and errs by about a quarter of the curvature's part.
+  /// RMS difference between each inner sample and the line through its neighbours, per channel: noise and curvature
+  /// that interpolation does not follow. For white noise of standard deviation σ it is √1.5 σ; interpolation itself
+  /// spans half the distance and errs by about a quarter of the curvature's part.
   Eigen::VectorXd interpolation_residual() const {
     const Eigen::MatrixXd& value = value_;
     Eigen::VectorXd squares = Eigen::VectorXd::Zero(value.rows());

@@ -14,8 +14,9 @@
 
 namespace lumo::sense {
 
-/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields. No quotes, no empty lines but at the
-/// end, no comments; fields may have spaces around them, lines may end in CR LF. Every fault is an InputError of one line with file, line and column.
+/// Reads comma-separated tables strictly: one header line whose names carry their units, then rows of as many fields.
+/// No quotes, no empty lines but at the end, no comments; fields may have spaces around them, lines may end in CR LF.
+/// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
   static constexpr std::size_t max_line = 65536, max_columns = 256;
@@ -46,8 +47,7 @@ class CsvReader {
     throw InputError(message(name_, ":1: column '", column, "' is missing"));
   }
   /// Throws for the first column that is none of those known.
-  template <class Known>
-  void require_known(Known known) const {
+  template <class Known> void require_known(Known known) const {
     for (const std::string& c : columns_)
       if (!known(std::string_view(c))) throw InputError(message(name_, ":1: column '", printable(c), "' is not known"));
   }
@@ -57,11 +57,13 @@ class CsvReader {
     if (!read_line()) return false;
     if (line_text_.find_first_not_of(" \t") == std::string::npos) {
       while (read_line())
-        if (line_text_.find_first_not_of(" \t") != std::string::npos) throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
+        if (line_text_.find_first_not_of(" \t") != std::string::npos)
+          throw InputError(message(name_, ":", line_ - 1, ": is empty, only the end of the file may be"));
       return false;
     }
     split();
-    if (fields_.size() != columns_.size()) throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
+    if (fields_.size() != columns_.size())
+      throw InputError(message(name_, ":", line_, ": has ", fields_.size(), " fields, the header ", columns_.size()));
     return true;
   }
   std::string_view text(int column) const { return fields_[std::size_t(column)]; }
@@ -83,8 +85,9 @@ class CsvReader {
   long line() const { return line_; }
   const std::string& name() const { return name_; }
   /// Throws the error of a field: file, line, column, what it says, what is wrong.
-               [[noreturn]] void fail(int column, std::string_view why) const {
-    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '", printable(message(column)), "' ", why));
+  [[noreturn]] void fail(int column, std::string_view why) const {
+    throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
+                             printable(message(column)), "' ", why));
   }
 
  private:
@@ -98,7 +101,8 @@ class CsvReader {
       }
       if (c == '\0') throw InputError(message(name_, ":", line_, ": holds a zero byte, is no text"));
       line_text_ += char(c);
-      if (line_text_.size() > max_line) throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
+      if (line_text_.size() > max_line)
+        throw InputError(message(name_, ":", line_, ": is longer than ", max_line, " bytes"));
     }
     if (in_.bad()) throw InputError(message(name_, ":", line_, ": cannot be read"));
     return !line_text_.empty();
@@ -115,7 +119,8 @@ class CsvReader {
       while (!f.empty() && (f.front() == ' ' || f.front() == '\t')) f.remove_prefix(1);
       while (!f.empty() && (f.back() == ' ' || f.back() == '\t')) f.remove_suffix(1);
       fields_.push_back(f);
-      if (fields_.size() > max_columns) throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
+      if (fields_.size() > max_columns)
+        throw InputError(message(name_, ":", line_, ": has more than ", max_columns, " fields"));
       if (to == all.size()) return;
       from = to + 1;
     }

@@ -2,10 +2,10 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/devices/camera.hpp"
-#include "lumo/sense/recording/csv.hpp"
 #include "lumo/sense/hand/hand_observer.hpp"
+#include "lumo/sense/recording/alignment.hpp"
+#include "lumo/sense/recording/csv.hpp"
 #include "lumo/sense/recording/session.hpp"
 
 #include <Eigen/Core>
@@ -27,17 +27,21 @@ namespace lumo::sense {
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
-  for (const SessionLink& l : session.links) links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  for (const SessionLink& l : session.links)
+    links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
   return {std::move(links), std::move(first), std::move(config)};
 }
 
-/// Positions of all joints over time, on the frames' clock, delay taken off. Throws InvalidArgument for samples of different size or order.
+/// Positions of all joints over time, on the frames' clock, delay taken off. Throws InvalidArgument for samples of
+/// different size or order.
 inline TimeSeries joint_positions(std::span<const JointSample> samples, const Session& session) {
   std::vector<std::int64_t> stamp;
   Eigen::MatrixXd position(samples.empty() ? 0 : samples.front().position_rad.size(), Eigen::Index(samples.size()));
   for (std::size_t i = 0; i < samples.size(); ++i) {
     const JointSample& s = samples[i];
-    if (s.position_rad.size() != position.rows()) throw InvalidArgument(message("joint sample ", i, " has ", s.position_rad.size(), " joints, the first one has ", position.rows()));
+    if (s.position_rad.size() != position.rows())
+      throw InvalidArgument(
+          message("joint sample ", i, " has ", s.position_rad.size(), " joints, the first one has ", position.rows()));
     stamp.push_back(session.joint_clock(s.stamp_ns) - std::llround(1e9 * session.joint_delay_s));
     position.col(Eigen::Index(i)) = s.position_rad;
   }
@@ -46,20 +50,26 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
 
 /// Does a log's plan say that nothing touches the hand then?
 inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
-  return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) { return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns; });
+  return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
+    return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns;
+  });
 }
 
-/// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a std::optional<HandEstimate>: nothing where the frame lies in a
-/// segment of kind "free" or "unloaded", and becomes a reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more than
-/// `max_gap_s` apart say nothing in between.
+/// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a
+/// std::optional<HandEstimate>: nothing where the frame lies in a segment of kind "free" or "unloaded", and becomes a
+/// reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more
+/// than `max_gap_s` apart say nothing in between.
 template <Camera C, class Each>
-int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each, double max_gap_s = 0.1) {
+int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, Each each,
+                 double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next()) {
     const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s);
     std::optional<HandEstimate> estimate;
-    if (is_unloaded(session, frame->stamp_ns)) references += joints && hand.add_reference(*joints, frame->image) > 0;
-    else estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
+    if (is_unloaded(session, frame->stamp_ns))
+      references += joints && hand.add_reference(*joints, frame->image) > 0;
+    else
+      estimate = joints ? hand.observe(frame->stamp_ns, *joints, frame->image) : hand.unseen(frame->stamp_ns);
     each(estimate, frame->image);
   }
   return references;
@@ -67,16 +77,18 @@ int observe_hand(C& camera, HandObserver& hand, const TimeSeries& positions, con
 
 /// Shows a hand's observer a log's pictures of the unloaded hand only. Returns how many became references.
 template <Camera C>
-int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session, double max_gap_s = 0.1) {
+int add_references(C& camera, HandObserver& hand, const TimeSeries& positions, const Session& session,
+                   double max_gap_s = 0.1) {
   int references = 0;
   for (auto frame = camera.next(); frame; frame = camera.next())
     if (is_unloaded(session, frame->stamp_ns))
-      if (const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s)) references += hand.add_reference(*joints, frame->image) > 0;
+      if (const auto joints = positions.at(frame->stamp_ns - std::llround(1e9 * session.frame_delay_s), max_gap_s))
+        references += hand.add_reference(*joints, frame->image) > 0;
   return references;
 }
 
-/// What really pressed on a hand, frame by frame, as a lab's truth.csv tells: stamp_ns, link, y_mm, force_N, one row for each contact of a frame. Only whoever compares
-/// reads it.
+/// What really pressed on a hand, frame by frame, as a lab's truth.csv tells: stamp_ns, link, y_mm, force_N, one row
+/// for each contact of a frame. Only whoever compares reads it.
 class HandTouches {
  public:
   struct Touch {
@@ -87,7 +99,8 @@ class HandTouches {
   /// Throws InputError.
   static HandTouches from_table(std::istream& in, const std::string& name) {
     CsvReader csv(in, name);
-    const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"), force = csv.require("force_N");
+    const int stamp = csv.require("stamp_ns"), link = csv.require("link"), y = csv.require("y_mm"),
+              force = csv.require("force_N");
     HandTouches t;
     while (csv.next()) {
       const std::int64_t number = csv.integer(link);
@@ -101,7 +114,9 @@ class HandTouches {
   }
   std::vector<Touch> at(std::int64_t stamp_ns) const {
     std::vector<Touch> touches;
-    for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; }); row != rows_.end() && row->first == stamp_ns; ++row)
+    for (auto row = std::lower_bound(rows_.begin(), rows_.end(), stamp_ns,
+                                     [](const auto&r, std::int64_t t) { return r.first < t; });
+         row != rows_.end() && row->first == stamp_ns; ++row)
       touches.push_back(row->second);
     return touches;
   }
@@ -112,11 +127,11 @@ class HandTouches {
 
 /// How well a hand's contacts agree with the truth.
 struct HandScore {
-  int touches = 0;         ///< in all frames, of at least the least force
-  int found = 0;           ///< of them, those with a contact on their link within 8 mm, `near_m`
-  double mae_m = 0.0;      ///< along the link, over those found
-  int contacts = 0;        ///< that were told
-  int unfounded = 0;       ///< of them, those with no touch, however weak, so near on their link
+  int touches = 0;     ///< in all frames, of at least the least force
+  int found = 0;       ///< of them, those with a contact on their link within 8 mm, `near_m`
+  double mae_m = 0.0;  ///< along the link, over those found
+  int contacts = 0;    ///< that were told
+  int unfounded = 0;   ///< of them, those with no touch, however weak, so near on their link
 
   static constexpr double near_m = 8.0_mm;
 
@@ -133,7 +148,8 @@ struct HandScore {
     }
     for (const HandContact& c : e.contacts) {
       ++contacts;
-      unfounded += std::none_of(truth.begin(), truth.end(), [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
+      unfounded += std::none_of(truth.begin(), truth.end(),
+                                [&](const auto& t) { return t.link == c.link && std::abs(c.y_m - t.y_m) <= near_m; });
     }
   }
 };

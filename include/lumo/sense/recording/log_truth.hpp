@@ -2,9 +2,9 @@
 
 #include "lumo/core/units.hpp"
 #include "lumo/sense/recording/csv.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/normal_force.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -24,8 +24,8 @@ class LogTruth {
     std::optional<double> y_m, force_N;
   };
 
-  /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say unloaded.
-  /// Throws InvalidArgument where the session's clock leads two of its samples to the same time.
+  /// From the jig's places (segments) and the force sensor. The sensor is tared on what it reads where segments say
+  /// unloaded. Throws InvalidArgument where the session's clock leads two of its samples to the same time.
   static LogTruth from_log(const Session& session, const std::vector<WrenchSample>& wrenches) {
     LogTruth t;
     t.segments_ = session.segments;
@@ -47,15 +47,18 @@ class LogTruth {
     LogTruth t;
     while (csv.next()) {
       const std::int64_t at = stamp.read(csv);
-      t.table_.push_back({at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
+      t.table_.push_back(
+          {at, {csv.integer(contact) < 0 ? std::nullopt : std::optional(1e-3 * csv.number(y)), csv.number(force)}});
     }
     return t;
   }
 
-  /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no place.
+  /// Place and force at a time; empty is what is not known there. No contact: a force of 0 where that is known, and no
+  /// place.
   Touch at(std::int64_t stamp_ns) const {
     if (!force_) {
-      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns, [](const auto& r, std::int64_t t) { return r.first < t; });
+      const auto row = std::lower_bound(table_.begin(), table_.end(), stamp_ns,
+                                        [](const auto& r, std::int64_t t) { return r.first < t; });
       return row != table_.end() && row->first == stamp_ns ? row->second : Touch{};
     }
     Touch touch;
@@ -69,7 +72,7 @@ class LogTruth {
   }
 
  private:
-  std::optional<TimeSeries> force_;                     ///< of a log's sensor; none of a table
+  std::optional<TimeSeries> force_;  ///< of a log's sensor; none of a table
   std::vector<Segment> segments_;
   std::vector<std::pair<std::int64_t, Touch>> table_;
 };

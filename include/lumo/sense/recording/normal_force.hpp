@@ -11,9 +11,10 @@
 
 namespace lumo::sense {
 
-/// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`: Session::wrench_clock leads onto the frames'.
-/// Throws InvalidArgument where that leaves two samples at the same time.
-inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {}, double tare_N = 0.0) {
+/// What presses the finger over time: one channel [N], less `tare_N`. Stamps are moved by `clock`:
+/// Session::wrench_clock leads onto the frames'. Throws InvalidArgument where that leaves two samples at the same time.
+inline TimeSeries normal_force(const std::vector<WrenchSample>& wrenches, const ClockMap& clock = {},
+                               double tare_N = 0.0) {
   std::vector<std::int64_t> stamp_ns;
   Eigen::MatrixXd force_N(1, Eigen::Index(wrenches.size()));
   for (const WrenchSample& w : wrenches) {

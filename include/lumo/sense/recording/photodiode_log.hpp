@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/devices/photodiodes.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <optional>
 #include <string>
@@ -9,12 +9,14 @@
 
 namespace lumo::sense {
 
-/// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws InputError.
+/// Reads photodiode.csv: stamp_ns (or time_s), signal_V_0, signal_V_1, … without gaps in the numbers. Throws
+/// InputError.
 inline std::vector<PhotodiodeSample> read_photodiode_log(std::istream& in, const std::string& name) {
   CsvReader csv(in, name);
   StampColumn stamp(csv);
   std::vector<int> column;
-  while (csv.find(numbered("signal_V", int(column.size()))) >= 0) column.push_back(csv.find(numbered("signal_V", int(column.size()))));
+  while (csv.find(numbered("signal_V", int(column.size()))) >= 0)
+    column.push_back(csv.find(numbered("signal_V", int(column.size()))));
   if (column.empty()) csv.require("signal_V_0");
   csv.require_known([&](std::string_view c) {
     bool known = is_time(c);

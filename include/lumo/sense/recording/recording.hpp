@@ -1,9 +1,9 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/session.hpp"
+#include "lumo/sense/recording/tables.hpp"
 
 #include <cstddef>
 #include <string>
@@ -22,12 +22,14 @@ struct RecordedLog {
   std::vector<PhotodiodeSample> photodiodes;
 };
 
-/// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques none.
+/// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques
+/// none.
 inline void validate(const RecordedLog& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)
-    throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ", log.session.torque_constant_Nm_per_A.size(), " torque constants"));
+    throw InputError(message(log.path, ": has currents of ", joints, " joints, its session ",
+                             log.session.torque_constant_Nm_per_A.size(), " torque constants"));
 }
 
 }  // namespace lumo::sense

@@ -10,17 +10,20 @@
 
 namespace lumo::sense {
 
-/// The segments of a session as what is to be done during a recording, in the order of time, each announced `notice_s` before it begins. Times are since the first picture. A plan
-/// that begins within the notice, or later than in a minute (another recording's clock), is moved as a whole, to begin when the notice is over.
+/// The segments of a session as what is to be done during a recording, in the order of time, each announced `notice_s`
+/// before it begins. Times are since the first picture. A plan that begins within the notice, or later than in a minute
+/// (another recording's clock), is moved as a whole, to begin when the notice is over.
 class RecordingPlan {
  public:
   static constexpr double notice_s = 2.0;
 
   explicit RecordingPlan(std::vector<Segment> segments) : segments_(std::move(segments)) {
-    std::stable_sort(segments_.begin(), segments_.end(), [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
+    std::stable_sort(segments_.begin(), segments_.end(),
+                     [](const Segment& a, const Segment& b) { return a.from_ns < b.from_ns; });
     if (segments_.empty()) return;
     constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
-    const std::int64_t begin = segments_.front().from_ns, shift = begin >= notice_ns && begin <= 60'000'000'000 ? 0 : notice_ns - begin;
+    const std::int64_t begin = segments_.front().from_ns,
+                       shift = begin >= notice_ns && begin <= 60'000'000'000 ? 0 : notice_ns - begin;
     for (Segment& s : segments_) s.from_ns += shift, s.to_ns += shift;
   }
 
@@ -33,7 +36,8 @@ class RecordingPlan {
   }
   /// The next segment that is to be announced by now, each once; null: none.
   const Segment* announced(double now_s) {
-    return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++] : nullptr;
+    return next_ < segments_.size() && 1e-9 * double(segments_[next_].from_ns) - notice_s <= now_s ? &segments_[next_++]
+                                                                                                   : nullptr;
   }
   /// Those that a recording which ended at this time has seen whole.
   std::vector<Segment> done(std::int64_t end_ns) const {

@@ -2,9 +2,9 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
+#include "lumo/sense/devices/joint_sample.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 #include "lumo/sense/recording/csv.hpp"
-#include "lumo/sense/devices/joint_sample.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -20,12 +20,11 @@ namespace lumo::sense {
 
 // A log is a folder (docs/log_format.md):
 //   session.json        what was done, with what (support/json.hpp reads it)
-//   frames.csv          stamp_ns | time_s, file, exposure_s, gain       file: path below frames/; the column is absent where there is a video
-//   frames/…            8-bit images, colour or grey; or video.* instead
-//   joint.csv           stamp_ns | time_s, position_rad_0, velocity_rad_per_s_0, current_A_0 | torque_Nm_0, position_rad_1, …
-//   wrench.csv          stamp_ns | time_s, force_x_N, force_y_N, force_z_N[, torque_x_Nm, torque_y_Nm, torque_z_Nm]
-//   marker.csv          stamp_ns | time_s, displacement_m
-//   photodiode.csv      stamp_ns | time_s, signal_V_0, signal_V_1, …
+//   frames.csv          stamp_ns | time_s, file, exposure_s, gain       file: path below frames/; the column is absent
+//   where there is a video frames/…            8-bit images, colour or grey; or video.* instead joint.csv stamp_ns |
+//   time_s, position_rad_0, velocity_rad_per_s_0, current_A_0 | torque_Nm_0, position_rad_1, … wrench.csv stamp_ns |
+//   time_s, force_x_N, force_y_N, force_z_N[, torque_x_Nm, torque_y_Nm, torque_z_Nm] marker.csv          stamp_ns |
+//   time_s, displacement_m photodiode.csv      stamp_ns | time_s, signal_V_0, signal_V_1, …
 // All but session.json may be absent. Stamps ascend strictly. Columns may stand in any order; unknown ones are errors.
 
 /// A row of frames.csv.
@@ -61,7 +60,8 @@ class StampColumn {
   explicit StampColumn(const CsvReader& csv) : column_(csv.find("stamp_ns")), seconds_(column_ < 0) {
     if (seconds_) column_ = csv.find("time_s");
     if (column_ < 0) throw InputError(message(csv.name(), ":1: column 'stamp_ns' (or 'time_s') is missing"));
-    if (!seconds_ && csv.find("time_s") >= 0) throw InputError(message(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
+    if (!seconds_ && csv.find("time_s") >= 0)
+      throw InputError(message(csv.name(), ":1: has both 'stamp_ns' and 'time_s'"));
   }
   std::int64_t read(const CsvReader& csv) {
     std::int64_t stamp = 0;
@@ -86,15 +86,17 @@ class StampColumn {
 
 /// A path below a log's frames/ that a table can hold.
 inline bool is_below_frames(std::string_view file) {
-  const bool plain = std::none_of(file.begin(), file.end(), [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
-  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' && file.find("..") == std::string_view::npos &&
-         file.find('\\') == std::string_view::npos;
+  const bool plain = std::none_of(file.begin(), file.end(),
+                                  [](char c) { return c == ',' || c == '"' || static_cast<unsigned char>(c) < ' '; });
+  return plain && !file.empty() && file.front() != '/' && file.front() != ' ' && file.back() != ' ' &&
+         file.find("..") == std::string_view::npos && file.find('\\') == std::string_view::npos;
 }
 
 /// Text of a stamp to be written. Throws InvalidArgument for one that StampColumn would refuse.
 inline std::string stamp_text(std::int64_t stamp_ns, std::optional<std::int64_t>& last) {
   if (stamp_ns < -stamp_limit_ns || stamp_ns > stamp_limit_ns || (last && stamp_ns <= *last))
-    throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns", last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
+    throw InvalidArgument(message("stamp to write is ", stamp_ns, " ns, must lie within 4.6e18 ns",
+                                  last ? message(" and exceed the one before it, ", *last, " ns") : std::string()));
   last = stamp_ns;
   return std::to_string(stamp_ns);
 }
@@ -114,7 +116,8 @@ inline std::ifstream open_text(const std::string& path) {
 /// Reads frames.csv. `video`: there is no column `file`. Files must be relative paths without "..".
 inline std::vector<FrameRecord> read_frame_log(std::istream& in, const std::string& name, bool video = false) {
   CsvReader csv(in, name);
-  csv.require_known([&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
+  csv.require_known(
+      [&](std::string_view c) { return is_time(c) || c == "exposure_s" || c == "gain" || (!video && c == "file"); });
   StampColumn stamp(csv);
   const int file = video ? -1 : csv.require("file"), exposure = csv.find("exposure_s"), gain = csv.find("gain");
   std::vector<FrameRecord> list;
@@ -149,7 +152,8 @@ inline std::vector<JointSample> read_joint_log(std::istream& in, const std::stri
   csv.require_known([&](std::string_view c) {
     bool known = is_time(c);
     for (int j = 0; j < joints; ++j)
-      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name}) known = known || c == numbered(column, j);
+      for (const char* column : {"position_rad", "velocity_rad_per_s", effort_name})
+        known = known || c == numbered(column, j);
     return known;
   });
   std::vector<JointSample> list;
@@ -174,7 +178,8 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
-  for (int k = 0; k < 3; ++k) column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  for (int k = 0; k < 3; ++k)
+    column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
   csv.require_known([&](std::string_view c) {
     bool known = is_time(c);
     for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];
@@ -207,28 +212,39 @@ inline std::vector<MarkerSample> read_marker_log(std::istream& in, const std::st
   return list;
 }
 
-inline std::string frame_header(bool video) { return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n"; }
+inline std::string frame_header(bool video) {
+  return video ? "stamp_ns,exposure_s,gain\n" : "stamp_ns,file,exposure_s,gain\n";
+}
 
 inline std::string frame_row(const FrameRecord& f, bool video, std::optional<std::int64_t>& last) {
-  if (!video && !is_below_frames(f.file)) throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
-  if (f.exposure_s < 0.0 || f.gain < 0.0) throw InvalidArgument(message("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
-  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' + csv_number(f.gain) + '\n';
+  if (!video && !is_below_frames(f.file))
+    throw InvalidArgument("frame log: a file is no path below frames/, or holds a comma, quote or line's end");
+  if (f.exposure_s < 0.0 || f.gain < 0.0)
+    throw InvalidArgument(
+        message("frame log: exposure is ", f.exposure_s, " s, gain ", f.gain, ", must not be negative"));
+  return stamp_text(f.stamp_ns, last) + ',' + (video ? "" : f.file + ',') + csv_number(f.exposure_s) + ',' +
+         csv_number(f.gain) + '\n';
 }
 
 inline std::string joint_header(int joints, Effort unit) {
   std::string t = "stamp_ns";
   for (int j = 0; j < joints; ++j)
-    for (const char* column : {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"}) t += ',' + numbered(column, j);
+    for (const char* column :
+         {"position_rad", "velocity_rad_per_s", unit == Effort::current_A ? "current_A" : "torque_Nm"})
+      t += ',' + numbered(column, j);
   return t + '\n';
 }
 
 inline std::string joint_row(const JointSample& s, std::optional<std::int64_t>& last) {
   std::string t = stamp_text(s.stamp_ns, last);
-  for (Eigen::Index j = 0; j < s.effort.size(); ++j) t += ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
+  for (Eigen::Index j = 0; j < s.effort.size(); ++j)
+    t +=
+        ',' + csv_number(s.position_rad[j]) + ',' + csv_number(s.velocity_rad_per_s[j]) + ',' + csv_number(s.effort[j]);
   return t + '\n';
 }
 
-/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would refuse.
+/// The tables as text, with numbers that read back as they were. Throw InvalidArgument for what the readers would
+/// refuse.
 inline std::string frame_log_text(const std::vector<FrameRecord>& frames, bool video = false) {
   std::string t = frame_header(video);
   std::optional<std::int64_t> last;
@@ -243,7 +259,8 @@ inline std::string joint_log_text(const std::vector<JointSample>& samples) {
   std::string t = joint_header(int(joints), unit);
   std::optional<std::int64_t> last;
   for (const JointSample& s : samples) {
-    if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints || s.unit != unit)
+    if (s.effort.size() != joints || s.position_rad.size() != joints || s.velocity_rad_per_s.size() != joints ||
+        s.unit != unit)
       throw InvalidArgument("joint log: samples must have the same number of joints and the same kind of effort");
     t += joint_row(s, last);
   }

@@ -13,25 +13,28 @@
 namespace lumo {
 
 struct JobLimits {
-  double time_s = 60.0;                 ///< wall clock, and (rounded up, plus one second) processor time
-  std::uint64_t memory_bytes = 0;       ///< address space on top of the helper's own; 0 for no limit; not applied under AddressSanitizer
+  double time_s = 60.0;  ///< wall clock, and (rounded up, plus one second) processor time
+  std::uint64_t memory_bytes =
+      0;  ///< address space on top of the helper's own; 0 for no limit; not applied under AddressSanitizer
 };
 
 struct JobResult {
   JobOutcome outcome = JobOutcome::crashed;
-  int detail = 0;                       ///< signal number of a crash, or minus the exit code, or 0
-  Bytes data;                           ///< the job's answer if `done`
+  int detail = 0;  ///< signal number of a crash, or minus the exit code, or 0
+  Bytes data;      ///< the job's answer if `done`
 };
 
 /// A helper process that runs jobs in processes of their own, so that foreign code can crash, hang or eat memory alone.
 ///
-/// The helper is forked in the constructor, which is best done while the program has one thread: a later fork is safe only as far
-/// as the C library's own locks are (glibc cares for malloc's; AddressSanitizer's allocator does not). It serves one job at a time, forks a grandchild for each, and is
-/// restarted when it is found dead. It goes when this object goes, or when the process that made it dies.
-/// `run` may be called from any thread; calls wait for each other. After a fork of the host, the new process gets a helper of its own.
+/// The helper is forked in the constructor, which is best done while the program has one thread: a later fork is safe
+/// only as far as the C library's own locks are (glibc cares for malloc's; AddressSanitizer's allocator does not). It
+/// serves one job at a time, forks a grandchild for each, and is restarted when it is found dead. It goes when this
+/// object goes, or when the process that made it dies. `run` may be called from any thread; calls wait for each other.
+/// After a fork of the host, the new process gets a helper of its own.
 class ForkServer {
  public:
-  /// Runs in the grandchild. May do anything, even crash. What it throws counts as a crash, std::bad_alloc as lack of memory.
+  /// Runs in the grandchild. May do anything, even crash. What it throws counts as a crash, std::bad_alloc as lack of
+  /// memory.
   using Work = Bytes (*)(std::span<const char> request);
 
   explicit ForkServer(Work work) : work_(work) { start(); }
@@ -54,7 +57,7 @@ class ForkServer {
   std::mutex mutex_;
   int pid_ = -1;
   int socket_ = -1;
-  int owner_ = -1;                      ///< the process that forked the helper: a copy of this object after fork() must not use it
+  int owner_ = -1;  ///< the process that forked the helper: a copy of this object after fork() must not use it
 };
 
 inline bool ForkServer::start() {
@@ -75,7 +78,8 @@ inline bool ForkServer::start() {
 
 inline void ForkServer::stop() {
   if (socket_ >= 0) {
-    if (owner_ == ::getpid()) ::shutdown(socket_, SHUT_RDWR);  // the helper reads the end of its input, even if the socket was copied
+    if (owner_ == ::getpid())
+      ::shutdown(socket_, SHUT_RDWR);  // the helper reads the end of its input, even if the socket was copied
     ::close(socket_);
   }
   if (pid_ > 0 && owner_ == ::getpid()) {

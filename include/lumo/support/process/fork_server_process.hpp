@@ -18,7 +18,13 @@
 namespace lumo {
 
 /// What became of a job that ran in another process.
-enum class JobOutcome : std::uint32_t { done, crashed, timed_out, out_of_memory, lost };   // lost: the helper went, which says nothing about the job
+enum class JobOutcome : std::uint32_t {
+  done,
+  crashed,
+  timed_out,
+  out_of_memory,
+  lost
+};  // lost: the helper went, which says nothing about the job
 
 struct JobHeader {
   std::uint64_t size;
@@ -127,7 +133,9 @@ inline bool drain(int in, int host, Bytes& data, const Deadline& deadline) {
 /// Forks one job, waits for it within its limits, and says what became of it.
 template <class Work>
 ReplyHeader supervise_job(int host, Work work, std::span<const char> request, const JobHeader& header, Bytes& answer) {
-  const auto reply = [](JobOutcome outcome, int detail = 0) { return ReplyHeader{static_cast<std::uint32_t>(outcome), detail, 0}; };
+  const auto reply = [](JobOutcome outcome, int detail = 0) {
+    return ReplyHeader{static_cast<std::uint32_t>(outcome), detail, 0};
+  };
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) return reply(JobOutcome::crashed);
   const Deadline deadline(header.time_s);
@@ -157,10 +165,12 @@ ReplyHeader supervise_job(int host, Work work, std::span<const char> request, co
   const int status = reap(pid, &usage);
   if (full) return reply(JobOutcome::out_of_memory);
   if (!ended) return reply(JobOutcome::timed_out);
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return {static_cast<std::uint32_t>(JobOutcome::done), 0, answer.size()};
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0)
+    return {static_cast<std::uint32_t>(JobOutcome::done), 0, answer.size()};
   if (WIFEXITED(status) && WEXITSTATUS(status) == exit_no_memory) return reply(JobOutcome::out_of_memory);
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) return reply(JobOutcome::timed_out);
-  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL) return reply(JobOutcome::out_of_memory, SIGKILL);  // not by us: the kernel's out-of-memory killer
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL)
+    return reply(JobOutcome::out_of_memory, SIGKILL);  // not by us: the kernel's out-of-memory killer
   // Code that does not look at malloc's result dies of a signal: what it had in use tells that from other crashes.
   const std::uint64_t peak = static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
   if (header.memory_bytes > 0 && peak > base + header.memory_bytes / 2) return reply(JobOutcome::out_of_memory);
@@ -169,15 +179,18 @@ ReplyHeader supervise_job(int host, Work work, std::span<const char> request, co
 
 /// In a process just forked: cuts all ties to the host but one socket, and returns its number.
 inline int leave_host(int socket) {
-  for (int signal = 1; signal < 65; ++signal) ::signal(signal, SIG_DFL);  // the host's handlers are not ours; fails for some, rightly
+  for (int signal = 1; signal < 65; ++signal)
+    ::signal(signal, SIG_DFL);  // the host's handlers are not ours; fails for some, rightly
   ::signal(SIGPIPE, SIG_IGN);
-  for (const int whole_group : {SIGINT, SIGHUP, SIGTERM}) ::signal(whole_group, SIG_IGN);  // the host decides, and closes the socket
+  for (const int whole_group : {SIGINT, SIGHUP, SIGTERM})
+    ::signal(whole_group, SIG_IGN);  // the host decides, and closes the socket
   sigset_t none;
   ::sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
   set_limit(RLIMIT_CORE, 0, 0);
 
-  // Descriptors 0–2 to nowhere, 3 the socket, nothing else: a copy of a foreign pipe or socket would keep its reader waiting.
+  // Descriptors 0–2 to nowhere, 3 the socket, nothing else: a copy of a foreign pipe or socket would keep its reader
+  // waiting.
   const int host = 3;
   if (socket != host) ::dup2(socket, host);
   bool closed = false;
@@ -192,8 +205,7 @@ inline int leave_host(int socket) {
 }
 
 /// The helper's life: serves jobs until the host's socket closes.
-template <class Work>
-[[noreturn]] void serve_jobs(int socket, Work work) {
+template <class Work> [[noreturn]] void serve_jobs(int socket, Work work) {
   const int host = leave_host(socket);
   const Deadline never(1e9);
   for (;;) {

@@ -22,7 +22,8 @@ class Deadline {
  public:
   /// `seconds` from now, at most about 30 years.
   explicit Deadline(double seconds)
-      : end_(Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::clamp(seconds, 0.0, 1e9)))) {}
+      : end_(Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                std::chrono::duration<double>(std::clamp(seconds, 0.0, 1e9)))) {}
 
   /// Milliseconds left for poll(), rounded up, 0 when over.
   int left_ms() const {

@@ -6,7 +6,8 @@
 #include "lumo/mesh/size_field.hpp"
 #include "lumo/support/process/socket_io.hpp"
 
-// TetGen's header declares its library interface, which throws where the program would exit, only if TETLIBRARY is defined.
+// TetGen's header declares its library interface, which throws where the program would exit, only if TETLIBRARY is
+// defined.
 #ifndef TETLIBRARY
 #define TETLIBRARY
 #endif
@@ -30,30 +31,29 @@ struct TetgenRequest {
   struct Knobs {
     double radius_edge_ratio = 0.0;
     double min_dihedral_deg = 0.0;
-    double size_factor = 0.0;     ///< a tetrahedron is split if its circumradius is above this × the wanted edge length
+    double size_factor = 0.0;  ///< a tetrahedron is split if its circumradius is above this × the wanted edge length
     double max_dihedral_deg = 0.0;
     std::int32_t keep_surface = 0;
-    std::int32_t turn = 0;        ///< which of the job's frames to work in, 0 for the given one
+    std::int32_t turn = 0;  ///< which of the job's frames to work in, 0 for the given one
   };
   Knobs knobs;
   std::vector<double> coordinates;   ///< 3 per vertex
   std::vector<std::int32_t> counts;  ///< corners of each facet
   std::vector<std::int32_t> corners;
-  std::vector<std::int32_t> markers; ///< of each facet, > 0
-  std::vector<double> holes;         ///< 3 per cavity: a point inside it
-  std::array<double, 4> root{};      ///< low corner and side of the size field
+  std::vector<std::int32_t> markers;  ///< of each facet, > 0
+  std::vector<double> holes;          ///< 3 per cavity: a point inside it
+  std::array<double, 4> root{};       ///< low corner and side of the size field
   std::vector<SizeField::Cell> cells;
 };
 
 struct TetgenAnswer {
-  std::vector<double> coordinates;   ///< the request's vertices first, in order
+  std::vector<double> coordinates;  ///< the request's vertices first, in order
   std::vector<std::int32_t> tets;
   std::vector<std::int32_t> faces;
   std::vector<std::int32_t> facets;  ///< for each face, the number of its facet + 1
 };
 
-template <class T>
-void put(Bytes& bytes, const std::vector<T>& values) {
+template <class T> void put(Bytes& bytes, const std::vector<T>& values) {
   static_assert(std::is_trivially_copyable_v<T>);
   const std::uint64_t count = values.size();
   const auto* head = reinterpret_cast<const char*>(&count);
@@ -63,8 +63,7 @@ void put(Bytes& bytes, const std::vector<T>& values) {
 }
 
 /// Throws std::length_error if the bytes end too early.
-template <class T>
-void get(std::span<const char>& bytes, std::vector<T>& values) {
+template <class T> void get(std::span<const char>& bytes, std::vector<T>& values) {
   std::uint64_t count = 0;
   if (bytes.size() < sizeof count) throw std::length_error("message ends early");
   std::memcpy(&count, bytes.data(), sizeof count);
@@ -144,14 +143,15 @@ inline bool tetgen_too_large(double* pa, double* pb, double* pc, double* pd, dou
   return numerator.norm() > 2.0 * volume6 * limit;
 }
 
-/// TetGen 1.5 fails an assertion on about 1 in 100 turned prisms, where corners of a flat facet are a rounding error off its plane.
-/// In another frame the rounding errors are others, and it passes.
+/// TetGen 1.5 fails an assertion on about 1 in 100 turned prisms, where corners of a flat facet are a rounding error
+/// off its plane. In another frame the rounding errors are others, and it passes.
 inline Mat3d tetgen_frame(int turn) {
   if (turn == 0) return Mat3d::Identity();
   return Eigen::Quaterniond(4.0, 1.0, 2.0 * turn, 3.0).normalized().toRotationMatrix();
 }
 
-/// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is freed.
+/// Fills the request's surface. Runs in the job's own process: TetGen may throw, crash or never end, and nothing is
+/// freed.
 inline Bytes tetgen_job(std::span<const char> bytes) {
   TetgenRequest request = decode_request(bytes);
   auto* input = new tetgenio;  // lives as long as the process: TetGen's arrays mix new and malloc
@@ -183,7 +183,10 @@ inline Bytes tetgen_job(std::span<const char> bytes) {
   input->numberofholes = static_cast<int>(holes.size() / 3);
   input->holelist = holes.data();
 
-  TetgenSizes sizes{{Vec3d(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)}, request.knobs.size_factor, frame.transpose()};
+  TetgenSizes sizes{
+      {Vec3d(request.root[0], request.root[1], request.root[2]), request.root[3], std::move(request.cells)},
+      request.knobs.size_factor,
+      frame.transpose()};
   if (!sizes.field.cells.empty()) {
     tetgen_sizes = &sizes;
     input->tetunsuitable = tetgen_too_large;

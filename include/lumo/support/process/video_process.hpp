@@ -16,20 +16,22 @@
 
 namespace lumo {
 
-/// What decodes. open() gives the file's frame rate [1/s], or nothing for what is no video; next() a view that holds until the next call, empty for a frame that
-/// cannot be shown, or nothing at the end.
+/// What decodes. open() gives the file's frame rate [1/s], or nothing for what is no video; next() a view that holds
+/// until the next call, empty for a frame that cannot be shown, or nothing at the end.
 template <class S>
 concept VideoSource = std::move_constructible<S> && requires(S& source, const std::string& path) {
   { source.open(path) } -> std::same_as<std::optional<double>>;
   { source.next() } -> std::same_as<std::optional<sense::ImageView>>;
 };
 
-/// A process that decodes one video, frame by frame as asked for. Whatever it does, the caller sees frames, an end or a failure.
+/// A process that decodes one video, frame by frame as asked for. Whatever it does, the caller sees frames, an end or a
+/// failure.
 class VideoProcess {
  public:
   struct Limits {
-    double open_s = 20.0, frame_s = 20.0;                   ///< until it is killed
-    std::uint64_t memory_bytes = std::uint64_t{2} << 30;    ///< address space on top of this process's own; not applied under AddressSanitizer
+    double open_s = 20.0, frame_s = 20.0;  ///< until it is killed
+    std::uint64_t memory_bytes =
+        std::uint64_t{2} << 30;  ///< address space on top of this process's own; not applied under AddressSanitizer
   };
   enum class Got { frame, end, failed };
 
@@ -38,20 +40,23 @@ class VideoProcess {
     int ends[2];
     if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) return;
     pid_ = ::fork();
-    if (pid_ == 0) serve(ends[1], std::move(source), path, limits);   // never returns
+    if (pid_ == 0) serve(ends[1], std::move(source), path, limits);  // never returns
     ::close(ends[1]);
     socket_ = ends[0];
     Reply reply{};
-    if (pid_ < 0 || receive_all(socket_, &reply, sizeof reply, Deadline(limits.open_s)) != Transfer::done || reply.kind != Reply::opened) stop();
-    else rate_ = reply.rate;
+    if (pid_ < 0 || receive_all(socket_, &reply, sizeof reply, Deadline(limits.open_s)) != Transfer::done ||
+        reply.kind != Reply::opened)
+      stop();
+    else
+      rate_ = reply.rate;
   }
   ~VideoProcess() { stop(); }
   VideoProcess(const VideoProcess&) = delete;
   VideoProcess& operator=(const VideoProcess&) = delete;
 
   bool is_open() const { return socket_ >= 0; }
-  double rate() const { return rate_; }   ///< [1/s]; what the file says, perhaps nonsense
-  int pid() const { return pid_; }        ///< −1 when it has gone
+  double rate() const { return rate_; }  ///< [1/s]; what the file says, perhaps nonsense
+  int pid() const { return pid_; }       ///< −1 when it has gone
 
   /// `image` has no pixels for a frame that cannot be shown.
   Got next(sense::Image& image) {
@@ -59,12 +64,15 @@ class VideoProcess {
     const Deadline deadline(limits_.frame_s);
     Reply reply{};
     const char ask = 'n';
-    bool good = send_all(socket_, &ask, 1, deadline) == Transfer::done && receive_all(socket_, &reply, sizeof reply, deadline) == Transfer::done;
+    bool good = send_all(socket_, &ask, 1, deadline) == Transfer::done &&
+                receive_all(socket_, &reply, sizeof reply, deadline) == Transfer::done;
     if (good && reply.kind == Reply::end) return Got::end;
     const bool blank = reply.width == 0 && reply.height == 0;
     good = good && reply.kind == Reply::frame && (blank || sense::is_image_size(reply.width, reply.height));
     if (good) {
-      image = blank ? sense::Image{} : sense::Image::black(reply.width, reply.height, reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
+      image = blank ? sense::Image{}
+                    : sense::Image::black(reply.width, reply.height,
+                                          reply.grey != 0 ? sense::PixelFormat::grey : sense::PixelFormat::bgr);
       good = receive_all(socket_, image.pixels.data(), image.pixels.size(), deadline) == Transfer::done;
     }
     if (good) return Got::frame;
@@ -101,10 +109,13 @@ class VideoProcess {
         if (receive_all(host, &ask, 1, never) != Transfer::done) ::_exit(0);
         last_moment(limits.frame_s);
         const std::optional<sense::ImageView> view = source.next();
-        const Reply reply{view ? Reply::frame : Reply::end, view ? view->width : 0, view ? view->height : 0, view && view->format == sense::PixelFormat::grey, 0.0};
+        const Reply reply{view ? Reply::frame : Reply::end, view ? view->width : 0, view ? view->height : 0,
+                          view && view->format == sense::PixelFormat::grey, 0.0};
         if (send_all(host, &reply, sizeof reply, never) != Transfer::done) ::_exit(0);
         for (int y = 0; y < reply.height; ++y)
-          if (send_all(host, view->row(y), std::size_t(view->width) * std::size_t(channels(view->format)), never) != Transfer::done) ::_exit(0);
+          if (send_all(host, view->row(y), std::size_t(view->width) * std::size_t(channels(view->format)), never) !=
+              Transfer::done)
+            ::_exit(0);
       }
     } catch (...) {
       ::_exit(exit_threw);
@@ -114,7 +125,7 @@ class VideoProcess {
   void stop() {
     if (socket_ >= 0) ::close(socket_);
     if (pid_ > 0) {
-      ::kill(pid_, SIGKILL);   // it has nothing to lose
+      ::kill(pid_, SIGKILL);  // it has nothing to lose
       reap(pid_);
     }
     socket_ = pid_ = -1;

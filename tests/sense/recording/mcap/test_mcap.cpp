@@ -17,15 +17,15 @@ namespace {
 using AllCodecs = McapReader<Lz4, Zstd>;
 using McapFileBytes = std::vector<std::uint8_t>;
 
-std::span<const std::uint8_t> span_of(std::string_view s) { return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()}; }
+std::span<const std::uint8_t> span_of(std::string_view s) {
+  return {reinterpret_cast<const std::uint8_t*>(s.data()), s.size()};
+}
 
-template <class Reader = AllCodecs>
-Reader mcap_of(const std::string& bytes, const McapLimits& limits = {}) {
+template <class Reader = AllCodecs> Reader mcap_of(const std::string& bytes, const McapLimits& limits = {}) {
   return Reader(std::make_unique<std::istringstream>(bytes), "a.mcap", limits);
 }
 
-template <class Reader = AllCodecs>
-std::string mcap_refusal(const std::string& bytes, const McapLimits& limits = {}) {
+template <class Reader = AllCodecs> std::string mcap_refusal(const std::string& bytes, const McapLimits& limits = {}) {
   try {
     mcap_of<Reader>(bytes, limits);
   } catch (const InputError& e) {
@@ -35,12 +35,12 @@ std::string mcap_refusal(const std::string& bytes, const McapLimits& limits = {}
 }
 
 /// What is in a file, as one text.
-template <class Reader>
-std::string all_contents(Reader& r) {
+template <class Reader> std::string all_contents(Reader& r) {
   std::string all;
   for (const McapEntry& e : r.messages()) {
     const McapMessage m = r.read(e);
-    all += message(m.channel->topic, ' ', r.schemas().at(m.channel->schema).name, ' ', m.sequence, ' ', m.log_ns, ' ', std::string(m.data.begin(), m.data.end()), '\n');
+    all += message(m.channel->topic, ' ', r.schemas().at(m.channel->schema).name, ' ', m.sequence, ' ', m.log_ns, ' ',
+                   std::string(m.data.begin(), m.data.end()), '\n');
   }
   for (const McapAttachment& a : r.attachments()) {
     const McapFileBytes bytes = r.read(a);
@@ -50,27 +50,28 @@ std::string all_contents(Reader& r) {
 }
 
 /// Two channels, times not in order, several chunks.
-template <class Codec>
-std::string mcap_example(std::size_t chunk_bytes = 300, int messages = 40) {
+template <class Codec> std::string mcap_example(std::size_t chunk_bytes = 300, int messages = 40) {
   std::ostringstream out;
   McapWriter<Codec> w(out, "ros2", Codec{}, chunk_bytes);
   w.attach("note.txt", "text/plain", 5, span_of("beside"));
   const auto a = w.add_channel(w.add_schema("A", "ros2msg", "uint8 a\n"), "/a", "cdr", {{"k", "v"}, {"l", ""}});
   const auto b = w.add_channel(w.add_schema("B", "ros2msg", "uint8 b\n"), "/b", "cdr");
-  for (int k = 0; k < messages; ++k) w.write(k % 3 == 0 ? b : a, std::uint64_t(1000 + 10 * k - 35 * (k % 4)), span_of("message " + std::to_string(k) + std::string(std::size_t(k % 20), '.')));
+  for (int k = 0; k < messages; ++k)
+    w.write(k % 3 == 0 ? b : a, std::uint64_t(1000 + 10 * k - 35 * (k % 4)),
+            span_of("message " + std::to_string(k) + std::string(std::size_t(k % 20), '.')));
   w.finish();
   return out.str();
 }
 
 /// A file by hand: records between a header and the end.
-template <class Fill>
-std::string mcap_by_hand(Fill fill) {
+template <class Fill> std::string mcap_by_hand(Fill fill) {
   McapBytes b;
   b.bytes(mcap_magic);
   b.record(McapOpcode::header, [&] { b.string("p"), b.string("l"); });
   fill(b);
   b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-  b.record(McapOpcode::footer, [&] { b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(std::uint32_t(0)); });
+  b.record(McapOpcode::footer,
+           [&] { b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(std::uint32_t(0)); });
   b.bytes(mcap_magic);
   return {b.since(0).begin(), b.since(0).end()};
 }
@@ -82,18 +83,22 @@ void put_channel(McapBytes& b, std::uint16_t id = 1, std::uint16_t schema = 1) {
   b.record(McapOpcode::channel, [&] { b.number(id), b.number(schema), b.string("/s"), b.string("cdr"), b.map({}); });
 }
 void put_message(McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
-  b.record(McapOpcode::message, [&] { b.number(channel), b.number(std::uint32_t(0)), b.number(t), b.number(t), b.bytes(span_of("x")); });
+  b.record(McapOpcode::message,
+           [&] { b.number(channel), b.number(std::uint32_t(0)), b.number(t), b.number(t), b.bytes(span_of("x")); });
 }
-void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed, std::uint32_t crc = 0) {
+void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed,
+               std::uint32_t crc = 0) {
   b.record(McapOpcode::chunk, [&] {
-    b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(size), b.number(crc), b.string(compression), b.number(std::uint64_t(packed.size()));
+    b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.number(size), b.number(crc), b.string(compression),
+        b.number(std::uint64_t(packed.size()));
     b.bytes(packed);
   });
 }
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("codecs give back what they took, and refuse what is cut, longer or damaged", "[mcap]", Uncompressed, Lz4, Zstd) {
+TEMPLATE_TEST_CASE("codecs give back what they took, and refuse what is cut, longer or damaged", "[mcap]", Uncompressed,
+                   Lz4, Zstd) {
   const TestType codec;
   synthetic::Normal draw(1);
   for (const std::size_t n : {0, 1, 100, 65536, 65537, 300000}) {
@@ -111,14 +116,16 @@ TEMPLATE_TEST_CASE("codecs give back what they took, and refuse what is cut, lon
   }
 }
 
-TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log times", "[mcap]", Uncompressed, Lz4, Zstd) {
+TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log times", "[mcap]", Uncompressed, Lz4,
+                   Zstd) {
   const std::string bytes = mcap_example<TestType>();
   AllCodecs r = mcap_of(bytes);
   CHECK(r.fault().empty());
   CHECK(r.profile() == "ros2");
   CHECK(r.library() == "lumo");
   CHECK(r.messages().size() == 40);
-  CHECK(std::is_sorted(r.messages().begin(), r.messages().end(), [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
+  CHECK(std::is_sorted(r.messages().begin(), r.messages().end(),
+                       [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; }));
   CHECK(r.channels().at(1).metadata == std::map<std::string, std::string>{{"k", "v"}, {"l", ""}});
   CHECK(all_contents(r).find("/a A 0 975 message 1.\n") != std::string::npos);
   CHECK(all_contents(r).ends_with("note.txt text/plain 5 beside\n"));
@@ -131,7 +138,8 @@ TEMPLATE_TEST_CASE("a file reads back as it was written, in the order of log tim
   CHECK(empty.messages().empty());
 }
 
-TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but the end mark", "[mcap]", Uncompressed, Lz4, Zstd) {
+TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but the end mark", "[mcap]", Uncompressed,
+                   Lz4, Zstd) {
   const std::string whole = mcap_example<TestType>(300, 12);
   AllCodecs good = mcap_of(whole);
   const std::string expected = all_contents(good);
@@ -140,7 +148,8 @@ TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but t
     flipped[bit / 8] = char(flipped[bit / 8] ^ char(1 << bit % 8));
     try {
       AllCodecs r = mcap_of(flipped);
-      const bool end_mark = bit / 8 >= whole.size() - mcap_magic.size() && !r.fault().empty() && all_contents(r) == expected;
+      const bool end_mark =
+          bit / 8 >= whole.size() - mcap_magic.size() && !r.fault().empty() && all_contents(r) == expected;
       if (!end_mark) FAIL("bit " << bit << " of " << 8 * whole.size() << " is not missed");
     } catch (const InputError& e) {
       if (!std::string_view(e.what()).starts_with("a.mcap: ")) FAIL(e.what());
@@ -176,7 +185,10 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
     b.record(McapOpcode(0x90), [&] { b.string("somebody's own"); });
     put_schema(b);
     put_schema(b);  // again, the same
-    b.record(McapOpcode::channel, [&] { b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/s"), b.string("cdr"), b.map({}), b.string("a later field"); });
+    b.record(McapOpcode::channel, [&] {
+      b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/s"), b.string("cdr"), b.map({}),
+          b.string("a later field");
+    });
     put_message(b, 7);
     put_message(b, 5);
     b.record(McapOpcode::metadata, [&] { b.string("m"), b.map({{"a", "b"}}); });
@@ -197,34 +209,62 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
 TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
   CHECK(mcap_refusal("") == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
   CHECK(mcap_refusal(std::string(100, 'a')) == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_message(b, 1); })) == "a.mcap: byte 38: a message is of channel 1, which was not there before it");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_channel(b); })).find("is of schema 1, which was not there before it") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_schema(b, 0); })).find("a schema has the number 0") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_message(b, 1); })) ==
+        "a.mcap: byte 38: a message is of channel 1, which was not there before it");
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          put_channel(b);
+        })).find("is of schema 1, which was not there before it") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_schema(b, 0); })).find("a schema has the number 0") !=
+        std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
           put_schema(b);
           put_channel(b);
-          b.record(McapOpcode::channel, [&] { b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/other"), b.string("cdr"), b.map({}); });
+          b.record(McapOpcode::channel, [&] {
+            b.number(std::uint16_t(1)), b.number(std::uint16_t(1)), b.string("/other"), b.string("cdr"), b.map({});
+          });
         })).find("there is another channel 1") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode(0), [&] {}); })).find("opcode 0") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::header, [&] { b.string(""), b.string(""); }); })).find("there is a second header") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); }); })).find("footer before the end of the data") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); }); })).find("stands behind their end") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); }); })).find("the data are damaged") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::schema, [&] { b.number(std::uint16_t(1)), b.number(std::uint32_t(0xFFFFFFFF)); }); })) ==
-        "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "lzma", 1, span_of("x")); })).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
-  CHECK(mcap_refusal<McapReader<>>(mcap_example<Zstd>()).find("compressed by 'zstd', which cannot be read here") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x")); })).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode(0), [&] {}); })).find("opcode 0") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "", 3, span_of("ab")); })).find("has 2 bytes, says 3") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "zstd", 3, span_of("no frame")); })).find("cannot be unpacked: Zstandard: ") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::header, [&] { b.string(""), b.string(""); });
+        })).find("there is a second header") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
+        })).find("footer before the end of the data") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
+        })).find("stands behind their end") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
+        })).find("the data are damaged") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::schema, [&] { b.number(std::uint16_t(1)), b.number(std::uint32_t(0xFFFFFFFF)); });
+        })) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          put_chunk(b, "lzma", 1, span_of("x"));
+        })).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
+  CHECK(mcap_refusal<McapReader<>>(mcap_example<Zstd>()).find("compressed by 'zstd', which cannot be read here") !=
+        std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x"));
+        })).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
+        std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "", 3, span_of("ab")); })).find("has 2 bytes, says 3") !=
+        std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          put_chunk(b, "zstd", 3, span_of("no frame"));
+        })).find("cannot be unpacked: Zstandard: ") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
           McapBytes inner;
           put_chunk(inner, "", 0, {});
           put_chunk(b, "", inner.size(), inner.since(0));
         })).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode::attachment, [&] { b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.string("a"), b.string("b"), b.number(~std::uint64_t(0)); }); }))
-            .find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
+  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+          b.record(McapOpcode::attachment, [&] {
+            b.number(std::uint64_t(0)), b.number(std::uint64_t(0)), b.string("a"), b.string("b"),
+                b.number(~std::uint64_t(0));
+          });
+        })).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
   const std::string large = mcap_example<Uncompressed>(1u << 20, 40);
   CHECK(mcap_refusal(large, {.record_bytes = 1000}).find("read are at most 1000") != std::string::npos);
 }
@@ -233,7 +273,9 @@ TEST_CASE("a compressed chunk that grows without end is not followed", "[mcap]")
   const McapFileBytes zeros(64u << 20);
   for (const bool lz4 : {false, true}) {
     const McapFileBytes packed = lz4 ? Lz4{}.compress(zeros) : Zstd{}.compress(zeros);
-    const auto said = [&](std::uint64_t size) { return mcap_refusal(mcap_by_hand([&](auto& b) { put_chunk(b, lz4 ? "lz4" : "zstd", size, packed); })); };
+    const auto said = [&](std::uint64_t size) {
+      return mcap_refusal(mcap_by_hand([&](auto& b) { put_chunk(b, lz4 ? "lz4" : "zstd", size, packed); }));
+    };
     CHECK(said(1000).find("cannot be unpacked") != std::string::npos);
     CHECK(said(std::uint64_t(1) << 40).find("read are at most") != std::string::npos);
   }
@@ -241,16 +283,21 @@ TEST_CASE("a compressed chunk that grows without end is not followed", "[mcap]")
 
 TEST_CASE("random damage is read or refused in one line, never worse", "[mcap]") {
   synthetic::Normal draw(9);
-  const std::string good[] = {mcap_example<Uncompressed>(300, 12), mcap_example<Lz4>(300, 12), mcap_example<Zstd>(300, 12), mcap_by_hand([](auto& b) { put_schema(b), put_channel(b), put_message(b, 1); })};
+  const std::string good[] = {mcap_example<Uncompressed>(300, 12), mcap_example<Lz4>(300, 12),
+                              mcap_example<Zstd>(300, 12),
+                              mcap_by_hand([](auto& b) { put_schema(b), put_channel(b), put_message(b, 1); })};
   int refused = 0;
   for (int k = 0; k < 4000; ++k) {
     std::string bad = good[k % 4];
     for (int n = 1 + int(4.0 * draw.uniform()); n > 0; --n) {
       const auto at = std::size_t(double(bad.size() - 1) * draw.uniform());
-      if (draw.uniform() < 0.3) bad.erase(at, std::size_t(9.0 * draw.uniform()));
-      else bad[at] = char(int(256.0 * draw.uniform()) - 128);
+      if (draw.uniform() < 0.3)
+        bad.erase(at, std::size_t(9.0 * draw.uniform()));
+      else
+        bad[at] = char(int(256.0 * draw.uniform()) - 128);
     }
-    if (k % 2 == 0) bad.resize(bad.size() - std::min<std::size_t>(bad.size(), 8)), bad.append(mcap_magic.begin(), mcap_magic.end());
+    if (k % 2 == 0)
+      bad.resize(bad.size() - std::min<std::size_t>(bad.size(), 8)), bad.append(mcap_magic.begin(), mcap_magic.end());
     try {
       AllCodecs r = mcap_of(bad);
       all_contents(r);

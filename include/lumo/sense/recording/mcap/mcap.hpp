@@ -16,10 +16,12 @@
 
 namespace lumo::sense {
 
-// MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). All numbers are little endian:
-//   magic, Header, data: Schema, Channel, Message, Chunk, MessageIndex, Attachment, Metadata …, DataEnd, summary: Schema, Channel, Statistics, indexes …, Footer, magic
-// A record is its opcode (1 byte), its length (8 bytes) and its contents, to which later versions may append; records of unknown opcodes are passed over. A chunk
-// holds schemas, channels and messages, compressed.
+// MCAP, a container of time-stamped messages, the default of ROS 2's bags (mcap.dev/spec, version 0). All numbers are
+// little endian:
+//   magic, Header, data: Schema, Channel, Message, Chunk, MessageIndex, Attachment, Metadata …, DataEnd, summary:
+//   Schema, Channel, Statistics, indexes …, Footer, magic
+// A record is its opcode (1 byte), its length (8 bytes) and its contents, to which later versions may append; records
+// of unknown opcodes are passed over. A chunk holds schemas, channels and messages, compressed.
 
 enum class McapOpcode : std::uint8_t {
   header = 1,
@@ -68,7 +70,8 @@ struct McapMetadata {
 };
 
 /// What chunks are compressed with. `name` is what a chunk says, empty for none.
-/// Laws: what was compressed comes back; `decompress` gives `size` bytes or throws InputError, and allocates for no more than it has found.
+/// Laws: what was compressed comes back; `decompress` gives `size` bytes or throws InputError, and allocates for no
+/// more than it has found.
 template <class C>
 concept ChunkCodec = requires(const C& codec, std::span<const std::uint8_t> bytes, std::size_t size) {
   { C::name } -> std::convertible_to<std::string_view>;
@@ -89,16 +92,15 @@ struct Uncompressed {
 
 static_assert(ChunkCodec<Uncompressed>);
 
-/// Reads a record's fields one by one and checks each length. What it throws is an InputError that begins with `where`, told the byte.
+/// Reads a record's fields one by one and checks each length. What it throws is an InputError that begins with `where`,
+/// told the byte.
 class McapFields {
  public:
   /// `offset`: of the first byte, in what `where` names.
-  McapFields(std::span<const std::uint8_t> bytes, const std::string& where, std::uint64_t offset) : bytes_(bytes), where_(where), offset_(offset) {}
+  McapFields(std::span<const std::uint8_t> bytes, const std::string& where, std::uint64_t offset)
+      : bytes_(bytes), where_(where), offset_(offset) {}
 
-  template <std::unsigned_integral T>
-  T number() {
-    return number_at<T>(bytes(sizeof(T)).data(), ByteOrder::little);
-  }
+  template <std::unsigned_integral T> T number() { return number_at<T>(bytes(sizeof(T)).data(), ByteOrder::little); }
   std::string string() {
     const auto b = bytes(number<std::uint32_t>());
     return {b.begin(), b.end()};
@@ -120,7 +122,9 @@ class McapFields {
   }
   std::size_t rest() const { return bytes_.size() - at_; }
   std::uint64_t offset() const { return offset_ + at_; }
-  [[noreturn]] void fail(const std::string& why) const { throw InputError(message(where_, "byte ", offset(), ": ", why)); }
+  [[noreturn]] void fail(const std::string& why) const {
+    throw InputError(message(where_, "byte ", offset(), ": ", why));
+  }
 
  private:
   std::span<const std::uint8_t> bytes_;
@@ -132,8 +136,7 @@ class McapFields {
 /// Builds records.
 class McapBytes {
  public:
-  template <std::unsigned_integral T>
-  void number(T v) {
+  template <std::unsigned_integral T> void number(T v) {
     for (std::size_t i = 0; i < sizeof(T); ++i) bytes_.push_back(std::uint8_t(v >> 8 * i));
   }
   void string(std::string_view s) {
@@ -147,8 +150,7 @@ class McapBytes {
   }
   void bytes(std::span<const std::uint8_t> b) { bytes_.insert(bytes_.end(), b.begin(), b.end()); }
   /// A record, whose fields `fill()` appends. Returns where it begins.
-  template <class Fill>
-  std::size_t record(McapOpcode opcode, Fill fill) {
+  template <class Fill> std::size_t record(McapOpcode opcode, Fill fill) {
     const std::size_t begin = bytes_.size();
     bytes_.push_back(std::uint8_t(opcode));
     const std::size_t at = begin_length<std::uint64_t>();
@@ -156,13 +158,11 @@ class McapBytes {
     end_length<std::uint64_t>(at);
     return begin;
   }
-  template <std::unsigned_integral T>
-  std::size_t begin_length() {
+  template <std::unsigned_integral T> std::size_t begin_length() {
     number(T(0));
     return bytes_.size();
   }
-  template <std::unsigned_integral T>
-  void end_length(std::size_t at) {
+  template <std::unsigned_integral T> void end_length(std::size_t at) {
     const auto n = T(bytes_.size() - at);
     for (std::size_t i = 0; i < sizeof(T); ++i) bytes_[at - sizeof(T) + i] = std::uint8_t(n >> 8 * i);
   }

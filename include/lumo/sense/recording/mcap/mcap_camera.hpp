@@ -1,8 +1,8 @@
 #pragma once
 
 #include "lumo/sense/devices/camera.hpp"
-#include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/devices/picture_decoder.hpp"
+#include "lumo/sense/recording/mcap/mcap_log.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -14,13 +14,15 @@
 namespace lumo::sense {
 
 /// Pictures of an MCAP file, in the order of the log. One that cannot be decoded is a frame without pixels.
-template <PictureDecoder Decoder, ChunkCodec... Codecs>
-class McapCamera {
+template <PictureDecoder Decoder, ChunkCodec... Codecs> class McapCamera {
  public:
   /// `log`: of read_mcap_log(*file).
-  McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures, const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
+  McapCamera(std::shared_ptr<McapReader<Codecs...>> file, const std::vector<McapPicture>& pictures,
+             const std::vector<FrameRecord>& records, Decoder decoder = Decoder())
       : file_(std::move(file)), pictures_(pictures), records_(records), decoder_(std::move(decoder)) {
-    if (pictures_.size() != records_.size()) throw InvalidArgument(message("camera has ", pictures_.size(), " pictures and ", records_.size(), " records, must have as many"));
+    if (pictures_.size() != records_.size())
+      throw InvalidArgument(
+          message("camera has ", pictures_.size(), " pictures and ", records_.size(), " records, must have as many"));
   }
 
   std::optional<Frame> next() {
@@ -28,14 +30,17 @@ class McapCamera {
     const FrameRecord& r = records_[next_];
     try {
       message_ = file_->read(pictures_[next_].at);
-      return Frame{pictures_[next_].compressed ? decoder_(from_cdr<RosCompressedImage>(message_.data).data) : pixels(from_cdr<RosImage>(message_.data)), r.stamp_ns, r.exposure_s, r.gain,
-                   std::int64_t(next_++)};
+      return Frame{pictures_[next_].compressed ? decoder_(from_cdr<RosCompressedImage>(message_.data).data)
+                                               : pixels(from_cdr<RosImage>(message_.data)),
+                   r.stamp_ns, r.exposure_s, r.gain, std::int64_t(next_++)};
     } catch (const InputError&) {  // the file has changed since it was opened
       failed_ = true;
       return std::nullopt;
     }
   }
-  StreamState state() const { return failed_ ? StreamState::failed : next_ == records_.size() ? StreamState::ended : StreamState::open; }
+  StreamState state() const {
+    return failed_ ? StreamState::failed : next_ == records_.size() ? StreamState::ended : StreamState::open;
+  }
 
  private:
   ImageView pixels(const RosImage& m) {

@@ -41,18 +41,21 @@ struct McapMessage {
 /// What a reader of MCAP files takes in at once.
 struct McapLimits {
   std::uint32_t record_bytes = 256u << 20;  ///< of a record but an attachment, and of a chunk's contents
-  std::uint32_t kept_bytes = 64u << 20;     ///< of chunks' contents that are kept for the next message; one chunk always is
+  std::uint32_t kept_bytes =
+      64u << 20;  ///< of chunks' contents that are kept for the next message; one chunk always is
 };
 
-/// An MCAP file. The constructor goes through all of it once: records, lengths and checksums are checked, schemas, channels and attachments are kept, messages
-/// are listed in the order of their log times. Summary and indexes are not relied on, so that files without them read as well. A file that lacks its end mark
-/// was cut, by a power failure say: it is read up to its first record that is not whole, which `fault` then tells; any other damage is an InputError. Errors are
-/// one line with file, byte and reason. `Codecs`: what else than uncompressed chunks can be read. For one thread.
-template <ChunkCodec... Codecs>
-class McapReader {
+/// An MCAP file. The constructor goes through all of it once: records, lengths and checksums are checked, schemas,
+/// channels and attachments are kept, messages are listed in the order of their log times. Summary and indexes are not
+/// relied on, so that files without them read as well. A file that lacks its end mark was cut, by a power failure say:
+/// it is read up to its first record that is not whole, which `fault` then tells; any other damage is an InputError.
+/// Errors are one line with file, byte and reason. `Codecs`: what else than uncompressed chunks can be read. For one
+/// thread.
+template <ChunkCodec... Codecs> class McapReader {
  public:
   /// Throws InputError.
-  McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {}) : source_(std::move(in), std::move(name)), limits_(limits) {
+  McapReader(std::unique_ptr<std::istream> in, std::string name, const McapLimits& limits = {})
+      : source_(std::move(in), std::move(name)), limits_(limits) {
     const std::uint64_t size = source_.size();
     if (size < mcap_magic.size() || !source_.has_magic(0)) fail(0, "is no MCAP file, which begins with its magic");
     const bool whole = size >= 2 * mcap_magic.size() && source_.has_magic(size - mcap_magic.size());
@@ -63,7 +66,8 @@ class McapReader {
       if (whole) throw;
       fault_ = e.what();
     }
-    std::stable_sort(messages_.begin(), messages_.end(), [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
+    std::stable_sort(messages_.begin(), messages_.end(),
+                     [](const McapEntry& a, const McapEntry& b) { return a.log_ns < b.log_ns; });
   }
   /// Throws InputError.
   static McapReader open(const std::string& path, const McapLimits& limits = {}) {
@@ -95,7 +99,8 @@ class McapReader {
       m.owner = std::make_shared<const std::vector<std::uint8_t>>(record_at(entry.record));
     }
     const std::string where = entry.chunked ? chunk_place(entry.record) : source_.where();
-    McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where, entry.chunked ? at : entry.record);
+    McapFields in(std::span<const std::uint8_t>(*m.owner).subspan(std::min(at, m.owner->size())), where,
+                  entry.chunked ? at : entry.record);
     const auto opcode = McapOpcode(in.template number<std::uint8_t>());
     const auto length = in.template number<std::uint64_t>();
     const std::uint64_t begin = in.offset();
@@ -124,11 +129,14 @@ class McapReader {
     while (at < end) {
       if (closed) fail(at, "there is more behind the footer");
       const McapSource::Head h = source_.head(at, end);
-      if (first != (h.opcode == McapOpcode::header)) fail(at, first ? "the first record is no header" : "there is a second header");
+      if (first != (h.opcode == McapOpcode::header))
+        fail(at, first ? "the first record is no header" : "there is a second header");
       first = false;
-      const bool of_data = h.opcode == McapOpcode::message || h.opcode == McapOpcode::chunk || h.opcode == McapOpcode::message_index || h.opcode == McapOpcode::attachment ||
+      const bool of_data = h.opcode == McapOpcode::message || h.opcode == McapOpcode::chunk ||
+                           h.opcode == McapOpcode::message_index || h.opcode == McapOpcode::attachment ||
                            h.opcode == McapOpcode::metadata || h.opcode == McapOpcode::data_end;
-      if (of_data && data_end) fail(at, message("a record of the data, opcode ", int(h.opcode), ", stands behind their end"));
+      if (of_data && data_end)
+        fail(at, message("a record of the data, opcode ", int(h.opcode), ", stands behind their end"));
       if (h.opcode == McapOpcode::attachment) {
         add_attachment(at, h.length);
         source_.add(data_crc, at, head_bytes + h.length);
@@ -169,7 +177,8 @@ class McapReader {
         s.id = in.template number<std::uint16_t>();
         s.name = in.string(), s.encoding = in.string(), s.data = in.string();
         if (s.id == 0) in.fail("a schema has the number 0");
-        if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s) in.fail(message("there is another schema ", s.id));
+        if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s)
+          in.fail(message("there is another schema ", s.id));
         break;
       }
       case McapOpcode::channel: {
@@ -177,8 +186,10 @@ class McapReader {
         c.id = in.template number<std::uint16_t>(), c.schema = in.template number<std::uint16_t>();
         c.topic = in.string(), c.encoding = in.string();
         c.metadata = in.map();
-        if (c.schema != 0 && !schemas_.contains(c.schema)) in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
-        if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c) in.fail(message("there is another channel ", c.id));
+        if (c.schema != 0 && !schemas_.contains(c.schema))
+          in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
+        if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c)
+          in.fail(message("there is another channel ", c.id));
         break;
       }
       case McapOpcode::message: {
@@ -194,7 +205,8 @@ class McapReader {
         metadata_.push_back(std::move(m));
         break;
       }
-      default: break;  // indexes of what has been seen
+      default:
+        break;  // indexes of what has been seen
     }
   }
   void fill(McapMessage& m, McapFields& in) const {
@@ -237,7 +249,8 @@ class McapReader {
     kept_.emplace_back(at, std::make_shared<const Bytes>(std::move(contents)));
     std::uint64_t sum = 0;
     for (const auto& k : kept_) sum += k.second->size();
-    while (kept_.size() > 1 && sum > limits_.kept_bytes) sum -= kept_.front().second->size(), kept_.erase(kept_.begin());
+    while (kept_.size() > 1 && sum > limits_.kept_bytes)
+      sum -= kept_.front().second->size(), kept_.erase(kept_.begin());
     return kept_.back().second;
   }
   Bytes unpacked(std::span<const std::uint8_t> record, std::uint64_t at) const {
@@ -247,7 +260,8 @@ class McapReader {
     const auto crc = in.template number<std::uint32_t>();
     const std::string compression = in.string();
     const auto packed = in.bytes(in.template number<std::uint64_t>());
-    if (size > limits_.record_bytes) fail(at, message("a chunk says that it holds ", size, " bytes, read are at most ", limits_.record_bytes));
+    if (size > limits_.record_bytes)
+      fail(at, message("a chunk says that it holds ", size, " bytes, read are at most ", limits_.record_bytes));
     std::optional<Bytes> contents;
     try {
       const auto attempt = [&](const auto& codec) {
@@ -258,7 +272,8 @@ class McapReader {
     } catch (const InputError& e) {
       fail(at, message("a chunk's contents cannot be unpacked: ", e.what()));
     }
-    if (!contents) fail(at, message("a chunk is compressed by '", printable(compression), "', which cannot be read here"));
+    if (!contents)
+      fail(at, message("a chunk is compressed by '", printable(compression), "', which cannot be read here"));
     if (crc != 0 && crc != Crc32::of(*contents)) fail(at, "a chunk is damaged: its contents' checksum is another");
     return std::move(*contents);
   }
@@ -274,7 +289,8 @@ class McapReader {
     a.name = in.string(), a.media_type = in.string();
     a.size = in.template number<std::uint64_t>(), a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
-    if (rest < 4 || a.size > rest - 4) in.fail(message("an attachment of ", a.size, " bytes goes beyond the end of its record"));
+    if (rest < 4 || a.size > rest - 4)
+      in.fail(message("an attachment of ", a.size, " bytes goes beyond the end of its record"));
     const Bytes tail = source_.bytes(a.offset + a.size, 4);
     const auto told = McapFields(tail, source_.where(), a.offset + a.size).template number<std::uint32_t>();
     Crc32 crc;
@@ -287,7 +303,9 @@ class McapReader {
     const auto start = footer.template number<std::uint64_t>();
     footer.template number<std::uint64_t>();  // where the summary's offsets begin
     const auto told = footer.template number<std::uint32_t>();
-    if (start != 0 && (start < data_end || start > at)) fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at, "]"));
+    if (start != 0 && (start < data_end || start > at))
+      fail(at, message("the footer says that the summary begins at byte ", start, ", must lie in [", data_end, ", ", at,
+                       "]"));
     const std::uint64_t from = start == 0 ? at : start;
     Crc32 crc;
     if (told != 0) source_.add(crc, from, at + head_bytes + 16 - from);

@@ -15,12 +15,14 @@
 
 namespace lumo::sense {
 
-/// The bytes of an MCAP file. No more are taken into memory than the file has. What it throws is an InputError with file and byte.
+/// The bytes of an MCAP file. No more are taken into memory than the file has. What it throws is an InputError with
+/// file and byte.
 class McapSource {
  public:
   static constexpr std::uint64_t head_bytes = 9;  ///< of a record, before its contents
 
-  McapSource(std::unique_ptr<std::istream> in, std::string name) : in_(std::move(in)), name_(std::move(name)), where_(name_ + ": ") {
+  McapSource(std::unique_ptr<std::istream> in, std::string name)
+      : in_(std::move(in)), name_(std::move(name)), where_(name_ + ": ") {
     in_->seekg(0, std::ios::end);
     size_ = std::uint64_t(std::max<std::streamoff>(0, std::streamoff(in_->tellg())));
     if (!in_->good()) throw InputError(where_ + "cannot be read");
@@ -29,7 +31,9 @@ class McapSource {
   const std::string& name() const { return name_; }
   const std::string& where() const { return where_; }  ///< what messages begin with
   std::uint64_t size() const { return size_; }
-  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const { throw InputError(message(where_, "byte ", at, ": ", why)); }
+  [[noreturn]] void fail(std::uint64_t at, const std::string& why) const {
+    throw InputError(message(where_, "byte ", at, ": ", why));
+  }
 
   /// Bytes that lie within the file.
   std::vector<std::uint8_t> bytes(std::uint64_t at, std::uint64_t size) {
@@ -64,7 +68,9 @@ class McapSource {
     McapFields in(b, where_, at);
     const Head h{McapOpcode(in.number<std::uint8_t>()), in.number<std::uint64_t>()};
     if (h.opcode == McapOpcode(0)) fail(at, "a record has the opcode 0, which there is not");
-    if (h.length > end - at - head_bytes) fail(at, message("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes, " bytes on"));
+    if (h.length > end - at - head_bytes)
+      fail(at, message("a record of ", h.length, " bytes goes beyond the end of the file, ", end - at - head_bytes,
+                       " bytes on"));
     return h;
   }
   /// A whole record with its head.

@@ -18,13 +18,14 @@
 
 namespace lumo::sense {
 
-/// Writes an MCAP file in chunks, with checksums of chunks, data and summary; the summary repeats schemas and channels and has statistics and the index of chunks,
-/// so that other programs find their way. `finish` must be called last: a file without it counts as cut.
-template <ChunkCodec Codec = Uncompressed>
-class McapWriter {
+/// Writes an MCAP file in chunks, with checksums of chunks, data and summary; the summary repeats schemas and channels
+/// and has statistics and the index of chunks, so that other programs find their way. `finish` must be called last: a
+/// file without it counts as cut.
+template <ChunkCodec Codec = Uncompressed> class McapWriter {
  public:
   /// `out` outlives the writer. A chunk ends with the message that makes it as long as `chunk_bytes`.
-  explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {}, std::size_t chunk_bytes = 1u << 20)
+  explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {},
+                      std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
     McapBytes b;
@@ -36,19 +37,24 @@ class McapWriter {
   }
 
   std::uint16_t add_schema(std::string_view name, std::string_view encoding, std::string_view data) {
-    schemas_.push_back({next_number(schemas_.size(), "schemas"), std::string(name), std::string(encoding), std::string(data)});
+    schemas_.push_back(
+        {next_number(schemas_.size(), "schemas"), std::string(name), std::string(encoding), std::string(data)});
     record(chunk_, schemas_.back());
     return schemas_.back().id;
   }
   /// `schema`: of add_schema, or 0 for none.
-  std::uint16_t add_channel(std::uint16_t schema, std::string_view topic, std::string_view encoding, std::map<std::string, std::string> metadata = {}) {
-    if (schema > schemas_.size()) throw InvalidArgument(message("channel is of schema ", schema, ", there are ", schemas_.size()));
-    channels_.push_back({next_number(channels_.size(), "channels"), schema, std::string(topic), std::string(encoding), std::move(metadata)});
+  std::uint16_t add_channel(std::uint16_t schema, std::string_view topic, std::string_view encoding,
+                            std::map<std::string, std::string> metadata = {}) {
+    if (schema > schemas_.size())
+      throw InvalidArgument(message("channel is of schema ", schema, ", there are ", schemas_.size()));
+    channels_.push_back({next_number(channels_.size(), "channels"), schema, std::string(topic), std::string(encoding),
+                         std::move(metadata)});
     record(chunk_, channels_.back());
     return channels_.back().id;
   }
   void write(std::uint16_t channel, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
-    if (channel == 0 || channel > channels_.size()) throw InvalidArgument(message("message is of channel ", channel, ", there are ", channels_.size()));
+    if (channel == 0 || channel > channels_.size())
+      throw InvalidArgument(message("message is of channel ", channel, ", there are ", channels_.size()));
     const std::size_t at = chunk_.record(McapOpcode::message, [&] {
       chunk_.number(channel);
       chunk_.number(std::uint32_t(counts_[channel]++));
@@ -60,7 +66,8 @@ class McapWriter {
     chunk_times_.add(log_ns);
     if (chunk_.size() >= chunk_bytes_) end_chunk();
   }
-  void attach(std::string_view name, std::string_view media_type, std::uint64_t log_ns, std::span<const std::uint8_t> data) {
+  void attach(std::string_view name, std::string_view media_type, std::uint64_t log_ns,
+              std::span<const std::uint8_t> data) {
     end_chunk();
     McapBytes b;
     b.record(McapOpcode::attachment, [&] {
@@ -88,7 +95,10 @@ class McapWriter {
       const std::size_t at = summary.size();
       for (const auto& item : items) add(item);
       if (items.empty()) return;
-      offsets.record(McapOpcode::summary_offset, [&] { offsets.number(std::uint8_t(opcode)), offsets.number(start + at), offsets.number(std::uint64_t(summary.size() - at)); });
+      offsets.record(McapOpcode::summary_offset, [&] {
+        offsets.number(std::uint8_t(opcode)), offsets.number(start + at),
+            offsets.number(std::uint64_t(summary.size() - at));
+      });
     };
     group(McapOpcode::schema, schemas_, [&](const McapSchema& s) { record(summary, s); });
     group(McapOpcode::channel, channels_, [&](const McapChannel& c) { record(summary, c); });
@@ -98,7 +108,9 @@ class McapWriter {
     group(McapOpcode::attachment_index, attachments_, [&](const Attached& a) { record(summary, a); });
     const std::uint64_t offsets_start = start + summary.size();
     summary.bytes(offsets.since(0));
-    const std::size_t footer = summary.record(McapOpcode::footer, [&] { summary.number(start), summary.number(offsets_start), summary.number(std::uint32_t(0)); });
+    const std::size_t footer = summary.record(McapOpcode::footer, [&] {
+      summary.number(start), summary.number(offsets_start), summary.number(std::uint32_t(0));
+    });
     const auto checked = summary.since(0).first(footer + 9 + 16);
     const std::uint32_t crc = Crc32::of(checked);
     put(checked);
@@ -127,7 +139,8 @@ class McapWriter {
   };
 
   static std::uint16_t next_number(std::size_t before, const char* what) {
-    if (before >= 65535) throw InvalidArgument(message("MCAP file has ", before, " ", what, ", must have at most 65535"));
+    if (before >= 65535)
+      throw InvalidArgument(message("MCAP file has ", before, " ", what, ", must have at most 65535"));
     return std::uint16_t(before + 1);
   }
   void put(std::span<const std::uint8_t> bytes) {
@@ -137,10 +150,13 @@ class McapWriter {
   }
 
   static void record(McapBytes& to, const McapSchema& s) {
-    to.record(McapOpcode::schema, [&] { to.number(s.id), to.string(s.name), to.string(s.encoding), to.string(s.data); });
+    to.record(McapOpcode::schema,
+              [&] { to.number(s.id), to.string(s.name), to.string(s.encoding), to.string(s.data); });
   }
   static void record(McapBytes& to, const McapChannel& c) {
-    to.record(McapOpcode::channel, [&] { to.number(c.id), to.number(c.schema), to.string(c.topic), to.string(c.encoding), to.map(c.metadata); });
+    to.record(McapOpcode::channel, [&] {
+      to.number(c.id), to.number(c.schema), to.string(c.topic), to.string(c.encoding), to.map(c.metadata);
+    });
   }
   static void record(McapBytes& to, const Chunk& c) {
     to.record(McapOpcode::chunk_index, [&] {
@@ -153,7 +169,8 @@ class McapWriter {
   }
   static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
-      to.number(a.attachment.offset), to.number(a.length), to.number(a.attachment.log_ns), to.number(std::uint64_t(0)), to.number(a.attachment.size);
+      to.number(a.attachment.offset), to.number(a.length), to.number(a.attachment.log_ns), to.number(std::uint64_t(0)),
+          to.number(a.attachment.size);
       to.string(a.attachment.name), to.string(a.attachment.media_type);
     });
   }
@@ -164,8 +181,10 @@ class McapWriter {
     std::uint64_t messages = 0;
     for (const auto& [channel, count] : counts_) messages += count;
     to.record(McapOpcode::statistics, [&] {
-      to.number(messages), to.number(std::uint16_t(schemas_.size())), to.number(std::uint32_t(channels_.size())), to.number(std::uint32_t(attachments_.size()));
-      to.number(std::uint32_t(0)), to.number(std::uint32_t(chunks_.size())), to.number(times.begin()), to.number(times.last);
+      to.number(messages), to.number(std::uint16_t(schemas_.size())), to.number(std::uint32_t(channels_.size())),
+          to.number(std::uint32_t(attachments_.size()));
+      to.number(std::uint32_t(0)), to.number(std::uint32_t(chunks_.size())), to.number(times.begin()),
+          to.number(times.last);
       const std::size_t at = to.begin_length<std::uint32_t>();
       for (const auto& [channel, count] : counts_) to.number(channel), to.number(count);
       to.end_length<std::uint32_t>(at);
@@ -179,7 +198,8 @@ class McapWriter {
     Chunk c{chunk_times_, offset_, 0, 0, packed.size(), contents.size(), {}};
     McapBytes b;
     b.record(McapOpcode::chunk, [&] {
-      b.number(c.times.begin()), b.number(c.times.last), b.number(c.unpacked), b.number(Crc32::of(contents)), b.string(Codec::name), b.number(c.packed);
+      b.number(c.times.begin()), b.number(c.times.last), b.number(c.unpacked), b.number(Crc32::of(contents)),
+          b.string(Codec::name), b.number(c.packed);
       b.bytes(packed);
     });
     c.length = b.size();

@@ -14,12 +14,14 @@
 
 namespace lumo::sense {
 
-// Messages of ROS 2 that a log holds, and lumo's own for what ROS has none. `type` is the name of the schema, `definition` its text (encoding ros2msg): the
-// fields, and behind a line of 80 '=' those of each type that they name. Source: the packages std_msgs, sensor_msgs and geometry_msgs of ROS 2.
+// Messages of ROS 2 that a log holds, and lumo's own for what ROS has none. `type` is the name of the schema,
+// `definition` its text (encoding ros2msg): the fields, and behind a line of 80 '=' those of each type that they name.
+// Source: the packages std_msgs, sensor_msgs and geometry_msgs of ROS 2.
 
 namespace detail {
 
-inline constexpr std::string_view ros_rule = "================================================================================\n";
+inline constexpr std::string_view ros_rule =
+    "================================================================================\n";
 inline constexpr std::string_view ros_header = "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n";
 inline constexpr std::string_view ros_time = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
 
@@ -37,15 +39,15 @@ struct RosHeader {
   std::int64_t stamp_ns = 0;
   std::string frame_id;
 
-  template <class Archive>
-  static void fields(const RosHeader& self, Archive& archive) {
+  template <class Archive> static void fields(const RosHeader& self, Archive& archive) {
     std::int64_t s = self.stamp_ns / 1'000'000'000, ns = self.stamp_ns % 1'000'000'000;
     if (ns < 0) --s, ns += 1'000'000'000;
-    if (s != std::int32_t(s)) throw InvalidArgument(message("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
+    if (s != std::int32_t(s))
+      throw InvalidArgument(
+          message("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
     archive(std::int32_t(s), std::uint32_t(ns), self.frame_id);
   }
-  template <class Archive>
-  static void fields(RosHeader& self, Archive& archive) {
+  template <class Archive> static void fields(RosHeader& self, Archive& archive) {
     std::int32_t s = 0;
     std::uint32_t ns = 0;
     archive(s, ns, self.frame_id);
@@ -57,7 +59,10 @@ struct RosHeader {
 /// Pixels as they are: rows of `step` bytes.
 struct RosImage {
   static constexpr std::string_view type = "sensor_msgs/msg/Image";
-  static std::string definition() { return detail::ros_definition("uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n"); }
+  static std::string definition() {
+    return detail::ros_definition(
+        "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n");
+  }
   RosHeader header;
   std::uint32_t height = 0, width = 0;
   std::string encoding;  ///< "mono8", "bgr8", "rgb8" or one of those that lumo does not read
@@ -65,8 +70,7 @@ struct RosImage {
   std::uint32_t step = 0;
   std::span<const std::uint8_t> data;  ///< of the bytes that the message was read from
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.height, s.width, s.encoding, s.is_bigendian, s.step, s.data);
   }
 };
@@ -76,11 +80,10 @@ struct RosCompressedImage {
   static constexpr std::string_view type = "sensor_msgs/msg/CompressedImage";
   static std::string definition() { return detail::ros_definition("string format\nuint8[] data\n"); }
   RosHeader header;
-  std::string format;  ///< "png", "jpeg", or with more words
+  std::string format;                  ///< "png", "jpeg", or with more words
   std::span<const std::uint8_t> data;  ///< of the bytes that the message was read from
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.format, s.data);
   }
 };
@@ -89,8 +92,7 @@ struct RosRegionOfInterest {
   std::uint32_t x_offset = 0, y_offset = 0, height = 0, width = 0;
   bool do_rectify = false;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.x_offset, s.y_offset, s.height, s.width, s.do_rectify);
   }
 };
@@ -99,9 +101,12 @@ struct RosRegionOfInterest {
 struct RosCameraInfo {
   static constexpr std::string_view type = "sensor_msgs/msg/CameraInfo";
   static std::string definition() {
-    return detail::ros_definition("uint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\nuint32 binning_y\n"
-                                  "sensor_msgs/RegionOfInterest roi\n",
-                                  {"MSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify\n"});
+    return detail::ros_definition(
+        "uint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] "
+        "p\nuint32 binning_x\nuint32 binning_y\n"
+        "sensor_msgs/RegionOfInterest roi\n",
+        {"MSG: sensor_msgs/RegionOfInterest\nuint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool "
+         "do_rectify\n"});
   }
   RosHeader header;
   std::uint32_t height = 0, width = 0;
@@ -112,8 +117,7 @@ struct RosCameraInfo {
   std::uint32_t binning_x = 0, binning_y = 0;
   RosRegionOfInterest roi;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.height, s.width, s.distortion_model, s.d, s.k, s.r, s.p, s.binning_x, s.binning_y, s.roi);
   }
 };
@@ -121,13 +125,14 @@ struct RosCameraInfo {
 /// Of joints: rad, rad/s, N·m; a list is as long as that of the names, or empty.
 struct RosJointState {
   static constexpr std::string_view type = "sensor_msgs/msg/JointState";
-  static std::string definition() { return detail::ros_definition("string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"); }
+  static std::string definition() {
+    return detail::ros_definition("string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n");
+  }
   RosHeader header;
   std::vector<std::string> name;
   std::vector<double> position, velocity, effort;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.name, s.position, s.velocity, s.effort);
   }
 };
@@ -136,14 +141,15 @@ struct RosJointState {
 struct RosWrenchStamped {
   static constexpr std::string_view type = "geometry_msgs/msg/WrenchStamped";
   static std::string definition() {
-    return detail::ros_definition("geometry_msgs/Wrench wrench\n",
-                                  {"MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n", "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
+    return detail::ros_definition(
+        "geometry_msgs/Wrench wrench\n",
+        {"MSG: geometry_msgs/Wrench\ngeometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
+         "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"});
   }
   RosHeader header;
   std::array<double, 3> force{}, torque{};
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.force, s.torque);
   }
 };
@@ -155,23 +161,20 @@ struct FrameExposure {
   RosHeader header;
   double exposure_s = 0.0, gain = 0.0;  ///< 0: not known
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.exposure_s, s.gain);
   }
 };
 
-/// Motors' currents [A] of the JointState of the same stamp, whose effort is then empty: a JointState's effort is a torque.
+/// Motors' currents [A] of the JointState of the same stamp, whose effort is then empty: a JointState's effort is a
+/// torque.
 struct JointCurrents {
   static constexpr std::string_view type = "lumo_msgs/msg/JointCurrents";
   static std::string definition() { return detail::ros_definition("float64[] current_a\n"); }
   RosHeader header;
   std::vector<double> current_A;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
-    archive(s.header, s.current_A);
-  }
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) { archive(s.header, s.current_A); }
 };
 
 struct MarkerDisplacement {
@@ -180,8 +183,7 @@ struct MarkerDisplacement {
   RosHeader header;
   double displacement_m = 0.0;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) {
     archive(s.header, s.displacement_m);
   }
 };
@@ -192,10 +194,7 @@ struct PhotodiodeSignals {
   RosHeader header;
   std::vector<double> signal_V;
 
-  template <class Self, class Archive>
-  static void fields(Self& s, Archive& archive) {
-    archive(s.header, s.signal_V);
-  }
+  template <class Self, class Archive> static void fields(Self& s, Archive& archive) { archive(s.header, s.signal_V); }
 };
 
 /// A message with its name and its schema.
@@ -206,7 +205,9 @@ concept RosMessage = CdrStruct<M, CdrReader> && CdrStruct<const M, CdrWriter> &&
   { m.header } -> std::same_as<RosHeader&>;
 };
 
-static_assert(RosMessage<RosImage> && RosMessage<RosCompressedImage> && RosMessage<RosCameraInfo> && RosMessage<RosJointState> && RosMessage<RosWrenchStamped>);
-static_assert(RosMessage<FrameExposure> && RosMessage<JointCurrents> && RosMessage<MarkerDisplacement> && RosMessage<PhotodiodeSignals>);
+static_assert(RosMessage<RosImage> && RosMessage<RosCompressedImage> && RosMessage<RosCameraInfo> &&
+              RosMessage<RosJointState> && RosMessage<RosWrenchStamped>);
+static_assert(RosMessage<FrameExposure> && RosMessage<JointCurrents> && RosMessage<MarkerDisplacement> &&
+              RosMessage<PhotodiodeSignals>);
 
 }  // namespace lumo::sense
