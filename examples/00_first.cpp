@@ -2,7 +2,6 @@
 #include <iostream>
 #include <lumo/lumo.hpp>
 using namespace lumo;
-using namespace lumo::sense;
 int main() {
   const Silicone silicone = dragon_skin();
   const Body pad = finger({.h_fp = 6, .h_ep = 6, .w_s = 8, .h_s = 5, .w_v = 0}, silicone,

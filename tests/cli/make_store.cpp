@@ -20,7 +20,6 @@
 namespace {
 
 using namespace lumo;
-using namespace lumo::sense;
 using namespace lumo::program;
 
 constexpr int bins = 11;

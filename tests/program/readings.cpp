@@ -16,7 +16,6 @@ namespace fs = std::filesystem;
 namespace {
 
 using namespace lumo;
-using namespace lumo::sense;
 using namespace lumo::program;
 
 /// Objectives in closed form; the first departure loses every other design, the second turns the ranking by J_contact

@@ -8,7 +8,6 @@
 #include <numbers>
 
 using namespace lumo;
-using namespace lumo::sense;
 using namespace lumo::program;
 
 namespace {
