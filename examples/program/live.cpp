@@ -1,16 +1,11 @@
 #include "program/live.hpp"
 
-#include "lumo/sense/live/live_force.hpp"
-#include "lumo/sense/live/live_hand.hpp"
-#include "lumo/sense/live/live_location.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
-#include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 #include "lumo/support/socketcan.hpp"
 #include "program/interrupt.hpp"
 #include "program/json.hpp"
-#include "program/localizers.hpp"
 #include "program/sensing_log.hpp"
 #include "program/text.hpp"
 
@@ -102,14 +97,14 @@ void locate(const Options& o, Told& told, Progress& progress) {
                                                 {"probability", e ? number(e->probability) : Json(nullptr)}, {"faults", to_string(faults)}}.dump());
     return told(stamp_ns, e.has_value(), cell(seconds, 3) + " s  " + (!e ? "picture not used: " + to_string(faults) : y ? "y " + cell(*y, 1) + " ± " + cell(*sigma, 1) + " mm" : e->contacts == 0 ? "no contact" : "two contacts"));
   };
-  with_maker(o, [&](auto make) { locate_live(camera, session, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), make, line, config.device); });
+  with_maker(o, [&](auto make) { locate_live(camera, finger_model(session), make, line, {.name = config.device}); });
 }
 
 void estimate_force(const Options& o, Told& told, Progress& progress) {
   const OpenLog log = open_log(o.log, progress);
-  const PlanarFinger finger = about(log.session_place(), [&] { return finger_of(log); });
-  const JointReference joints = finger_joints(log, unloaded_stretch(log).to_ns);
-  require_motors(o, finger.joints());
+  FingerModel<> finger = about(log.session_place(), [&] { return finger_model(log.session); });
+  finger.joints = finger_joints(log, unloaded_stretch(log).to_ns);
+  require_motors(o, finger.jacobian.joints());
   const auto config = camera_of(o);
   V4l2Camera camera(config);
   MiniCheetahMotors motors = motors_of(o);
@@ -132,9 +127,7 @@ void estimate_force(const Options& o, Told& told, Progress& progress) {
     if (o.json) return told(picture, good, Json{{"stamp_ns", e.stamp_ns}, {"frame_stamp_ns", e.frame_stamp_ns}, {"state", to_string(e.state)}, {"contacts", contacts}, {"faults", to_string(e.faults)}}.dump());
     return told(picture, good, cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) + (text.empty() ? "  no contact" : text));
   };
-  with_maker(o, [&](auto make) {
-    estimate_forces_live(camera, motors, joints, log.session, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), make, finger, line, config.device, finger.pad_link());
-  });
+  with_maker(o, [&](auto make) { estimate_live(camera, motors, finger, make, line, {.name = config.device}); });
 }
 
 void observe(const Options& o, Told& told, Progress& progress) {
@@ -164,7 +157,7 @@ void observe(const Options& o, Told& told, Progress& progress) {
         if (o.json) return told(e.stamp_ns, seen > 0, text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
         return told(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
       },
-      config.device);
+      {.name = config.device});
 }
 
 /// What the plan asks for next.
@@ -228,10 +221,10 @@ std::string record(const Options& o, const std::string& to, Progress& progress) 
     LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return encode_image(".png", v); });
     try {
       if (motors) {
-        record_live(camera, *motors, recorder, going_on, config.device);
+        record_live(camera, *motors, recorder, going_on, {.name = config.device});
       } else {
         NoActuator none;
-        record_live(camera, none, recorder, going_on, config.device);
+        record_live(camera, none, recorder, going_on, {.name = config.device});
       }
       recorder.finish();
     } catch (const Error& e) {

@@ -14,7 +14,6 @@
 #include "program/json.hpp"
 #include "program/lab.hpp"
 #include "program/live.hpp"
-#include "program/localizers.hpp"
 #include "program/sensing_log.hpp"
 #include "program/sensing_overlay.hpp"
 #include "program/text.hpp"
@@ -35,15 +34,9 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
     throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
-  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
+  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
-}
-
-std::vector<JointSample> on_frames_clock(const OpenLog& log) {
-  std::vector<JointSample> samples = log.joints;
-  for (JointSample& j : samples) j.stamp_ns = log.session.joint_clock(j.stamp_ns);
-  return samples;
 }
 
 UnloadedStretch unloaded_stretch(const OpenLog& log) { return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns); }
@@ -64,7 +57,6 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
   about(path, [&] {
-    for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);
     GreenProfile readout = s.view.readout(bins);
@@ -175,19 +167,24 @@ std::string metrics(const Options& o, Output& files, Progress& progress) {
 
 // locate and force
 
-/// Calls `use` with the localiser that was asked for.
+/// Calls `use` with the maker of the localiser that was asked for.
 template <class Use>
-auto with_localizer(const Options& o, const SensedLog& s, const UnloadedReference& unloaded, Use use) {
-  const GreenProfile readout = s.view.readout(s.bins);
-  return o.localizer == "peak" ? use(peak_localizer(readout, unloaded)) : use(bayes_localizer(readout, unloaded));
+auto with_localizer(const Options& o, Use use) {
+  return o.localizer == "peak" ? use(peak_localizer) : use(bayes_localizer);
 }
 
-std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
+FingerOptics optics_of(const SensedLog& s, const std::string& path) {
+  FingerOptics optics;
+  optics.bins = s.bins;
+  optics.view = s.view;
+  optics.unloaded = unloaded_reference(s.profiles, s.stretch, path);
+  return optics;
+}
 
 /// A further column of a table, empty for what is not known.
 std::string field(const std::optional<double>& v, double scale = 1.0) { return ',' + (v ? csv_number(scale * *v) : std::string()); }
 
-double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
+double seconds_between(const FrameEstimate& first, const FrameEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
 
 LineChart timeline(const std::string& title, const std::string& quantity) { return {title, "estimate at each frame against the truth", "time [s]", quantity, {}}; }
 
@@ -208,22 +205,22 @@ void add_curves(LineChart& chart, const std::vector<Point>& truth, const std::ve
 
 std::string located(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
-  const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, o.log);
-  const auto estimates = with_localizer(o, s, unloaded, [&](const auto& l) { return lumo::sense::locate(s.profiles, unloaded, l); });
+  const FingerOptics optics = optics_of(s, o.log);
+  const auto estimates = with_localizer(o, [&](auto make) { return lumo::sense::locate(s.profiles, optics, make); });
   const LogTruth truth = truth_of(s.log);
-  const LocationScore score = location_score(estimates, truth, o.from_N, seen);
+  const LocationScore score = location_score(estimates, truth, o.from_N);
   std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";
   std::vector<Point> line, points;
-  const LogEstimate* strongest = nullptr;
-  for (const LogEstimate& e : estimates) {
+  const FrameEstimate* strongest = nullptr;
+  for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
-    const auto y = seen(e);
+    const auto y = e.contact();
     table += std::to_string(e.stamp_ns) + ',' + std::to_string(e.location.contacts) + field(y ? std::optional(y->y_m) : std::nullopt, 1e3) +
              field(y ? std::optional(std::sqrt(y->variance_m2)) : std::nullopt, 1e3) + field(e.location.probability) + field(t.y_m, 1e3) + field(t.force_N) + '\n';
     const double seconds = seconds_between(estimates.front(), e);
     if (t.y_m && t.force_N.value_or(0.0) > 0.5) line.push_back({seconds, 1e3 * *t.y_m});
     if (y) points.push_back({seconds, 1e3 * y->y_m});
-    if (y && (!strongest || y->amplitude > seen(*strongest)->amplitude)) strongest = &e;
+    if (y && (!strongest || y->amplitude > strongest->contact()->amplitude)) strongest = &e;
   }
   files.add("locations.csv", table);
   if (!points.empty()) {
@@ -231,7 +228,7 @@ std::string located(const Options& o, Output& files, Progress& progress) {
     add_curves(chart, line, points);
     files.add("locations.svg", draw(chart));
   }
-  if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *seen(*strongest)));
+  if (files.wanted() && strongest) files.add("overlay.png", overlay_png(s, strongest->stamp_ns, *strongest->contact()));
   const bool known = score.samples > 0, found = score.located > 0;
   if (o.json)
     return Json{{"samples", score.samples}, {"mae_mm", found ? number(1e3 * score.mae_m) : Json(nullptr)}, {"coverage_90", found ? number(score.coverage_90) : Json(nullptr)}}.dump(2) + "\n";
@@ -242,14 +239,12 @@ std::string located(const Options& o, Output& files, Progress& progress) {
 
 std::string force(const Options& o, Output& files, Progress& progress) {
   const SensedLog s = read_sensed_log(o.log, LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55), progress);
-  const PlanarFinger finger = finger_of(s.log);
-  const LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, o.log), finger_joints(s.log, s.stretch.to_ns)};
-  const std::vector<TorqueModel>& torque = reference.joints.torque;
-  const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
+  FingerModel<> finger = finger_model(s.log.session);
+  finger.optics = optics_of(s, o.log);
+  finger.joints = finger_joints(s.log, s.stretch.to_ns);
+  const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(o.log, [&] {
-    return with_localizer(o, s, reference.unloaded, [&](const auto& l) {
-      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, finger, s.log.session, map_sigma, finger.pad_link());
-    });
+    return with_localizer(o, [&](auto make) { return estimate(s.log, [&] { return LogCamera(s.log); }, finger, make); });
   });
   const Eigen::VectorXd residual = ContactTorques(s.joints, torque).residual();   // positions, torques
   const Eigen::Index joints = residual.size() / 2;
@@ -257,11 +252,11 @@ std::string force(const Options& o, Output& files, Progress& progress) {
   const double clock_s = s.log.session.joint_clock.residual_s;
   const double noise_Nm = std::max_element(torque.begin(), torque.end(), [](const auto& a, const auto& b) { return a.noise_Nm < b.noise_Nm; })->noise_Nm;
   const LogTruth truth = truth_of(s.log);
-  const ForceScore score = force_score(estimates, truth, finger, -25.0_mm, 25.0_mm, noise_Nm, 0.5, finger.pad_link());
+  const ForceScore score = force_score(estimates, truth, finger.jacobian, {finger.link, -25.0_mm, 25.0_mm}, noise_Nm);
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
   std::vector<Point> line, points;
   std::vector<double> times;
-  for (const LogEstimate& e : estimates) {
+  for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const ContactForce& c = e.force.contact[0];
     table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
