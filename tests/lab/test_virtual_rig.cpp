@@ -76,7 +76,7 @@ TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
   double sum = 0.0, squares = 0.0;
   constexpr int n = 1500;
   for (int k = 0; k < n; ++k) {
-    const double g = painter.paint(level, 1.0, 5.0, 1.0, Draws(7, std::uint64_t(k))).view().green(u, v);
+    const double g = painter.paint(level, 1.0, 5.0, 1.0, RandomStream(7, std::uint64_t(k))).view().green(u, v);
     sum += g, squares += g * g;
   }
   const double mean = sum / n, variance = squares / n - mean * mean;
