@@ -19,6 +19,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
   FingerOptions coarse;
@@ -55,7 +56,9 @@ int main(int argc, char** argv) {
 
   const auto leave = [](const auto& recorded, RecordedLog log) {
     std::filesystem::create_directories(log.path + "/frames");
-    log.session = recorded.session(), log.frames = recorded.frames(), log.joints = recorded.joints();
+    log.session = recorded.session();
+    log.frames = recorded.frames();
+    log.joints = recorded.joints();
     for (std::size_t k = 0; k < log.frames.size(); ++k)
       write_image(log.path + "/frames/" + log.frames[k].file, recorded.image(k).view());
     write_log_folder(log);

@@ -8,9 +8,10 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
 
-  // The session tells each link's mounting holes and about where they are in the first picture; from then on they are
+  // The session gives each link's mounting holes and about where they are in the first picture; from then on they are
   // followed.
   HandObserver hand = hand_observer(log.session);
   FolderCamera camera(log.path + "/frames", log.frames);

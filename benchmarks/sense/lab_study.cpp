@@ -1,6 +1,6 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
-// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers assume of their
 // own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache
 // DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
@@ -75,16 +75,18 @@ struct Totals {
 
   double mae(ForceErrors::Error ForceErrors::*way) const {
     double sum = 0.0, count = 0.0;
-    for (const Sequence& s : sequences)
-      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
+    for (const Sequence& s : sequences) {
+      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples;
+      count += (s.score.errors.*way).samples;
+    }
     return count > 0.0 ? sum / count : 0.0;
   }
   static double recovery(const std::vector<Sequence>& list, const std::vector<std::size_t>& chosen) {
     double gap = 0.0, won = 0.0;
     for (const std::size_t i : chosen) {
       const ForceErrors& e = list[i].score.errors;
-      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples,
-          won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
+      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples;
+      won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
     }
     return won / gap;
   }
@@ -99,7 +101,8 @@ struct Totals {
       for (auto& i : some) i = random() % all.size();
       drawn.push_back(recovery(sequences, some));
     }
-    r.low = quantile(drawn, 0.025), r.high = quantile(drawn, 0.975);
+    r.low = quantile(drawn, 0.025);
+    r.high = quantile(drawn, 0.975);
     return r;
   }
 };
@@ -113,8 +116,10 @@ template <class Make> void run_force(const Painted& log, Totals& totals, Make ma
   const PadRange tested{finger.link, -25.0_mm, 25.0_mm};
   const LogTruth truth = truth_of(rig);
   const LocationScore where = location_score(estimates, truth, 5.0);
-  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located,
-      totals.location_held += where.coverage_90 * where.located;
+  totals.samples += where.samples;
+  totals.located += where.located;
+  totals.location += where.mae_m * where.located;
+  totals.location_held += where.coverage_90 * where.located;
   for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
     std::vector<FrameEstimate> part;
     for (std::size_t k = 0; k < estimates.size(); ++k)
@@ -122,7 +127,8 @@ template <class Make> void run_force(const Painted& log, Totals& totals, Make ma
     const LocationScore there = location_score(part, truth, 5.0);
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
-    totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
+    totals.at_place[place] += there.mae_m * there.located;
+    totals.at_place_count[place] += there.located;
     totals.sequences.push_back(
         {force_score(part, truth, finger.jacobian, tested, finger.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
@@ -151,7 +157,8 @@ void print(const char* name, double noise, const Totals& t) {
 struct Tally {
   int right = 0, all = 0;
   void add(const DecodingReport& r) {
-    right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+    right += int(std::lround(r.accuracy.value * double(r.predictions.size())));
+    all += int(r.predictions.size());
   }
   double percent() const { return 100.0 * right / std::max(1, all); }
 };
@@ -220,7 +227,9 @@ int main(int argc, char** argv) {
       GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
       const std::vector<Profile> profiles = read_profiles(camera, fine);
       const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-      D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
+      D.push_back(m.D_neighbor);
+      W.push_back(m.W_recontact);
+      Q.push_back(m.Q.value_or(0.0));
       std::vector<Profile> regions;  // five bins each
       for (const Profile& p : profiles)
         regions.push_back(

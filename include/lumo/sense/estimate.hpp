@@ -16,7 +16,7 @@
 
 namespace lumo::sense {
 
-/// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch says of its finger.
+/// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
 /// `make_camera()` gives the pictures from their start. Throws InputError where no unloaded finger is seen.
 template <class MakeCamera>
 FingerModel<> known_finger(const RecordedLog& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {

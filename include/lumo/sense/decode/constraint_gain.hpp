@@ -23,7 +23,7 @@ struct OnsetDetector {
     double sample = 0.0;
     double baseline_N = 0.0;
   };
-  /// Nothing when the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are
+  /// nullopt if the force stays below the threshold. Throws InvalidArgument for too few samples or forces that are
   /// not finite.
   std::optional<Onset> find(std::span<const double> force_N) const;
 };
@@ -53,7 +53,10 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
     int count = 0;
     for (auto k = std::ptrdiff_t(first); k < n && count < fit; ++k, ++count) {
       const double t = double(k) - first, f = force_N[std::size_t(k)] - mean;
-      si += t, sf += f, sii += t * t, sif += t * f;
+      si += t;
+      sf += f;
+      sii += t * t;
+      sif += t * f;
     }
     const double det = count * sii - si * si, slope = det > 0.0 ? (count * sif - si * sf) / det : 0.0;
     if (!(slope > 0.0)) return Onset{first, mean};
@@ -64,7 +67,7 @@ inline std::optional<OnsetDetector::Onset> OnsetDetector::find(std::span<const d
 }
 
 /// How far the marker on the indenter goes from contact onset until the force (above its baseline) first reaches
-/// `force_N`, interpolated linearly [m]. Nothing when there is no onset or the force is not reached. Both series at the
+/// `force_N`, interpolated linearly [m]. nullopt if there is no onset or the force is not reached. Both series at the
 /// same times.
 inline std::optional<double> displacement_from_onset(std::span<const double> force, std::span<const double> marker_m,
                                                      double force_N, const OnsetDetector& detector = {}) {

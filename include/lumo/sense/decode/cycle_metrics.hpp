@@ -3,6 +3,7 @@
 #include "lumo/core/statistics.hpp"
 #include "lumo/core/types.hpp"
 
+#include <limits>
 #include <vector>
 
 namespace lumo::sense {
@@ -43,7 +44,8 @@ inline Eigen::VectorXd regional_rms_change(const Eigen::MatrixXd& low, const Eig
 /// 100 (1 − W/W_base) [%]: by how much a variation is smaller than the baseline's.
 inline double reduction_percent(double value, double baseline) {
   require_positive("baseline's value", baseline, "");
-  require_in_range("value", value, -1e300, 1e300, "");
+  constexpr double most = std::numeric_limits<double>::max();
+  require_in_range("value", value, -most, most, "");
   return 100.0 * (1.0 - value / baseline);
 }
 /// 100 (D/D_base − 1) [%].

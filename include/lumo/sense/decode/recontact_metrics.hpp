@@ -22,7 +22,7 @@ inline Eigen::VectorXd intensity_force_slope(const Eigen::MatrixXd& response, co
   return response * centred / spread;
 }
 
-/// How well neighbouring places are told apart, against how well re-contacts repeat (paper Eq. 9).
+/// How far neighbouring places differ, against how well re-contacts repeat (paper Eq. 9).
 struct RecontactMetrics {
   double D_neighbor = 0.0;  ///< median over neighbours of the RMS difference of their median profiles [unit/N]
   double W_recontact =
@@ -46,8 +46,8 @@ inline RecontactMetrics recontact_metrics(const std::vector<Eigen::MatrixXd>& sl
 /// At least three re-contacts at each place, as many everywhere (of two, the whiskers' one would be its own median).
 /// The interval is a parametric bootstrap of log Q: re-contacts are drawn about each place's median from a Gaussian
 /// with the covariance that the place's own re-contacts have (channels scatter together where a contact shifts), and
-/// the errors of log Q against that known model are taken off. Drawing the re-contacts themselves anew would not do:
-/// few of them repeat each other, and then W is too small. `confidence` of the interval. Source: Efron & Tibshirani
+/// the errors of log Q against that known model are taken off. Re-contacts are not drawn anew: so few of
+/// them would repeat, and W would be too small. `confidence` of the interval. Source: Efron & Tibshirani
 /// 1993, §6.5 and §13. Throws InvalidArgument where Q is not defined.
 inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& slope, int resamples = 2000,
                                           std::uint64_t seed = 1, double confidence = 0.95);
@@ -92,8 +92,10 @@ inline RecontactQuality recontact_quality(const std::vector<Eigen::MatrixXd>& sl
       some[i].resize(slope[i].rows(), repeats - 1);
       some[i] << slope[i].leftCols(left_out), slope[i].rightCols(repeats - 1 - left_out);
     }
-    if (const auto without = recontact_metrics(some).Q)
-      q.Q_low = std::min(q.Q_low, *without), q.Q_high = std::max(q.Q_high, *without);
+    if (const auto without = recontact_metrics(some).Q) {
+      q.Q_low = std::min(q.Q_low, *without);
+      q.Q_high = std::max(q.Q_high, *without);
+    }
   }
   std::vector<Eigen::VectorXd> middle;
   std::vector<Eigen::MatrixXd> scatter;  // times a vector of normal numbers: a deviation of that place

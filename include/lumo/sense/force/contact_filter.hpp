@@ -18,8 +18,8 @@
 namespace lumo::sense {
 
 /// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov):
-/// two states, linear, exact. The offset keeps many alike measurements (a motor that sticks, frames of one peak) from
-/// looking like many independent ones.
+/// two states, linear, exact. The offset keeps many equal measurements (a motor that sticks, frames of one peak) from
+/// counting as independent ones.
 struct OffsetWalk {
   double x = 0.0, b = 0.0;
   double xx = 0.0, xb = 0.0, bb = 0.0;  ///< covariance
@@ -73,17 +73,17 @@ struct ContactFilterConfig {
   std::size_t history = 512;  ///< measurements that a late one may precede
 };
 
-/// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are
-/// what is seen: y, and the contact's torque on each joint, each with the offset of its sensor; these filters are
-/// linear. Place and force follow from them at the moment of asking (posterior mode, Gauss–Newton), so that no
-/// linearisation about an old guess remains – an extended Kalman filter on (y, F) would come to believe that one
-/// joint's torque tells the place. The torque's offset is learnt while nothing touches. A measurement that arrives late
-/// is put where it belongs, and what came after it is done again.
+/// Fuses contact locations and joint torques, which come at different rates and with different delays. The filters hold
+/// what is measured: y, and the contact's torque on each joint, each with the offset of its sensor; they are linear.
+/// Place and force follow from them when asked (posterior mode, Gauss–Newton), so that no linearisation about an old
+/// guess remains: an extended Kalman filter on (y, F) would come to believe that one joint's torque gives the place.
+/// The torque's offset is learnt while nothing touches. A late measurement is inserted at its time, and later ones are
+/// applied again.
 template <ContactJacobian Jacobian> class ContactFilter {
  public:
   using Config = ContactFilterConfig;
 
-  /// Throws InvalidArgument for numbers that make no sense.
+  /// Throws InvalidArgument for numbers out of range.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});
 
   /// Contact torques (motor minus torque model) of all joints with the variances of their noises. False: older than the
@@ -112,7 +112,11 @@ template <ContactJacobian Jacobian> class ContactFilter {
   ContactBelief at(std::int64_t stamp_ns, const JointVector& q) const;
   /// Offset of a joint's torque that has been learnt [N·m].
   double torque_offset(int joint) const { return last().torque[std::size_t(joint)].b; }
-  void reset() { begin_ = 0, size_ = 0, started_ = false; }
+  void reset() {
+    begin_ = 0;
+    size_ = 0;
+    started_ = false;
+  }
   const Jacobian& jacobian() const { return jacobian_; }
 
  private:
@@ -171,7 +175,10 @@ ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
 }
 
 template <ContactJacobian Jacobian> bool ContactFilter<Jacobian>::add(Event e) {
-  if (!started_) prior_.stamp_ns = e.stamp_ns, started_ = true;
+  if (!started_) {
+    prior_.stamp_ns = e.stamp_ns;
+    started_ = true;
+  }
   if (e.stamp_ns < prior_.stamp_ns) return false;
   if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
     if (e.stamp_ns < event(0).stamp_ns) return false;
@@ -214,9 +221,11 @@ template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::apply(Seen& s,
       OffsetWalk& t = s.torque[std::size_t(j)];
       if (e.kind == Kind::torque) {
         const double off = e.torque[j] - t.x - t.b;
-        if (off * off >
-            config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j]))  // loads jump, offsets do not
-          t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm, t.xb = 0.0;
+        // Loads jump, offsets do not.
+        if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j])) {
+          t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm;
+          t.xb = 0.0;
+        }
         t.update(e.torque[j], e.torque_variance[j]);
       } else {
         t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
