@@ -174,7 +174,7 @@ std::string lab(const Options& o, Progress& progress) {
                               " joint samples, seed ", o.seed, ", noise ", o.noise, "\n");
   };
   if (o.command == Command::lab_hand) {
-    const HandLab hand(light, hand_plan(seed, 12, o.coarse ? 13.0_mm : 0.0), seed, o.noise, instruments, {}, side);
+    const HandLab hand(light, hand_plan(seed, 12, o.coarse ? 13.0_mm : 0.0), seed, o.noise, {.rig = instruments, .side = side});
     leave(hand, {}, folder, progress);
     return told(hand, "grasps", hand.plan().grasps.size());
   }
