@@ -1,7 +1,6 @@
 #include "catch.hpp"
 
 #include "lumo/sense/decode/constraint_gain.hpp"
-#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
 #include "sense/synthetic.hpp"
 

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/force/contact_filter.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
+#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 #include "sense/synthetic.hpp"
 

@@ -4,7 +4,6 @@
 #include "lumo/sense/devices/mini_cheetah.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_solution.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 #include "lumo/sense/joints/torque_model.hpp"

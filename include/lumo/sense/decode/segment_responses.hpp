@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
 #include "lumo/sense/devices/readout.hpp"

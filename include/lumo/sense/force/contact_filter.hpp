@@ -138,9 +138,63 @@ template <ContactJacobian Jacobian> class ContactFilter {
   const Event& event(std::size_t i) const { return events_[(begin_ + i) % events_.size()]; }
   const Seen& last() const { return size_ ? event(size_ - 1).after : prior_; }
   double pad_variance() const { return (config_.to_m - config_.from_m) * (config_.to_m - config_.from_m) / 12.0; }
-  bool add(Event e);
-  void predict(Seen& s, std::int64_t stamp_ns) const;
-  void apply(Seen& s, const Event& e) const;
+  bool add(Event e) {
+    if (!started_) {
+      prior_.stamp_ns = e.stamp_ns;
+      started_ = true;
+    }
+    if (e.stamp_ns < prior_.stamp_ns) return false;
+    if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
+      if (e.stamp_ns < event(0).stamp_ns) return false;
+      prior_ = event(0).after;
+      begin_ = (begin_ + 1) % events_.size();
+      --size_;
+    }
+    std::size_t place = size_++;
+    for (; place > 0 && event(place - 1).stamp_ns > e.stamp_ns; --place) event(place) = event(place - 1);
+    event(place) = std::move(e);
+    for (std::size_t i = place; i < size_; ++i) {
+      Event& now = event(i);
+      now.after = i ? event(i - 1).after : prior_;
+      predict(now.after, now.stamp_ns);
+      apply(now.after, now);
+    }
+    return true;
+  }
+  void predict(Seen& s, std::int64_t stamp_ns) const {
+    const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
+    if (!(dt > 0.0)) return;
+    s.stamp_ns = stamp_ns;
+    const auto square = [](double v) { return v * v; };
+    s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
+                    config_.location_bias_s);
+    for (int j = 0; j < jacobian_.joints(); ++j)
+      s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
+                                       square(config_.torque_bias_Nm), config_.torque_bias_s);
+  }
+  void apply(Seen& s, const Event& e) const {
+    if (e.kind == Kind::location) {
+      const double off = e.y - s.place.x - s.place.b;
+      if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
+        s.place = {e.y, 0.0, pad_variance(), 0.0, config_.location_bias_m * config_.location_bias_m};
+      s.place.update(e.y, e.y_variance);
+    } else {
+      for (int j = 0; j < jacobian_.joints(); ++j) {
+        OffsetWalk& t = s.torque[std::size_t(j)];
+        if (e.kind == Kind::torque) {
+          const double off = e.torque[j] - t.x - t.b;
+          // Loads jump, offsets do not.
+          if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j])) {
+            t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm;
+            t.xb = 0.0;
+          }
+          t.update(e.torque[j], e.torque_variance[j]);
+        } else {
+          t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
+        }
+      }
+    }
+  }
 
   Jacobian jacobian_;
   Config config_;
@@ -172,66 +226,6 @@ ContactFilter<Jacobian>::ContactFilter(Jacobian jacobian, const Config& config)
                   config.location_bias_m * config.location_bias_m};
   prior_.torque.fill(
       {0.0, 0.0, config.torque_prior_Nm * config.torque_prior_Nm, 0.0, config.torque_bias_Nm * config.torque_bias_Nm});
-}
-
-template <ContactJacobian Jacobian> bool ContactFilter<Jacobian>::add(Event e) {
-  if (!started_) {
-    prior_.stamp_ns = e.stamp_ns;
-    started_ = true;
-  }
-  if (e.stamp_ns < prior_.stamp_ns) return false;
-  if (size_ == events_.size()) {  // the oldest measurement becomes part of the prior
-    if (e.stamp_ns < event(0).stamp_ns) return false;
-    prior_ = event(0).after;
-    begin_ = (begin_ + 1) % events_.size();
-    --size_;
-  }
-  std::size_t place = size_++;
-  for (; place > 0 && event(place - 1).stamp_ns > e.stamp_ns; --place) event(place) = event(place - 1);
-  event(place) = std::move(e);
-  for (std::size_t i = place; i < size_; ++i) {
-    Event& now = event(i);
-    now.after = i ? event(i - 1).after : prior_;
-    predict(now.after, now.stamp_ns);
-    apply(now.after, now);
-  }
-  return true;
-}
-
-template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::predict(Seen& s, std::int64_t stamp_ns) const {
-  const double dt = 1e-9 * double(stamp_ns - s.stamp_ns);
-  if (!(dt > 0.0)) return;
-  s.stamp_ns = stamp_ns;
-  const auto square = [](double v) { return v * v; };
-  s.place.predict(dt, square(config_.creep_m_per_sqrt_s), pad_variance(), square(config_.location_bias_m),
-                  config_.location_bias_s);
-  for (int j = 0; j < jacobian_.joints(); ++j)
-    s.torque[std::size_t(j)].predict(dt, square(config_.torque_Nm_per_sqrt_s), square(config_.torque_prior_Nm),
-                                     square(config_.torque_bias_Nm), config_.torque_bias_s);
-}
-
-template <ContactJacobian Jacobian> void ContactFilter<Jacobian>::apply(Seen& s, const Event& e) const {
-  if (e.kind == Kind::location) {
-    const double off = e.y - s.place.x - s.place.b;
-    if (off * off > config_.jump_gate * config_.jump_gate * (s.place.seen() + e.y_variance))  // another contact
-      s.place = {e.y, 0.0, pad_variance(), 0.0, config_.location_bias_m * config_.location_bias_m};
-    s.place.update(e.y, e.y_variance);
-  } else {
-    for (int j = 0; j < jacobian_.joints(); ++j) {
-      OffsetWalk& t = s.torque[std::size_t(j)];
-      if (e.kind == Kind::torque) {
-        const double off = e.torque[j] - t.x - t.b;
-        // Loads jump, offsets do not.
-        if (off * off > config_.jump_gate * config_.jump_gate * (t.seen() + e.torque_variance[j])) {
-          t.xx = config_.torque_prior_Nm * config_.torque_prior_Nm;
-          t.xb = 0.0;
-        }
-        t.update(e.torque[j], e.torque_variance[j]);
-      } else {
-        t.update(0.0, config_.no_contact_Nm * config_.no_contact_Nm, 0.0);
-      }
-    }
-  }
 }
 
 template <ContactJacobian Jacobian>

@@ -6,7 +6,7 @@
 #include "lumo/sense/force/force_estimate.hpp"
 #include "lumo/sense/force/force_solution.hpp"
 #include "lumo/sense/joints/joint_monitor.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
+#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "lumo/sense/profile/frame_monitor.hpp"
