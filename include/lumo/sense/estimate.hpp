@@ -61,8 +61,10 @@ std::vector<FrameEstimate> estimate(const RecordedLog& recording, MakeCamera mak
   const StreamRates rates = stream_rates(recording.frames, samples);
   Replay camera(make_camera());
   Replay motors{RecordedActuator(samples)};
-  ForceEstimator estimator(camera, motors, finger.optics.readout(), make_localizer(finger.optics), finger.jacobian,
-                           finger.optics.unloaded, force_config(finger, rates));
+  auto localizer = make_localizer(finger.optics);
+  using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
+  Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
+                      finger.jacobian, force_config(finger, rates));
   const ContactTorques torques(samples, finger.joints.torque);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);
