@@ -12,7 +12,7 @@
 #include "lumo/sense/nearest_template.hpp"
 #include "lumo/sense/peak_localizer.hpp"
 #include "lumo/sense/segment_responses.hpp"
-#include "program/chart.hpp"
+#include "drawing/chart.hpp"
 
 #include <cstdio>
 #include <cstdlib>

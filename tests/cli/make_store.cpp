@@ -3,9 +3,9 @@
 // usage: make_store FILE DS|Sol flat|curved EVALUATIONS   a campaign with that many results and, as trial 6, one failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
 // With a number behind, the store says that its results are of that version.
-#include "program/campaign_problem.hpp"
-#include "program/contacts.hpp"
-#include "program/json.hpp"
+#include "store/campaign_problem.hpp"
+#include "computing/contacts.hpp"
+#include "report/json.hpp"
 
 #include "lumo/support/sqlite.hpp"
 

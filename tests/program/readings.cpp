@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
-#include "program/commands.hpp"
-#include "program/json.hpp"
-#include "program/study.hpp"
+#include "computing/commands.hpp"
+#include "report/json.hpp"
+#include "commands/study.hpp"
 
 #include "lumo/campaign/readings.hpp"
 #include "temporary_folder.hpp"

@@ -1,8 +1,8 @@
 #include "catch.hpp"
 
-#include "program/chart_library.hpp"
-#include "program/contact_outline.hpp"
-#include "program/report_press.hpp"
+#include "report/chart_library.hpp"
+#include "drawing/contact_outline.hpp"
+#include "report/report_press.hpp"
 
 #include <limits>
 #include <numbers>

@@ -1,0 +1,39 @@
+#include "commands/campaign.hpp"
+
+#include "store/campaign_problem.hpp"
+#include "computing/commands.hpp"
+#include "store/emptied_store.hpp"
+#include "console/text.hpp"
+
+#include "lumo/support/sqlite.hpp"
+
+namespace lumo::program {
+
+namespace {
+
+template <class State>
+std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
+  const auto& optimizer = state.optimizer();
+  const int told = optimizer.told(), wanted = optimizer.problem().evaluations;
+  std::string text = pad(std::to_string(told), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
+  if (v.outputs.empty()) text += "failed, " + v.why;
+  else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
+  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told, !v.outputs.empty());
+}
+
+}  // namespace
+
+std::string campaign_run(const Options& o, Progress& progress) {
+  const Evaluator evaluate = campaign_evaluator(o, progress);
+  const CampaignProblem problem{o.material, o.ensemble, o.source, std::uint64_t(o.seed), o.mechanics.paper, o.ray_error_percent};
+  tell_if_emptied(o.store, progress);
+  SqliteLog log(o.store, problem_text(problem));
+  Pace pace;
+  const OptimizerStatus end = with_optimizer(problem, o.evaluations, [&](const auto& optimizer) {
+    return run_campaign(log, optimizer, evaluate, [&](const auto& state, int id, const Verdict& v) { progress.note(line(state, id, v, pace)); });
+  });
+  if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
+  return campaign_status(o);
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,129 @@
+#include "commands/campaign.hpp"
+
+#include "lumo/campaign/choice_stability.hpp"
+#include "lumo/support/tbb.hpp"
+#include "store/campaign_store.hpp"
+#include "computing/commands.hpp"
+#include "console/text.hpp"
+
+#include <algorithm>
+#include <map>
+
+namespace lumo::program {
+
+namespace {
+
+/// Progressive-constraint gain at −30, 0, +30° [%] as the paper measured it on fabricated pads (Table II), d = 10 mm.
+struct PublishedGain {
+  const char *material;
+  Ensemble ensemble;
+  std::array<double, 3> percent;
+};
+constexpr std::array<PublishedGain, 4> table_2 = {{{"Sol", Ensemble::flat, {0.3, 19.8, 3.0}},
+                                                   {"Sol", Ensemble::curved, {19.3, 21.0, 20.1}},
+                                                   {"DS", Ensemble::flat, {-40.6, 11.5, -38.1}},
+                                                   {"DS", Ensemble::curved, {13.9, 19.9, 14.3}}}};
+constexpr std::array<double, 3> gain_angles_deg = {-30.0, 0.0, 30.0};
+constexpr int enough_for_a_model = 8;
+
+/// How often each design was chosen, the most frequent first.
+struct Stability {
+  int searches = 0, same = 0;
+  std::vector<std::pair<Design, int>> choices;
+};
+
+Stability stability_of(const Options& o, const StoredCampaign& c, Progress& progress) {
+  progress.stage("searches on a model of the results", o.seeds);
+  const int evaluations = c.count("evaluated");
+  const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
+    return choices_over_seeds(
+        optimizer.problem(), c.asked, o.seeds, evaluations, [](const Problem& problem) { return O(problem); }, TbbExecutor{o.threads}, [&] { progress.step(); });
+  });
+  Stability s;
+  std::map<Design, int> count;
+  const auto& theta = c.trials[*c.selected].theta_mm;
+  for (const auto& x : chosen) {
+    if (!x) continue;
+    ++s.searches;
+    ++count[*x];
+    s.same += std::equal(theta.begin(), theta.end(), x->begin());
+  }
+  s.choices.assign(count.begin(), count.end());
+  std::stable_sort(s.choices.begin(), s.choices.end(), [](const auto& a, const auto& b) { return a.second > b.second; });
+  return s;
+}
+
+std::array<double, 3> gain_of(const Options& o, const StoredCampaign& c, Progress& progress) {
+  lumo::Ensemble contacts = flat_ensemble();
+  contacts.diameters_m = {10e-3};
+  contacts.places_m = {0.0};
+  contacts.angles_rad.clear();
+  for (const double a : gain_angles_deg) contacts.angles_rad.push_back(a * pi / 180.0);
+  Options pressed = o;
+  pressed.material = c.problem.material;
+  pressed.mechanics = c.problem.mechanics();
+  const std::array<double, 5>& theta = c.trials[*c.selected].theta_mm;
+  const std::array<double, 5> reference = baseline_design().values();
+  const std::vector<double> chosen = make_depths(pressed, theta, contacts, progress);
+  const std::vector<double> baseline = theta == reference ? chosen : make_depths(pressed, reference, contacts, progress);
+  std::array<double, 3> gain{};
+  for (std::size_t k = 0; k < gain.size(); ++k) gain[k] = progressive_constraint_gain(chosen[k], baseline[k]);
+  return gain;
+}
+
+std::string percent(double v) { return std::isfinite(v) ? (v > 0 ? "+" : "") + cell(v, 1) : "-"; }
+
+}  // namespace
+
+std::string campaign_select(const Options& o, Progress& progress) {
+  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
+  if (!c.selected) throw InputError("store '" + o.store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
+  const StoredTrial& t = c.trials[*c.selected];
+  const int evaluated = c.count("evaluated");
+  std::optional<Stability> stability;
+  if (evaluated >= enough_for_a_model) stability = stability_of(o, c, progress);
+  const std::array<double, 3> gain = gain_of(o, c, progress);
+  progress.finish();
+
+  double best_contact = 0.0, best_observation = 0.0;
+  for (const StoredTrial& k : c.trials)
+    if (k.state == "evaluated") best_contact = std::max(best_contact, value_at(k.record, "J_contact")), best_observation = std::max(best_observation, value_at(k.record, "J_obs"));
+  const double contact = value_at(t.record, "J_contact"), observation = value_at(t.record, "J_obs");
+
+  if (o.json) {
+    Json j = {{"store", o.store}, {"material", c.problem.material}, {"ensemble", name(c.problem.ensemble)}, {"evaluated", evaluated}, {"index", t.id}, {"theta_mm", numbers(t.theta_mm)},
+              {"J_contact", contact}, {"J_contact_err", number(value_at(t.record, "J_contact_err"))}, {"J_obs", observation}, {"J_obs_err", number(value_at(t.record, "J_obs_err"))},
+              {"share_of_best", {contact / best_contact, observation / best_observation}}};
+    j["stability"] = nullptr;
+    if (stability) {
+      j["stability"] = {{"searches", stability->searches}, {"same", stability->same}, {"choices", Json::array()}};
+      for (const auto& [x, n] : stability->choices) j["stability"]["choices"].push_back({{"theta_mm", numbers(x)}, {"count", n}});
+    }
+    j["gain_angles_deg"] = gain_angles_deg;
+    j["gain_percent"] = numbers(gain);
+    j["table_2"] = Json::array();
+    for (const PublishedGain& p : table_2) j["table_2"].push_back({{"material", p.material}, {"ensemble", name(p.ensemble)}, {"gain_percent", p.percent}});
+    return j.dump(2) + "\n";
+  }
+
+  std::string text = lumo::detail::text("selected: #", t.id, ", theta = ", joined(t.theta_mm), " mm (h_fp, h_ep, w_s, h_s, w_v); ", c.problem.material, ", ", name(c.problem.ensemble), ", of ", evaluated,
+                                        " evaluations\nJ_contact ", cell(contact, 4), " (", cell(100 * contact / best_contact, 1), " % of the best), J_obs ", scientific(observation), " (",
+                                        cell(100 * observation / best_observation, 1), " % of the best)\n\n");
+  if (!stability) text += lumo::detail::text("stability: needs ", enough_for_a_model, " evaluations for a model, has ", evaluated, "\n");
+  else {
+    text += lumo::detail::text("stability: ", stability->same, " of ", stability->searches, " searches of ", evaluated, " evaluations on a Gaussian-process model of the results choose it\n");
+    for (std::size_t k = 0; k < std::min<std::size_t>(8, stability->choices.size()); ++k)
+      text += pad(std::to_string(stability->choices[k].second), 5) + " x  " + joined(stability->choices[k].first) + "\n";
+    if (stability->choices.size() > 8) text += lumo::detail::text("  and ", stability->choices.size() - 8, " other designs\n");
+  }
+  text += "\nprogressive-constraint gain over the baseline [%], sphere of 10 mm, 15 N\n" + pad("approach angle", -26) + pad("-30 deg", 10) + pad("0 deg", 10) + pad("+30 deg", 10) + "\n";
+  const auto row = [&](const std::string& label, const std::array<double, 3>& v) { text += pad(label, -26) + pad(percent(v[0]), 10) + pad(percent(v[1]), 10) + pad(percent(v[2]), 10) + "\n"; };
+  row("this design, computed", gain);
+  for (const PublishedGain& p : table_2) {
+    const bool like = p.material == c.problem.material && p.ensemble == c.problem.ensemble;
+    row(std::string("paper, ") + p.material + " " + (p.ensemble == Ensemble::flat ? "Flat-Opt" : "Curved-Opt") + (like ? " *" : ""), p.percent);
+  }
+  return text + "* same material and ensemble; measured on a fabricated pad whose theta the paper does not give\n";
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,122 @@
+#include "commands/fabricate.hpp"
+
+#include "lumo/fabrication/casting_drawings.hpp"
+#include "lumo/fabrication/casting_kit.hpp"
+#include "lumo/fabrication/dxf.hpp"
+#include "lumo/fabrication/scaled_svg.hpp"
+#include "lumo/fabrication/stl.hpp"
+#include "lumo/morphology/silicone.hpp"
+#include "lumo/support/zip.hpp"
+#include "report/json.hpp"
+#include "report/present.hpp"
+#include "console/text.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <span>
+#include <sstream>
+#include <vector>
+
+namespace lumo::program {
+
+namespace {
+
+constexpr double print_density_kg_per_m3 = 1240.0;   // PLA: NatureWorks, Ingeo 4043D data sheet (ASTM D792)
+constexpr double reserve = 1.25;                     // what stays in cups, on sticks and in syringes
+
+/// What `write` writes, for a file that appears with the others.
+template <class Write>
+void add(Output& files, const std::string& name, const Write& write) {
+  std::ostringstream out;
+  write(out);
+  files.add(name, out.str());
+}
+
+void add(Output& files, const std::string& name, const Drawing& drawing) {
+  add(files, name + ".dxf", [&](std::ostream& out) { write_dxf(out, drawing); });
+  add(files, name + ".svg", [&](std::ostream& out) { write_svg(out, drawing); });
+}
+
+void add_files(const CastSection& s, const CastingOptions& o, const std::vector<CastingPart>& kit, Output& files) {
+  std::vector<PrintItem> carrier, mould;
+  for (const CastingPart& part : kit) {
+    add(files, part.name + ".stl", [&](std::ostream& out) { write_stl(out, part.printed); });
+    (part.name == "carrier" ? carrier : mould).push_back({part.name, part.printed, part.copies});
+  }
+  add(files, "carrier.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(carrier), Zip{}); });
+  add(files, "mould.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(mould), Zip{}); });
+  add(files, "casting_section", section_drawing(s, o));
+  add(files, "led_strip", strip_drawing(s, o));
+  if (s.gap_width > 0.0) add(files, "core", core_drawing(s, o));
+}
+
+/// What a printer or a caster has to know about this design.
+std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
+  std::vector<std::string> list;
+  if (s.gap_width > 0.0 && s.gap_width < CastingOptions::thinnest_wall)
+    list.push_back("the cores are " + short_number(1e3 * s.gap_width) + " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
+  const double beside = 0.5 * s.ridge_width - 0.5 * o.strip_width - o.clearance;
+  if (beside < CastingOptions::thinnest_wall - 1e-9)
+    list.push_back("the carrier is " + short_number(1e3 * beside) + " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
+  return list;
+}
+
+/// To a nanometre, so that 9 mm in m are 9 mm again.
+double mm(double length_m) { return as_typed(1e3 * length_m); }
+
+double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
+
+}  // namespace
+
+std::string fabricate(const Options& options, Output& files) {
+  const CastSection s = cast_section(FingerDesign::from(options.theta_mm));
+  const CastingOptions& o = options.casting;
+  const Silicone rubber = silicone(options.material);
+  const std::vector<CastingPart> kit = casting_kit(s, o);
+  const CastVolume volume = cast_volume(s, o);
+  const std::vector<std::string> remarks = notes(s, o);
+  const Vec3 direction = opening_direction();
+  const double draft_deg = std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3(-direction))) * 180.0 / pi;
+  const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
+
+  Json j = heading(options);
+  j["options_mm"] = {{"clearance", mm(o.clearance)},       {"plate", mm(o.plate)},        {"wall", mm(o.wall)}, {"strip_width", mm(o.strip_width)},
+                     {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)}, {"vent", mm(o.vent_diameter)}};
+  j["parts"] = Json::array();
+  std::string table = pad("part", -9) + pad("copies", 7) + pad("volume [mm³]", 14) + pad("mass [g]", 10) + "  printed, x × y × z [mm]\n";
+  for (const CastingPart& part : kit) {
+    const double mass_g = grams(part.volume_m3, print_density_kg_per_m3);
+    j["parts"].push_back({{"name", part.name}, {"file", part.name + ".stl"}, {"copies", part.copies}, {"volume_mm3", number(1e9 * part.volume_m3)}, {"mass_g", number(mass_g)},
+                          {"box_mm", numbers(std::vector{mm(part.box.x()), mm(part.box.y()), mm(part.box.z())})}});
+    table += pad(part.name, -9) + cell(part.copies, 0, 7) + cell(1e9 * part.volume_m3, 0, 13) + cell(mass_g, 1, 10) + "  " + short_number(1e3 * part.box.x()) + " × " +
+             short_number(1e3 * part.box.y()) + " × " + short_number(1e3 * part.box.z()) + "\n";
+  }
+  j["print_material"] = {{"name", "PLA"}, {"density_kg_per_m3", print_density_kg_per_m3}, {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
+  j["silicone"] = {{"density_kg_per_m3", rubber.density_kg_per_m3},
+                   {"source", "paper Table I"},
+                   {"pad_volume_mm3", number(1e9 * volume.pad)},
+                   {"pad_mass_g", number(grams(volume.pad, rubber.density_kg_per_m3))},
+                   {"fits_volume_mm3", number(1e9 * volume.fits)},
+                   {"openings_volume_mm3", number(1e9 * volume.openings)},
+                   {"cast_volume_mm3", number(1e9 * volume.total())},
+                   {"cast_mass_g", number(cast_g)},
+                   {"mix", "1A:1B by weight"},
+                   {"reserve_percent", 100.0 * (reserve - 1.0)},
+                   {"part_a_g", number(0.5 * mix_g)},
+                   {"part_b_g", number(0.5 * mix_g)}};
+  j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
+  j["least_draft_deg"] = number(draft_deg);
+  j["notes"] = remarks;
+  const std::string report = j.dump(2) + "\n";
+
+  add_files(s, o, kit, files);
+  files.add("fabrication.json", report);
+  if (options.json) return report;
+  std::string text = theta_text(options) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " + cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + options.material + " (" +
+                     short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " + cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " +
+                     cell(0.5 * mix_g, 1) + " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) + " % in reserve\n";
+  for (const std::string& remark : remarks) text += "note: " + remark + "\n";
+  return text;
+}
+
+}  // namespace lumo::program

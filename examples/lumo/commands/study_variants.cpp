@@ -1,0 +1,196 @@
+#include "commands/study.hpp"
+
+#include "lumo/campaign/paired_differences.hpp"
+#include "drawing/chart.hpp"
+#include "store/campaign_problem.hpp"
+#include "computing/commands.hpp"
+#include "computing/contacts.hpp"
+#include "report/json.hpp"
+#include "store/study_rows.hpp"
+#include "console/text.hpp"
+
+#include <algorithm>
+
+namespace lumo::program {
+
+namespace {
+
+/// A quantity of which a study tells the difference between designs and one of their variants.
+struct Comparison {
+  std::string quantity;      ///< key in the record
+  std::string variant;
+  std::string label;
+  int digits;
+  std::string paper;         ///< what the paper found
+};
+
+struct StudyPlan {
+  std::string title;
+  MatchedStudy study;
+  Problem problem;
+  std::vector<Comparison> comparisons;
+};
+
+static_assert(most_designs == largest_study);
+
+StudyPlan plan_of(const Options& o) {
+  DesignSpace space = finger_space();
+  if (o.command == Command::study_carrier)
+    return {"carrier",
+            {{Twin::bonded_base, Twin::unsupported_base}, false},
+            study_problem(space, o.designs, std::uint64_t(o.seed)),
+            {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
+             {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4, "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
+  space.variables.back().lower = space.variables.back().step;   // without a gap there is nothing to compare
+  return {"void",
+          {{Twin::no_void}, true},
+          study_problem(space, o.designs, std::uint64_t(o.seed)),
+          {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4, "both signs, depending on the morphology (§IV-A)"},
+           {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0, "both signs, depending on the morphology (§IV-A)"}}};
+}
+
+lumo::Ensemble ensemble_of(const Options& o) { return o.all_contacts ? contacts(o.ensemble) : middle_contacts(); }
+std::string_view title_of(const Options& o) { return o.all_contacts ? name(o.ensemble) : "middle"; }
+
+std::string problem_text(const Options& o, const StudyPlan& plan) {
+  Json j = {{"study", plan.title}};
+  append(j, conditions(o.material, title_of(o), ensemble_of(o)));
+  j["sobol"] = plan.problem.sobol;
+  j["seed"] = o.seed;
+  return line_by_line(j);
+}
+
+/// Of the design for an empty `variant`.
+std::optional<Estimate> value(const StudyRow& row, const std::string& variant, const std::string& quantity) {
+  for (const Json& v : row.record.at("variants"))
+    if (v.at("variant") == (variant.empty() ? "design" : variant)) return estimate(v, quantity);
+  return std::nullopt;
+}
+
+std::string why(const StudyRow& row, const std::string& variant) {
+  for (const Json& v : row.record.at("variants"))
+    if (v.at("variant") == variant && v.at("why").is_string()) return v["why"].get<std::string>();
+  return "";
+}
+
+std::optional<Estimate> change(const StudyRow& row, const Comparison& c) {
+  const auto design = value(row, "", c.quantity), variant = value(row, c.variant, c.quantity);
+  return design && variant ? std::optional(difference(*design, *variant)) : std::nullopt;
+}
+
+std::string shown(const std::optional<Estimate>& e, int digits) {
+  if (!e) return "-";
+  return digits > 0 ? cell(e->value, digits) + " ± " + cell(e->error, digits) : scientific(e->value) + " ± " + scientific(e->error);
+}
+
+std::vector<Estimate> changes(const std::vector<StudyRow>& rows, const Comparison& c) {
+  std::vector<Estimate> list;
+  for (const StudyRow& r : rows)
+    if (const auto d = change(r, c)) list.push_back(*d);
+  return list;
+}
+
+std::string summary_text(const std::vector<StudyRow>& rows, const Comparison& c) {
+  const auto s = summarize(changes(rows, c));
+  std::string text = c.label + ": ";
+  if (!s) return text + "nothing to compare\n";
+  const auto figure = [&](double v) { return c.digits > 0 ? cell(v, c.digits) : scientific(v); };
+  text += lumo::detail::text(s->above_zero, " of ", s->count(), " above 0 (", s->positive, " by more than twice the error, ", s->negative, " below by more, ", s->undecided, " undecided), median ",
+                             figure(s->median));
+  if (s->median_95) text += " (95 % interval " + figure(s->median_95->first) + " … " + figure(s->median_95->second) + ")";
+  if (s->count() < rows.size()) text += lumo::detail::text("; ", rows.size() - s->count(), " variants without a value");
+  return text + "\n" + (c.paper.empty() ? "" : "  paper: " + c.paper + "\n");
+}
+
+Json summary_json(const std::vector<StudyRow>& rows, const Comparison& c) {
+  Json j = {{"quantity", c.quantity}, {"variant", c.variant}, {"paper", c.paper.empty() ? Json(nullptr) : Json(c.paper)}};
+  const auto s = summarize(changes(rows, c));
+  j["count"] = s ? s->count() : 0;
+  if (s) append(j, json(*s));
+  return j;
+}
+
+/// All designs, sorted by their difference.
+std::string picture(const Options& o, const std::vector<StudyRow>& rows, const Comparison& c) {
+  std::vector<Estimate> sorted = changes(rows, c);
+  std::sort(sorted.begin(), sorted.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
+  BarChart chart;
+  chart.title = c.label;
+  chart.subtitle = lumo::detail::text(sorted.size(), " designs, ", o.material, ", ", title_of(o), " contacts");
+  chart.x_label = "designs, sorted";
+  chart.y_label = c.quantity == "D" ? "ΔD [W/W]" : "Δ" + c.quantity + " [–]";
+  chart.series = {{"", std::string(palette[0]), {}, {}}};
+  for (std::size_t k = 0; k < sorted.size(); ++k) {
+    chart.categories.push_back(k % 5 == 4 ? std::to_string(k + 1) : "");
+    chart.series[0].values.push_back(sorted[k].value);
+    chart.series[0].errors.push_back(sorted[k].error);
+  }
+  return draw(chart);
+}
+
+std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
+  std::string text;
+  for (const Variable& v : plan.problem.space.variables) text += v.name + "_mm,";
+  for (const std::string q : {"J_contact", "D"})
+    if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
+  for (const Comparison& c : plan.comparisons) text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
+  text.back() = '\n';
+  for (const StudyRow& r : rows) {
+    text += joined(r.theta_mm);
+    const auto add = [&](const std::optional<Estimate>& e) { text += "," + (e ? Json(e->value).dump() : "") + "," + (e ? Json(e->error).dump() : ""); };
+    add(value(r, "", "J_contact"));
+    if (plan.study.light) add(value(r, "", "D"));
+    for (const Comparison& c : plan.comparisons) add(value(r, c.variant, c.quantity));
+    text += "\n";
+  }
+  return text;
+}
+
+std::string result(const Options& o, const std::vector<StudyRow>& rows, const StudyPlan& plan) {
+  if (o.json) {
+    Json j = {{"study", plan.title}, {"material", o.material}, {"contacts", title_of(o)}, {"seed", o.seed}, {"designs", Json::array()}, {"summary", Json::array()}};
+    for (const StudyRow& r : rows) {
+      j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
+      for (const Comparison& c : plan.comparisons) {
+        const auto d = change(r, c);
+        j["designs"].back()[c.variant + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
+      }
+      j["designs"].back()["record"] = r.record;
+    }
+    for (const Comparison& c : plan.comparisons) j["summary"].push_back(summary_json(rows, c));
+    return j.dump(1) + "\n";
+  }
+  std::string text = pad("theta [mm]", -20) + pad("J_contact", 18);
+  for (const Comparison& c : plan.comparisons) text += "  " + pad("Δ" + c.quantity + ", " + c.variant, 29);
+  text += "\n";
+  for (const StudyRow& r : rows) {
+    text += pad(joined(r.theta_mm), -20) + pad(shown(value(r, "", "J_contact"), 4), 19);
+    for (const Comparison& c : plan.comparisons) text += "  " + pad(shown(change(r, c), c.digits), 29);
+    for (const Comparison& c : plan.comparisons)
+      if (const std::string said = why(r, c.variant); !said.empty() && c.quantity == "J_contact") text += "  " + c.variant + ": " + said;
+    text += "\n";
+  }
+  text += "\n";
+  for (const Comparison& c : plan.comparisons) text += summary_text(rows, c);
+  return text;
+}
+
+}  // namespace
+
+std::string study(const Options& o, Output& files, Progress& progress) {
+  const StudyPlan plan = plan_of(o);
+  const Evaluator evaluate = study_evaluator(o, plan.study, ensemble_of(o), progress);   // before a store is opened, for the mesher forks
+  const auto told = [&](const StudyRow& row) {
+    std::string line;
+    for (const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
+    return line;
+  };
+  const std::vector<StudyRow> rows = study_rows(o, problem_text(o, plan), plan.problem, evaluate, told, progress);
+  if (files.wanted()) {
+    files.add("study_" + plan.title + ".csv", table(rows, plan));
+    for (const Comparison& c : plan.comparisons) files.add("study_" + plan.title + "_" + c.variant + "_" + c.quantity + ".svg", picture(o, rows, c));
+  }
+  return result(o, rows, plan);
+}
+
+}  // namespace lumo::program

@@ -1,0 +1,39 @@
+#pragma once
+
+#include "computing/mechanics.hpp"
+
+#include "lumo/mechanics/scenario.hpp"
+#include "lumo/mechanics/state.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
+#include "lumo/morphology/body.hpp"
+#include "lumo/morphology/silicone.hpp"
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+namespace lumo::program {
+
+/// A body ready to be pressed at many places, side by side, by whatever Simulator; stands where a PreparedBody does.
+struct AnyPad {
+  std::function<const TetMesh&()> mesh;
+  std::function<std::vector<MechanicalState>(const Scenario<Sphere>&)> press;
+};
+
+/// A Simulator whose policies were chosen at run time.
+struct AnySimulation {
+  std::function<AnyPad(const Body&, const TetMesh&)> prepare;
+};
+
+/// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by side.
+AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone);
+
+/// One kind of Simulator each, in a source of its own: together they would take minutes to compile.
+namespace kinds {
+AnySimulation quasi_static_linear(const Mechanics& mechanics, const Silicone& silicone);
+AnySimulation quasi_static_quadratic(const Mechanics& mechanics, const Silicone& silicone);
+AnySimulation descent_linear(const Mechanics& mechanics, const Silicone& silicone);
+AnySimulation descent_quadratic(const Mechanics& mechanics, const Silicone& silicone);
+}  // namespace kinds
+
+}  // namespace lumo::program

@@ -1,0 +1,31 @@
+#pragma once
+
+#include "computing/commands.hpp"
+#include "report/json.hpp"
+
+#include "lumo/campaign/paired_differences.hpp"
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace lumo::program {
+
+/// What a study keeps of one design.
+struct StudyRow {
+  std::vector<double> theta_mm;
+  Json record;
+};
+
+/// A number of a record with its error, which stands beside it as `…_err`.
+std::optional<Estimate> estimate(const Json& record, const std::string& key);
+
+Json json(const PairedSummary& s);
+
+/// Evaluates the designs that the options' store lacks, with a line of progress for each, of which `told` gives the end. All rows are read from the store,
+/// so that a study that was interrupted gives the same. `problem_text`: what the store is for. Throws StoreError, CampaignError.
+std::vector<StudyRow> study_rows(const Options& options, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
+                                 const std::function<std::string(const StudyRow&)>& told, Progress& progress);
+
+}  // namespace lumo::program
