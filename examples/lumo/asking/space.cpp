@@ -1,4 +1,4 @@
-#include "asking/optimize.hpp"
+#include "asking/space.hpp"
 
 #include "lumo/optimize/design_sampler.hpp"
 

@@ -1,5 +1,9 @@
+#include "asking/transcript.hpp"
+
+#include "asking/space.hpp"
 #include "console/interrupt.hpp"
-#include "asking/optimize.hpp"
+
+#include "lumo/core/error.hpp"
 
 #include <fcntl.h>
 #include <sys/file.h>

@@ -1,9 +1,8 @@
-#include "commands/campaign.hpp"
-
-#include "store/campaign_problem.hpp"
-#include "computing/commands.hpp"
-#include "store/emptied_store.hpp"
+#include "commands/campaigns.hpp"
+#include "computing/evaluators.hpp"
 #include "console/text.hpp"
+#include "store/campaign_problem.hpp"
+#include "store/emptied_store.hpp"
 
 #include "lumo/support/sqlite.hpp"
 
@@ -21,19 +20,43 @@ std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
   return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told, !v.outputs.empty());
 }
 
+struct CampaignRun : StoreCommand {
+  EvaluationRequest request;
+  int evaluations = 160, seed = 1, threads = all_threads();
+  std::string source = "default";   ///< of candidates
+
+  void declare(CLI::App& app) {
+    StoreCommand::declare(app);
+    add_material(app, request.material);
+    add_ensemble(app, request.ensemble);
+    add_mode(app, request.mechanics);
+    add_ray_error(app, request.ray_error_percent);
+    add_whole(app, "--evaluations", evaluations, 1, 100000, "Successful evaluations to reach, default 160");
+    add_seed(app, seed, "Of the optimiser, default 1");
+    add_word(app, "--source", source, {"default", "paper"},
+             "Where candidates come from: default (with neighbours of the front) or paper (256 fresh ones)");
+    add_threads(app, threads);
+  }
+  Result run(Output&, Progress& progress) const {
+    const Evaluator evaluate = campaign_evaluator(request, threads, progress);
+    const CampaignProblem problem{request.material,    request.ensemble,        source,
+                                  std::uint64_t(seed), request.mechanics.paper, request.ray_error_percent};
+    tell_if_emptied(store, progress);
+    SqliteLog log(store, problem_text(problem));
+    Pace pace;
+    const OptimizerStatus end = with_optimizer(problem, evaluations, [&](const auto& optimizer) {
+      return run_campaign(log, optimizer, evaluate,
+                          [&](const auto& state, int id, const Verdict& v) { progress.note(line(state, id, v, pace)); });
+    });
+    if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
+    return campaign_status(store, json);
+  }
+};
+
 }  // namespace
 
-std::string campaign_run(const Options& o, Progress& progress) {
-  const Evaluator evaluate = campaign_evaluator(o, progress);
-  const CampaignProblem problem{o.material, o.ensemble, o.source, std::uint64_t(o.seed), o.mechanics.paper, o.ray_error_percent};
-  tell_if_emptied(o.store, progress);
-  SqliteLog log(o.store, problem_text(problem));
-  Pace pace;
-  const OptimizerStatus end = with_optimizer(problem, o.evaluations, [&](const auto& optimizer) {
-    return run_campaign(log, optimizer, evaluate, [&](const auto& state, int id, const Verdict& v) { progress.note(line(state, id, v, pace)); });
-  });
-  if (end == OptimizerStatus::exhausted) progress.note("every feasible design that could be found was evaluated");
-  return campaign_status(o);
+void add_campaign_run(CommandLine& line) {
+  line.add<CampaignRun>("campaign run", "Evaluate until the store holds enough; continues if the file exists");
 }
 
 }  // namespace lumo::program

@@ -1,12 +1,12 @@
-#include "commands/convert.hpp"
+#include "commands/logs.hpp"
+#include "console/interrupt.hpp"
+#include "console/new_folder.hpp"
+#include "report/json.hpp"
+#include "sensing/log.hpp"
 
 #include "lumo/core/read_whole.hpp"
 #include "lumo/core/write_whole.hpp"
 #include "lumo/sense/mcap_log_writer.hpp"
-#include "console/interrupt.hpp"
-#include "report/json.hpp"
-#include "console/new_folder.hpp"
-#include "sensing/sensing_log.hpp"
 
 #include <cerrno>
 #include <cstdio>
@@ -57,10 +57,35 @@ class NewFile {
   std::string path_, part_;
 };
 
+/// Writes a log in the other form: an MCAP file where the target ends in .mcap, else a folder. Image files are copied as they are; `raw` makes pixels of them, and
+/// what is no image file (a video's frames, pixels of an MCAP file) becomes PNG otherwise. The truth of a virtual lab is copied beside.
+struct Convert : LogCommand {
+  std::string target, compression = "zstd";   ///< of an MCAP file's chunks
+  bool raw = false;                           ///< pixels instead of image files, in an MCAP file
+  McapTopics topics;                          ///< of an MCAP file that has several
+
+  void declare(CLI::App& app) {
+    add_log(app);
+    app.add_option("OUT", target, "MCAP file to write, if it ends in .mcap, else a folder; must not be there, or be an empty folder");
+    add_word(app, "--compression", compression, {"zstd", "lz4", "none"}, "Of an MCAP file: zstd (default), lz4 or none");
+    add_flag(app, "--raw", raw, "Pixels in an MCAP file (sensor_msgs/Image), not PNG or JPEG (CompressedImage)");
+    add_text(app, "--image-topic", topics.image, "TOPIC", "Topic of the pictures, where an MCAP file has several");
+    add_text(app, "--joint-topic", topics.joints, "TOPIC", "Topic of the joint states, where it has several");
+    add_text(app, "--wrench-topic", topics.wrench, "TOPIC", "Topic of the wrenches, where it has several");
+    add_common(app, *this);
+  }
+  void check() const {
+    require_log();
+    if (target.empty()) throw UsageError("the folder or file to write is missing" + hint);
+    pictures();
+  }
+  Result run(Output& files, Progress& progress) const;
+};
+
 /// A log's pictures one after the other, as files where they are files.
-class Pictures {
+class LogPictures {
  public:
-  explicit Pictures(const OpenLog& log) : log_(log) {
+  explicit LogPictures(const OpenLog& log) : log_(log) {
     if (!log.frames.empty()) camera_.emplace(log);
   }
 
@@ -93,7 +118,7 @@ class Pictures {
   std::optional<LogCamera> camera_;
   std::vector<std::uint8_t> file_;
   ImageView view_;
-  ImageDecoder decode_;
+  Decoder decode_;
   std::size_t count_ = 0;
 };
 
@@ -106,24 +131,24 @@ void copy_truth(const std::string& from, const std::string& to, bool& copied) {
   copied = true;
 }
 
-void write_file(const OpenLog& log, const Options& o, Progress& progress) {
+void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
   NewFile out(o.target);
   RecordedLog tables = log;
   tables.session.video.clear();  // its frames go into the file
-  Pictures pictures(log);
+  LogPictures taken(log);
   int width = 0, height = 0;
   const auto picture = [&](std::size_t) {
-    pictures.next();
+    taken.next();
     McapPictureData p;
-    const std::string ending = pictures.ending();
+    const std::string ending = taken.ending();
     const bool as_it_is = !o.raw && !ending.empty();
     if (!as_it_is || width == 0) {
-      p.pixels = pictures.pixels();
+      p.pixels = taken.pixels();
       if (!p.pixels.empty()) width = p.pixels.width, height = p.pixels.height;
     }
     p.width = width, p.height = height;
-    if (as_it_is) p.format = ending == ".jpg" ? "jpeg" : "png", p.file = pictures.file();
-    else if (!o.raw) p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : encode_image(".png", p.pixels);
+    if (as_it_is) p.format = ending == ".jpg" ? "jpeg" : "png", p.file = taken.file();
+    else if (!o.raw) p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
     progress.step();
     return p;
   };
@@ -134,24 +159,22 @@ void write_file(const OpenLog& log, const Options& o, Progress& progress) {
   out.keep();
 }
 
-void write_folder(const OpenLog& log, const Options& o, Progress& progress, bool& truth) {
+void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool& truth) {
   NewFolder folder(o.target);
   RecordedLog tables = log;
   tables.path = folder.path().string();
   tables.session.video.clear();
-  Pictures pictures(log);
+  LogPictures taken(log);
   for (std::size_t k = 0; k < tables.frames.size(); ++k) {
-    pictures.next();
+    taken.next();
     std::string& name = tables.frames[k].file;
-    if (name.empty()) {  // of a video
-      name = frame_file(k);
-    }
+    if (name.empty()) name = frame_file(k);   // of a video
     const fs::path to = folder.path() / "frames" / name;
     std::error_code error;
     fs::create_directories(to.parent_path(), error);
-    const bool as_it_is = !pictures.file().empty() && (!log.file || !pictures.ending().empty());
-    if (as_it_is) lumo::detail::write_whole(to.string(), {reinterpret_cast<const char*>(pictures.file().data()), pictures.file().size()});
-    else if (const ImageView v = pictures.pixels(); !v.empty()) write_image(to.string(), v);
+    const bool as_it_is = !taken.file().empty() && (!log.file || !taken.ending().empty());
+    if (as_it_is) write_bytes(to.string(), taken.file());
+    else if (const ImageView v = taken.pixels(); !v.empty()) write_bytes(to.string(), pictures().encode(to.extension().string(), v));
     progress.step();
   }
   write_log_folder(tables);
@@ -159,31 +182,35 @@ void write_folder(const OpenLog& log, const Options& o, Progress& progress, bool
   folder.keep();
 }
 
-}  // namespace
-
-std::string convert(const Options& o, Progress& progress) {
+Result Convert::run(Output&, Progress& progress) const {
   progress.stage("reading the log");
-  const OpenLog log = open_log(o.log, progress, {o.image_topic, o.joint_topic, o.wrench_topic});
+  const OpenLog from = open_log(log, progress, topics);
   progress.step();
   bool truth = false;
-  progress.stage("pictures", int(log.frames.size()));
+  progress.stage("pictures", int(from.frames.size()));
   try {
-    if (fs::path(o.target).extension() == ".mcap") {
-      write_file(log, o, progress);
-      copy_truth(log.truth_file(), fs::path(o.target).replace_extension(".truth.csv").string(), truth);
+    if (fs::path(target).extension() == ".mcap") {
+      write_file(from, *this, progress);
+      copy_truth(from.truth_file(), fs::path(target).replace_extension(".truth.csv").string(), truth);
     } else {
-      write_folder(log, o, progress, truth);
+      write_folder(from, *this, progress, truth);
     }
   } catch (const InvalidArgument& e) {
-    throw InputError(o.log + ": " + e.what());
+    throw InputError(log + ": " + e.what());
   }
   progress.finish();
-  const bool cut = log.file && !log.file->fault().empty();
-  if (o.json)
-    return Json{{"out", o.target}, {"frames", log.frames.size()}, {"joint_samples", log.joints.size()}, {"wrench_samples", log.wrenches.size()}, {"marker_samples", log.markers.size()},
-                {"photodiode_samples", log.photodiodes.size()}, {"truth", truth}, {"fault", cut ? Json(log.file->fault()) : Json(nullptr)}}.dump(2) + "\n";
-  return lumo::detail::text(o.target, ": ", log.frames.size(), " pictures, ", log.joints.size(), " joint samples, ", log.wrenches.size(), " wrenches, ", log.markers.size(), " displacements, ",
-                            log.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
+  const bool cut = from.file && !from.file->fault().empty();
+  if (json)
+    return Json{{"out", target}, {"frames", from.frames.size()}, {"joint_samples", from.joints.size()}, {"wrench_samples", from.wrenches.size()}, {"marker_samples", from.markers.size()},
+                {"photodiode_samples", from.photodiodes.size()}, {"truth", truth}, {"fault", cut ? Json(from.file->fault()) : Json(nullptr)}}.dump(2) + "\n";
+  return lumo::detail::text(target, ": ", from.frames.size(), " pictures, ", from.joints.size(), " joint samples, ", from.wrenches.size(), " wrenches, ", from.markers.size(), " displacements, ",
+                            from.photodiodes.size(), " photodiode samples", truth ? ", truth beside them" : "", cut ? "; the log was cut" : "", "\n");
+}
+
+}  // namespace
+
+void add_convert(CommandLine& line) {
+  line.add<Convert>("convert", "A log's folder as an MCAP file, as ROS 2 has them, or the other way round");
 }
 
 }  // namespace lumo::program

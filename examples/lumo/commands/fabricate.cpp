@@ -1,4 +1,4 @@
-#include "commands/fabricate.hpp"
+#include "commands/commands.hpp"
 
 #include "lumo/fabrication/casting_drawings.hpp"
 #include "lumo/fabrication/casting_kit.hpp"
@@ -66,12 +66,10 @@ double mm(double length_m) { return as_typed(1e3 * length_m); }
 
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
 
-}  // namespace
-
-std::string fabricate(const Options& options, Output& files) {
-  const CastSection s = cast_section(FingerDesign::from(options.theta_mm));
-  const CastingOptions& o = options.casting;
-  const Silicone rubber = silicone(options.material);
+/// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
+std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
+  const CastSection s = cast_section(FingerDesign::from(pad_request.theta_mm));
+  const Silicone rubber = silicone(pad_request.material);
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);
   const std::vector<std::string> remarks = notes(s, o);
@@ -79,7 +77,7 @@ std::string fabricate(const Options& options, Output& files) {
   const double draft_deg = std::min(least_draft(kit[1].assembled, s, direction), least_draft(kit[2].assembled, s, Vec3(-direction))) * 180.0 / pi;
   const double cast_g = grams(volume.total(), rubber.density_kg_per_m3), mix_g = reserve * cast_g;
 
-  Json j = heading(options);
+  Json j = heading(pad_request);
   j["options_mm"] = {{"clearance", mm(o.clearance)},       {"plate", mm(o.plate)},        {"wall", mm(o.wall)}, {"strip_width", mm(o.strip_width)},
                      {"strip_height", mm(o.strip_height)}, {"gate", mm(o.gate_diameter)}, {"vent", mm(o.vent_diameter)}};
   j["parts"] = Json::array();
@@ -111,12 +109,45 @@ std::string fabricate(const Options& options, Output& files) {
 
   add_files(s, o, kit, files);
   files.add("fabrication.json", report);
-  if (options.json) return report;
-  std::string text = theta_text(options) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " + cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + options.material + " (" +
+  if (as_json) return report;
+  std::string text = theta_text(pad_request) + "\n" + table + "pad " + cell(1e9 * volume.pad, 0) + " mm³, " + cell(grams(volume.pad, rubber.density_kg_per_m3), 1) + " g of " + pad_request.material + " (" +
                      short_number(rubber.density_kg_per_m3) + " kg/m³); with gate, vents and fits " + cell(1e9 * volume.total(), 0) + " mm³, " + cell(cast_g, 1) + " g\nmix " +
                      cell(0.5 * mix_g, 1) + " g of A and " + cell(0.5 * mix_g, 1) + " g of B: " + short_number(100.0 * (reserve - 1.0)) + " % in reserve\n";
   for (const std::string& remark : remarks) text += "note: " + remark + "\n";
   return text;
+}
+
+struct Fabricate : Common {
+  Pad pad;
+  CastingOptions casting;   ///< in m
+
+  void declare(CLI::App& app) {
+    namespace limits = casting_limits;
+    add_pad(app, pad);
+    add_text(app, "--out", out, "DIR", "Directory for the files; made when it is not there")->required();
+    const auto length = [&](const char* option, double& into_m, const Limits& admitted_mm, const char* what) {
+      const std::string help = lumo::detail::text(what, " [mm], default ", short_number(1e3 * into_m));
+      add_value(app, option, "N", help, [&into_m, option, admitted_mm](const std::string& typed) {
+        into_m = 1e-3 * number_in(option, typed, admitted_mm, "mm");
+      });
+    };
+    length("--clearance", casting.clearance, limits::clearance_mm, "On each side between printed parts");
+    length("--plate", casting.plate, limits::plate_mm, "Thickness of the carrier's plate");
+    length("--wall", casting.wall, limits::wall_mm, "Of the mould about the pad");
+    length("--strip-width", casting.strip_width, limits::strip_width_mm, "Width of the LED strip");
+    length("--strip-height", casting.strip_height, limits::strip_height_mm, "Height of the LED strip with its LEDs");
+    length("--gate", casting.gate_diameter, limits::gate_mm, "Diameter of the gate at the pad");
+    length("--vent", casting.vent_diameter, limits::vent_mm, "Diameter of the vents at the pad");
+    add_common(app, *this);
+  }
+  void check() const { check_design(pad); }
+  Result run(Output& files, Progress&) const { return kit_of(pad, casting, json, files); }
+};
+
+}  // namespace
+
+void add_fabricate(CommandLine& line) {
+  line.add<Fabricate>("fabricate", "Files to print and cast the finger: carrier, mould, drawings");
 }
 
 }  // namespace lumo::program

@@ -1,13 +1,15 @@
-#include "commands/hand.hpp"
+#include "commands/estimating.hpp"
+#include "console/text.hpp"
+#include "drawing/chart.hpp"
+#include "report/json.hpp"
+#include "sensing/live.hpp"
+#include "sensing/log.hpp"
 
 #include "lumo/sense/hand_log.hpp"
-#include "drawing/chart.hpp"
-#include "drawing/hand_overlay.hpp"
-#include "report/json.hpp"
-#include "sensing/sensing_log.hpp"
-#include "console/text.hpp"
+#include "lumo/sense/live_hand.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <optional>
@@ -18,6 +20,31 @@
 namespace lumo::program {
 
 namespace {
+
+struct Hand : EstimatingCommand {
+  void declare(CLI::App& app) {
+    add_log(app);
+    add_camera(app, camera, "Number of a live camera instead of a log's pictures. LOG shows the unloaded hand, and describes it");
+    add_seconds(app, camera, seconds_help);
+    add_picture_options(app, camera);
+    add_motor_options(app, camera);
+    add_out(app, *this);
+    add_common(app, *this);
+  }
+  void check() const {
+    check_camera();
+    if (camera.number && camera.can.empty())
+      throw UsageError("--can is missing: lumo hand needs the motors' samples beside a live camera's pictures");
+    require_log();
+    pictures();
+  }
+  Result run(Output& files, Progress& progress) const {
+    if (!camera.number) return on_log(files, progress);
+    return before_camera(camera, progress, [&](LiveLines& lines) { live(lines, progress); });
+  }
+  Result on_log(Output& files, Progress& progress) const;
+  void live(LiveLines& lines, Progress& progress) const;
+};
 
 struct Row {
   std::int64_t stamp_ns;
@@ -77,7 +104,7 @@ class Spells {
     double strength = 0.0;
     for (const HandContact& c : e.contacts) strength += c.mean_DN * c.area_m2;
     if (e.contacts.empty()) close();
-    else if (strength > best_ && kept_ < most) best_ = strength, picture_ = hand_overlay_png(image, hand, e);
+    else if (strength > best_ && kept_ < most) best_ = strength, picture_ = pictures().hand_overlay(image, hand, e);
   }
   void close() {
     if (best_ > 0.0) files_.add("contact_" + frame_file(kept_++).substr(3), std::move(picture_));
@@ -91,25 +118,15 @@ class Spells {
   std::string picture_;
 };
 
-}  // namespace
-
-OpenLog open_hand_log(const std::string& path, Progress& progress) {
-  OpenLog log = open_log(path, progress);
-  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
-  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
-  return log;
-}
-
-std::string hand(const Options& o, Output& files, Progress& progress) {
-  const OpenLog log = open_hand_log(o.log, progress);
+/// Looks at all pictures of the log. Throws InputError for a log without joints or pictures of the unloaded hand.
+Seen look(const OpenLog& log, HandObserver& observer, Output& files, Progress& progress) {
   const Session& session = log.session;
-  HandObserver observer = about(log.session_place(), [&] { return hand_observer(session); });
   const auto links = observer.links().size();
   Seen seen;
   seen.frames_of_link.assign(links, 0);
-  const TimeSeries positions = about(o.log, [&] { return joint_positions(log.joints, session); });
+  const TimeSeries positions = about(log.path, [&] { return joint_positions(log.joints, session); });
   int without_joints = 0;
-  about(o.log, [&] {
+  about(log.path, [&] {
     LogCamera camera(log);
     Spells spells(files);
     progress.stage("pictures", int(log.frames.size()));
@@ -125,51 +142,120 @@ std::string hand(const Options& o, Output& files, Progress& progress) {
     spells.close();
   });
   progress.finish();
-  if (without_joints > 0) progress.note(lumo::detail::text(o.log, ": ", without_joints, " of ", seen.stamp_ns.size(), " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
-  if (seen.references == 0) throw InputError(o.log + ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or \"unloaded\" must tell some");
+  if (without_joints > 0)
+    progress.note(lumo::detail::text(log.path, ": ", without_joints, " of ", seen.stamp_ns.size(),
+                                     " pictures have no joint sample within 0.1 s, so that nothing is seen in them"));
+  if (seen.references == 0)
+    throw InputError(log.path +
+                     ": no picture of the unloaded hand, with joint samples, in which a link is found; segments of kind \"free\" or "
+                     "\"unloaded\" must mark some");
   for (std::size_t l = 0; l < links; ++l)
-    if (observer.references(int(l)) == 0) progress.note(o.log + ": link '" + one_line(observer.links()[l].name) + "' is found in no picture of the unloaded hand: are holes_px its holes?");
-  if (seen.stamp_ns.empty()) throw InputError(o.log + ": has no pictures but of the unloaded hand");
+    if (observer.references(int(l)) == 0)
+      progress.note(log.path + ": link '" + one_line(observer.links()[l].name) +
+                    "' is found in no picture of the unloaded hand: are holes_px its holes?");
+  if (seen.stamp_ns.empty()) throw InputError(log.path + ": has no pictures but of the unloaded hand");
+  return seen;
+}
 
-  const auto truth = left_truth<HandTouches>(log);   // opened now that all estimates are made
-  HandScore score;
+/// All contacts, as JSON and as a table, and their score where the truth is known.
+struct Found {
+  Json contacts = Json::array();
   std::string table = "stamp_ns,link,name,y_mm,z_mm,y_low_mm,y_high_mm,area_mm2,peak_DN,mean_DN,u_px,v_px\n";
-  Json contacts = Json::array(), told = Json::array();
+  HandScore score;
+};
+
+Found found_in(const HandObserver& observer, const Seen& seen, const std::optional<HandTouches>& truth) {
+  constexpr std::array keys = {"y_mm", "z_mm", "y_low_mm", "y_high_mm", "area_mm2", "peak_DN", "mean_DN", "u_px", "v_px"};
+  Found found;
   auto row = seen.rows.begin();
   for (const std::int64_t stamp : seen.stamp_ns) {
     HandEstimate e{stamp, {}, {}, {}, {}};
     for (; row != seen.rows.end() && row->stamp_ns == stamp; ++row) {
       const HandContact& c = row->contact;
       const std::string& name = observer.links()[std::size_t(c.link)].name;
-      contacts.push_back({{"stamp_ns", stamp}, {"link", c.link}, {"name", name}, {"y_mm", number(1e3 * c.y_m)}, {"z_mm", number(1e3 * c.z_m)}, {"y_low_mm", number(1e3 * c.y_low_m)},
-                          {"y_high_mm", number(1e3 * c.y_high_m)}, {"area_mm2", number(1e6 * c.area_m2)}, {"peak_DN", number(c.peak_DN)}, {"mean_DN", number(c.mean_DN)},
-                          {"u_px", number(c.pixel.x())}, {"v_px", number(c.pixel.y())}});
-      table += std::to_string(stamp) + ',' + std::to_string(c.link) + ',' + csv_text(name);
-      for (const double v : {1e3 * c.y_m, 1e3 * c.z_m, 1e3 * c.y_low_m, 1e3 * c.y_high_m, 1e6 * c.area_m2, c.peak_DN, c.mean_DN, c.pixel.x(), c.pixel.y()}) table += ',' + csv_number(v);
-      table += '\n';
+      const std::array<double, keys.size()> values = {1e3 * c.y_m, 1e3 * c.z_m, 1e3 * c.y_low_m, 1e3 * c.y_high_m, 1e6 * c.area_m2,
+                                                      c.peak_DN,   c.mean_DN,   c.pixel.x(),     c.pixel.y()};
+      Json j = {{"stamp_ns", stamp}, {"link", c.link}, {"name", name}};
+      found.table += lumo::detail::text(stamp, ',', c.link, ',', csv_text(name));
+      for (std::size_t k = 0; k < keys.size(); ++k) {
+        j[keys[k]] = number(values[k]);
+        found.table += ',' + csv_number(values[k]);
+      }
+      found.contacts.push_back(std::move(j));
+      found.table += '\n';
       e.contacts.push_back(c);
     }
-    if (truth) score.add(e, truth->at(stamp));
+    if (truth) found.score.add(e, truth->at(stamp));
   }
-  files.add("contacts.csv", table);
-  files.add("contacts.svg", draw_places(observer, seen, truth));
-  const auto frames = seen.stamp_ns.size();
-  for (std::size_t l = 0; l < links; ++l) told.push_back({{"name", observer.links()[l].name}, {"seen", seen.frames_of_link[l]}, {"references", observer.references(int(l))}});
-  const auto mae = score.found > 0 ? std::optional(1e3 * score.mae_m) : std::nullopt;
-  if (o.json)
-    return text_of(Json{{"frames", frames}, {"references", seen.references}, {"links", told},
-                        {"score", truth ? Json{{"touches", score.touches}, {"found", score.found}, {"mae_mm", maybe(mae)}, {"unfounded", score.unfounded}} : Json(nullptr)},
-                        {"contacts", contacts}}, 2) + "\n";
-  std::string text = lumo::detail::text(frames, " frames, ", seen.references, " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
-  for (std::size_t l = 0; l < links; ++l) {
-    std::size_t count = 0;
-    for (const Row& r : seen.rows) count += r.contact.link == int(l);
+  return found;
+}
+
+std::optional<double> mae_mm(const HandScore& score) { return score.found > 0 ? std::optional(1e3 * score.mae_m) : std::nullopt; }
+
+Json hand_json(const HandObserver& observer, const Seen& seen, const Found& found, bool scored) {
+  Json links = Json::array(), score;
+  for (std::size_t l = 0; l < observer.links().size(); ++l)
+    links.push_back({{"name", observer.links()[l].name}, {"seen", seen.frames_of_link[l]}, {"references", observer.references(int(l))}});
+  const HandScore& s = found.score;
+  if (scored) score = {{"touches", s.touches}, {"found", s.found}, {"mae_mm", maybe(mae_mm(s))}, {"unfounded", s.unfounded}};
+  return {{"frames", seen.stamp_ns.size()}, {"references", seen.references}, {"links", links}, {"score", score}, {"contacts", found.contacts}};
+}
+
+std::string hand_text(const HandObserver& observer, const Seen& seen, const HandScore* score) {
+  std::string text = lumo::detail::text(seen.stamp_ns.size(), " frames, ", seen.references, " pictures of the unloaded hand; ", seen.rows.size(), " contacts\n");
+  for (std::size_t l = 0; l < observer.links().size(); ++l) {
+    const auto count = std::count_if(seen.rows.begin(), seen.rows.end(), [&](const Row& r) { return r.contact.link == int(l); });
     text += lumo::detail::text("  ", one_line(observer.links()[l].name), ": seen in ", seen.frames_of_link[l], " frames, ", count, " contacts\n");
   }
-  if (truth)
-    text += lumo::detail::text("of ", score.touches, " touches with 5 N and more ", score.found, " found, mean error ", cell(mae.value_or(undefined), 2), " mm; ", score.unfounded, " of ",
-                               score.contacts, " contacts where nothing touches\n");
+  if (score != nullptr)
+    text += lumo::detail::text("of ", score->touches, " touches with 5 N and more ", score->found, " found, mean error ", cell(mae_mm(*score).value_or(undefined), 2),
+                               " mm; ", score->unfounded, " of ", score->contacts, " contacts where nothing touches\n");
   return text;
 }
+
+Result Hand::on_log(Output& files, Progress& progress) const {
+  const OpenLog opened = open_hand_log(log, progress);
+  HandObserver observer = about(opened.session_place(), [&] { return hand_observer(opened.session); });
+  const Seen seen = look(opened, observer, files, progress);
+  const auto truth = left_truth<HandTouches>(opened);   // opened now that all estimates are made
+  const Found found = found_in(observer, seen, truth);
+  files.add("contacts.csv", found.table);
+  files.add("contacts.svg", draw_places(observer, seen, truth));
+  if (json) return text_of(hand_json(observer, seen, found, truth.has_value()), 2) + "\n";
+  return hand_text(observer, seen, truth ? &found.score : nullptr);
+}
+
+void Hand::live(LiveLines& lines, Progress& progress) const {
+  const OpenLog opened = open_hand_log(log, progress);
+  HandObserver observer = about(opened.session_place(), [&] { return hand_observer(opened.session); });
+  const TimeSeries positions = about(log, [&] { return joint_positions(opened.joints, opened.session); });
+  LogCamera recorded(opened);
+  require_motors(camera, int(opened.joints.front().position_rad.size()));
+  progress.stage("pictures of the unloaded hand");
+  if (add_references(recorded, observer, positions, opened.session) == 0) throw InputError(log + ": no picture of the unloaded hand in which a link is found");
+  progress.finish();
+  const auto source = pictures().live(settings_of(camera));
+  MiniCheetahMotors motors = motors_of(camera);
+  observe_hand_live(
+      *source, motors, observer, opened.session,
+      [&](const HandEstimate& e, const ImageView&) {
+        const double seconds = lines.seconds(e.stamp_ns);
+        const auto seen = std::count(e.seen.begin(), e.seen.end(), true);
+        Json contacts = Json::array();
+        std::string text;
+        for (const HandContact& c : e.contacts) {
+          const std::string& name = observer.links()[std::size_t(c.link)].name;
+          contacts.push_back({{"link", c.link}, {"name", name}, {"y_mm", number(1e3 * c.y_m)}, {"z_mm", number(1e3 * c.z_m)}, {"area_mm2", number(1e6 * c.area_m2)}, {"peak_DN", number(c.peak_DN)}});
+          text += "  " + one_line(name) + " y " + cell(1e3 * c.y_m, 1) + " mm";
+        }
+        if (json) return lines(e.stamp_ns, seen > 0, text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
+        return lines(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::detail::text(seen, " links seen") + (text.empty() ? "  no contact" : text));
+      },
+      camera.device());
+}
+
+}  // namespace
+
+void add_hand(CommandLine& line) { line.add<Hand>("hand", "Contacts on all links of a hand at once"); }
 
 }  // namespace lumo::program

@@ -1,6 +1,8 @@
-#include "asking/optimize.hpp"
-#include "store/campaign_problem.hpp"
+#include "asking/space.hpp"
+#include "asking/transcript.hpp"
+#include "commands/commands.hpp"
 #include "console/text.hpp"
+#include "store/campaign_problem.hpp"
 
 #include <functional>
 #include <iostream>
@@ -9,8 +11,6 @@
 namespace lumo::program {
 
 namespace {
-
-using Json = nlohmann::ordered_json;
 
 void send(const Json& message) {
   std::cout << message.dump() << std::endl;
@@ -89,7 +89,7 @@ void replay(Optimizer& optimizer, const Transcript& transcript, const std::strin
 }
 
 template <class Optimizer>
-void run(Optimizer& optimizer, const std::string& path, const Json& space) {
+void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& space) {
   std::optional<Transcript> transcript;
   if (!path.empty()) {
     transcript.emplace(path, space);
@@ -132,17 +132,24 @@ void run(Optimizer& optimizer, const std::string& path, const Json& space) {
   send({{"front", front}, {"hypervolume", optimizer.hypervolume()}});
 }
 
+struct Optimize : Common {
+  std::string space, transcript;
+
+  void declare(CLI::App& app) {
+    add_text(app, "--space", space, "FILE", "Variables, constraints, objectives and budget (JSON)")->required();
+    add_text(app, "--transcript", transcript, "FILE", "Keeps all that is asked and told; continues from it where it exists");
+  }
+  Result run(Output&, Progress&) const {
+    const SpaceFile file = read_space(space);
+    with_optimizer(file.problem, file.source, [&](auto optimizer) { ask_and_tell(optimizer, transcript, file.whole); });
+    return std::string();
+  }
+};
+
 }  // namespace
 
-void optimize(const std::string& space_path, const std::string& transcript_path) {
-  const SpaceFile space = read_space(space_path);
-  if (space.source == "paper") {
-    Optimizer<RbfKernel, LogNehvi, FreshCandidates> optimizer(space.problem);
-    run(optimizer, transcript_path, space.whole);
-  } else {
-    Optimizer<> optimizer(space.problem);
-    run(optimizer, transcript_path, space.whole);
-  }
+void add_optimize(CommandLine& line) {
+  line.add<Optimize>("optimize", "Optimise any objectives by ask and tell: JSON lines on standard output and input");
 }
 
 }  // namespace lumo::program

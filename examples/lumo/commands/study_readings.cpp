@@ -1,13 +1,11 @@
-#include "commands/study.hpp"
+#include "commands/study_readings.hpp"
 
-#include "lumo/campaign/readings.hpp"
-#include "store/campaign_problem.hpp"
+#include "console/text.hpp"
 #include "drawing/chart.hpp"
-#include "computing/commands.hpp"
-#include "computing/contacts.hpp"
 #include "report/json.hpp"
 #include "store/study_rows.hpp"
-#include "console/text.hpp"
+
+#include "lumo/campaign/readings.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -19,38 +17,7 @@ namespace {
 
 constexpr double weak_ranking = 0.8;   // Kendall's τ below which conclusions hang on the reading
 
-std::vector<Scenario<Sphere>> pressed_contacts(const Options& o) { return o.all_contacts ? contacts(o.ensemble).scenarios() : readings_contacts(); }
-std::string_view contacts_name(const Options& o) { return o.all_contacts ? name(o.ensemble) : "few"; }
-std::string contacts_text(const Options& o) { return o.all_contacts ? std::string(name(o.ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)"; }
 std::string contact_name(double diameter_mm, double angle_deg) { return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, "; }
-
-/// The reference designs, then seeded ones.
-Problem problem_of(const Options& o) {
-  Problem p = study_problem(finger_space(), o.designs, std::uint64_t(o.seed));
-  const Problem search = finger_problem();
-  p.objectives = search.objectives, p.initial = search.initial;
-  p.evaluations += int(p.initial.size());
-  return p;
-}
-
-std::string problem_text(const Options& o, const Problem& p) {
-  Json j = {{"study", "readings"}};
-  if (o.all_contacts) {
-    append(j, conditions(o.material, contacts_name(o), contacts(o.ensemble)));
-  } else {
-    append(j, conditions(o.material, contacts_name(o)));
-    j["loads_N"] = pressed_contacts(o).front().loads_N;
-    j["contacts"] = Json::array();
-    for (const auto& s : pressed_contacts(o)) j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
-  }
-  j["coarse"] = o.coarse;
-  j["readings"] = Json::array();
-  for (const Departure& d : departures()) j["readings"].push_back(d.name());
-  j["initial"] = p.initial;
-  j["sobol"] = p.sobol;
-  j["seed"] = o.seed;
-  return line_by_line(j);
-}
 
 /// Reading `r` of each design; 0 is lumo's own.
 std::vector<ReadingScore> scores(const std::vector<StudyRow>& rows, std::size_t r) {
@@ -147,12 +114,12 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   return text;
 }
 
-std::string picture(const Options& o, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
+std::string picture(const std::string& about, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
                     std::optional<double> ReadingEffect::*tau) {
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
-  chart.subtitle = lumo::detail::text("Median over the designs compared and its 95 % interval; ", o.material, ", ", contacts_text(o), o.coarse ? "; coarser meshes, fewer rays" : "");
+  chart.subtitle = "Median over the designs compared and its 95 % interval; " + about;
   chart.x_label = axis;
   chart.note = "Kendall's τ, designs";
   for (const auto& [d, e] : list) {
@@ -164,8 +131,10 @@ std::string picture(const Options& o, std::vector<Effect> list, std::optional<Pa
   return draw(chart);
 }
 
-std::string whole(const Options& o, const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
-  Json j = {{"study", "readings"}, {"material", o.material}, {"contacts", contacts_name(o)}, {"coarse", o.coarse}, {"seed", o.seed}, {"designs", Json::array()}, {"readings", Json::array()}};
+/// What stands in `j`, and all designs and readings.
+std::string whole(Json j, const std::vector<StudyRow>& rows, const std::vector<Effect>& list) {
+  j["designs"] = Json::array();
+  j["readings"] = Json::array();
   for (const StudyRow& r : rows) j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}, {"readings", r.record.at("readings")}});
   const auto theta = [&](const std::optional<std::size_t>& k) { return k ? Json(numbers(rows[*k].theta_mm)) : Json(nullptr); };
   const auto summary = [](const std::optional<PairedSummary>& s) { return s ? json(*s) : Json(nullptr); };
@@ -177,28 +146,79 @@ std::string whole(const Options& o, const std::vector<StudyRow>& rows, const std
   return j.dump(1) + "\n";
 }
 
+std::string row_line(const StudyRow& row) {
+  std::size_t scored = 0;
+  const Json& readings = row.record.at("readings");
+  for (const Json& r : readings) scored += r.at("why").is_null();
+  const auto usual = scores({row}, 0)[0];
+  return lumo::detail::text("  J_contact ", cell(usual.J_contact->value, 4), "  J_obs ", scientific(usual.J_obs->value), "  ", scored, " of ",
+                            readings.size(), " readings");
+}
+
 }  // namespace
 
-std::string study_readings(const Options& o, Output& files, Progress& progress) {
-  const Evaluator evaluate = readings_evaluator(o, pressed_contacts(o), progress);   // before a store is opened, for the mesher forks
-  const auto told = [](const StudyRow& row) {
-    std::size_t scored = 0;
-    const Json& readings = row.record.at("readings");
-    for (const Json& r : readings) scored += r.at("why").is_null();
-    const auto usual = scores({row}, 0)[0];
-    return "  J_contact " + cell(usual.J_contact->value, 4) + "  J_obs " + scientific(usual.J_obs->value) + "  " + std::to_string(scored) + " of " + std::to_string(readings.size()) + " readings";
-  };
-  const Problem problem = problem_of(o);
-  const std::vector<StudyRow> rows = study_rows(o, problem_text(o, problem), problem, evaluate, told, progress);
+void StudyReadings::declare(CLI::App& app) {
+  StudyCommand::declare(app, {"Seeded designs to compare beside the five references, default 30",
+                              "All contacts of flat or curved, default: 10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)",
+                              "Edges 1.4 times as long, J_obs by rays to 4 % instead of 1.5: half of the time"});
+}
+
+// The reference designs, then seeded ones.
+Problem StudyReadings::problem() const {
+  Problem p = study_problem(finger_space(), designs, std::uint64_t(seed));
+  const Problem search = finger_problem();
+  p.objectives = search.objectives;
+  p.initial = search.initial;
+  p.evaluations += int(p.initial.size());
+  return p;
+}
+
+std::string StudyReadings::problem_text(const Problem& p) const {
+  Json j = {{"study", "readings"}};
+  if (ensemble) {
+    append(j, conditions(tools.material, contacts_name(), contacts(*ensemble)));
+  } else {
+    append(j, conditions(tools.material, contacts_name()));
+    j["loads_N"] = pressed().front().loads_N;
+    j["contacts"] = Json::array();
+    for (const auto& s : pressed())
+      j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
+  }
+  j["coarse"] = tools.coarse;
+  j["readings"] = Json::array();
+  for (const Departure& d : departures()) j["readings"].push_back(d.name());
+  j["initial"] = p.initial;
+  j["sobol"] = p.sobol;
+  j["seed"] = seed;
+  return line_by_line(j);
+}
+
+std::string StudyReadings::about() const {
+  const std::string contacts = ensemble ? std::string(name(*ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)";
+  return tools.material + ", " + contacts + (tools.coarse ? "; coarser meshes, fewer rays" : "");
+}
+
+Result StudyReadings::run(Output& files, Progress& progress) const {
+  const Evaluator evaluate = readings_evaluator(tools, pressed(), progress);   // before a store is opened, for the mesher forks
+  const Problem search = problem();
+  const std::vector<StudyRow> rows = study_rows(store, problem_text(search), search, evaluate, row_line, progress);
   const std::vector<Effect> list = effects(rows);
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
-    files.add("study_readings_J_contact.svg",
-              picture(o, list, &ReadingEffect::J_contact, "What other readings change in J_contact", "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
-    files.add("study_readings_J_obs.svg", picture(o, list, &ReadingEffect::J_obs, "What other readings change in J_obs", "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
+    files.add("study_readings_J_contact.svg", picture(about(), list, &ReadingEffect::J_contact, "What other readings change in J_contact",
+                                                      "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
+    files.add("study_readings_J_obs.svg", picture(about(), list, &ReadingEffect::J_obs, "What other readings change in J_obs",
+                                                  "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
   }
-  return o.json ? whole(o, rows, list) : table(rows, list);
+  if (!json) return table(rows, list);
+  return whole({{"study", "readings"}, {"material", tools.material}, {"contacts", contacts_name()}, {"coarse", tools.coarse}, {"seed", seed}},
+               rows, list);
+}
+
+void add_study_readings(CommandLine& line) {
+  line.add<StudyReadings>("study readings",
+                          "How far results move with each reading of what the paper leaves open (some 10 min a design on two cores)");
 }
 
 }  // namespace lumo::program

@@ -1,13 +1,10 @@
-#include "commands/study.hpp"
-
-#include "lumo/campaign/paired_differences.hpp"
+#include "commands/studies.hpp"
 #include "drawing/chart.hpp"
-#include "store/campaign_problem.hpp"
-#include "computing/commands.hpp"
-#include "computing/contacts.hpp"
+#include "console/text.hpp"
 #include "report/json.hpp"
 #include "store/study_rows.hpp"
-#include "console/text.hpp"
+
+#include "lumo/campaign/finger_campaign.hpp"
 
 #include <algorithm>
 
@@ -27,37 +24,29 @@ struct Comparison {
 struct StudyPlan {
   std::string title;
   MatchedStudy study;
-  Problem problem;
+  DesignSpace space;
   std::vector<Comparison> comparisons;
 };
 
-static_assert(most_designs == largest_study);
-
-StudyPlan plan_of(const Options& o) {
-  DesignSpace space = finger_space();
-  if (o.command == Command::study_carrier)
-    return {"carrier",
-            {{Twin::bonded_base, Twin::unsupported_base}, false},
-            study_problem(space, o.designs, std::uint64_t(o.seed)),
-            {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
-             {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4, "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
-  space.variables.back().lower = space.variables.back().step;   // without a gap there is nothing to compare
-  return {"void",
-          {{Twin::no_void}, true},
-          study_problem(space, o.designs, std::uint64_t(o.seed)),
-          {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4, "both signs, depending on the morphology (§IV-A)"},
-           {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0, "both signs, depending on the morphology (§IV-A)"}}};
+StudyPlan carrier_plan() {
+  return {"carrier",
+          {{Twin::bonded_base, Twin::unsupported_base}, false},
+          finger_space(),
+          {{"J_contact", "bonded_base", "ΔJ_contact against a soft pad bonded at its base", 4, ""},
+           {"J_contact", "unsupported_base", "ΔJ_contact against a soft finger held at its ends", 4,
+            "40 of 40 above 0, median 0.121 (§IV-A; what its twin rests on is not said)"}}};
 }
 
-lumo::Ensemble ensemble_of(const Options& o) { return o.all_contacts ? contacts(o.ensemble) : middle_contacts(); }
-std::string_view title_of(const Options& o) { return o.all_contacts ? name(o.ensemble) : "middle"; }
-
-std::string problem_text(const Options& o, const StudyPlan& plan) {
-  Json j = {{"study", plan.title}};
-  append(j, conditions(o.material, title_of(o), ensemble_of(o)));
-  j["sobol"] = plan.problem.sobol;
-  j["seed"] = o.seed;
-  return line_by_line(j);
+StudyPlan void_plan() {
+  StudyPlan plan = {"void",
+                    {{Twin::no_void}, true},
+                    finger_space(),
+                    {{"J_contact", "no_void", "ΔJ_contact against the same θ without voids", 4,
+                      "both signs, depending on the morphology (§IV-A)"},
+                     {"D", "no_void", "ΔD(1 N) against the same θ without voids", 0, "both signs, depending on the morphology (§IV-A)"}}};
+  Variable& gap = plan.space.variables.back();
+  gap.lower = gap.step;   // without a gap there is nothing to compare
+  return plan;
 }
 
 /// Of the design for an empty `variant`.
@@ -111,12 +100,12 @@ Json summary_json(const std::vector<StudyRow>& rows, const Comparison& c) {
 }
 
 /// All designs, sorted by their difference.
-std::string picture(const Options& o, const std::vector<StudyRow>& rows, const Comparison& c) {
+std::string picture(const std::vector<StudyRow>& rows, const Comparison& c, const std::string& of_what) {
   std::vector<Estimate> sorted = changes(rows, c);
   std::sort(sorted.begin(), sorted.end(), [](const Estimate& a, const Estimate& b) { return a.value < b.value; });
   BarChart chart;
   chart.title = c.label;
-  chart.subtitle = lumo::detail::text(sorted.size(), " designs, ", o.material, ", ", title_of(o), " contacts");
+  chart.subtitle = lumo::detail::text(sorted.size(), " designs, ", of_what);
   chart.x_label = "designs, sorted";
   chart.y_label = c.quantity == "D" ? "ΔD [W/W]" : "Δ" + c.quantity + " [–]";
   chart.series = {{"", std::string(palette[0]), {}, {}}};
@@ -130,7 +119,7 @@ std::string picture(const Options& o, const std::vector<StudyRow>& rows, const C
 
 std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   std::string text;
-  for (const Variable& v : plan.problem.space.variables) text += v.name + "_mm,";
+  for (const Variable& v : plan.space.variables) text += v.name + "_mm,";
   for (const std::string q : {"J_contact", "D"})
     if (q == "J_contact" || plan.study.light) text += q + "," + q + "_err,";
   for (const Comparison& c : plan.comparisons) text += c.quantity + "_" + c.variant + "," + c.quantity + "_" + c.variant + "_err,";
@@ -146,20 +135,23 @@ std::string table(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   return text;
 }
 
-std::string result(const Options& o, const std::vector<StudyRow>& rows, const StudyPlan& plan) {
-  if (o.json) {
-    Json j = {{"study", plan.title}, {"material", o.material}, {"contacts", title_of(o)}, {"seed", o.seed}, {"designs", Json::array()}, {"summary", Json::array()}};
-    for (const StudyRow& r : rows) {
-      j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
-      for (const Comparison& c : plan.comparisons) {
-        const auto d = change(r, c);
-        j["designs"].back()[c.variant + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
-      }
-      j["designs"].back()["record"] = r.record;
+/// What stands in `j`, and all designs with a summary.
+std::string json_text(Json j, const std::vector<StudyRow>& rows, const StudyPlan& plan) {
+    j["designs"] = Json::array();
+  j["summary"] = Json::array();
+  for (const StudyRow& r : rows) {
+    j["designs"].push_back({{"theta_mm", numbers(r.theta_mm)}});
+    for (const Comparison& c : plan.comparisons) {
+      const auto d = change(r, c);
+      j["designs"].back()[c.variant + " delta_" + c.quantity] = d ? Json{d->value, d->error} : Json(nullptr);
     }
-    for (const Comparison& c : plan.comparisons) j["summary"].push_back(summary_json(rows, c));
-    return j.dump(1) + "\n";
+    j["designs"].back()["record"] = r.record;
   }
+  for (const Comparison& c : plan.comparisons) j["summary"].push_back(summary_json(rows, c));
+  return j.dump(1) + "\n";
+}
+
+std::string result_text(const std::vector<StudyRow>& rows, const StudyPlan& plan) {
   std::string text = pad("theta [mm]", -20) + pad("J_contact", 18);
   for (const Comparison& c : plan.comparisons) text += "  " + pad("Δ" + c.quantity + ", " + c.variant, 29);
   text += "\n";
@@ -175,22 +167,51 @@ std::string result(const Options& o, const std::vector<StudyRow>& rows, const St
   return text;
 }
 
+/// Each design against its variants.
+struct StudyVariants : StudyCommand {
+  StudyPlan plan;
+
+  explicit StudyVariants(StudyPlan p) : plan(std::move(p)) {}
+
+  void declare(CLI::App& app) {
+    StudyCommand::declare(app, {"Feasible designs to compare, default 40", "All contacts of flat or curved, default: 10 and 30 mm at y = 0, 0°"});
+  }
+  std::string_view contacts_name() const { return ensemble ? name(*ensemble) : "middle"; }
+  std::string problem_text(const Problem& problem, const lumo::Ensemble& pressed) const {
+    Json j = {{"study", plan.title}};
+    append(j, conditions(tools.material, contacts_name(), pressed));
+    j["sobol"] = problem.sobol;
+    j["seed"] = seed;
+    return line_by_line(j);
+  }
+
+  Result run(Output& files, Progress& progress) const {
+    const lumo::Ensemble pressed = ensemble ? contacts(*ensemble) : middle_contacts();
+    const Evaluator evaluate = study_evaluator(tools, plan.study, pressed, progress);   // before a store is opened, for the mesher forks
+    const auto line = [&](const StudyRow& row) {
+      std::string text;
+      for (const Comparison& c : plan.comparisons) text += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
+      return text;
+    };
+    const Problem problem = study_problem(plan.space, designs, std::uint64_t(seed));
+    const std::vector<StudyRow> rows = study_rows(store, problem_text(problem, pressed), problem, evaluate, line, progress);
+    const std::string file = "study_" + plan.title;
+    files.add(file + ".csv", table(rows, plan));
+    if (files.wanted())
+      for (const Comparison& c : plan.comparisons)
+        files.add(file + "_" + c.variant + "_" + c.quantity + ".svg",
+                  picture(rows, c, lumo::detail::text(tools.material, ", ", contacts_name(), " contacts")));
+    if (!json) return result_text(rows, plan);
+    return json_text({{"study", plan.title}, {"material", tools.material}, {"contacts", contacts_name()}, {"seed", seed}}, rows, plan);
+  }
+};
+
 }  // namespace
 
-std::string study(const Options& o, Output& files, Progress& progress) {
-  const StudyPlan plan = plan_of(o);
-  const Evaluator evaluate = study_evaluator(o, plan.study, ensemble_of(o), progress);   // before a store is opened, for the mesher forks
-  const auto told = [&](const StudyRow& row) {
-    std::string line;
-    for (const Comparison& c : plan.comparisons) line += "  " + c.variant + " Δ" + c.quantity + " " + shown(change(row, c), c.digits);
-    return line;
-  };
-  const std::vector<StudyRow> rows = study_rows(o, problem_text(o, plan), plan.problem, evaluate, told, progress);
-  if (files.wanted()) {
-    files.add("study_" + plan.title + ".csv", table(rows, plan));
-    for (const Comparison& c : plan.comparisons) files.add("study_" + plan.title + "_" + c.variant + "_" + c.quantity + ".svg", picture(o, rows, c));
-  }
-  return result(o, rows, plan);
+void add_study_variants(CommandLine& line) {
+  static_assert(most_designs == largest_study);
+  line.add("study carrier", "Each design against pads without a carrier in them", StudyVariants(carrier_plan()));
+  line.add("study void", "Each design against itself without lateral voids", StudyVariants(void_plan()));
 }
 
 }  // namespace lumo::program

@@ -3,7 +3,7 @@
 #include "lumo/campaign/ensemble.hpp"
 #include "lumo/morphology/silicone.hpp"
 #include "report/json.hpp"
-#include "options/options.hpp"
+#include "computing/request.hpp"
 #include "console/text.hpp"
 
 #include <string>

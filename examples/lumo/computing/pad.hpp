@@ -1,13 +1,13 @@
 #pragma once
 
-#include "options/options.hpp"
+#include "computing/request.hpp"
 
 #include "lumo/core/units.hpp"
 #include "lumo/mechanics/scenario.hpp"
 #include "lumo/mesh/sizing.hpp"
 #include "lumo/morphology/finger.hpp"
 
-/// What the options say of the pad and of its press, as the library wants it.
+/// A request as the library wants it.
 namespace lumo::program {
 
 inline FingerOptions finger_options(const Mechanics& m) {
@@ -23,8 +23,10 @@ inline Focus focus_of(const Mechanics& m) {
   return focus;
 }
 
-inline Body body_of(const Options& o) { return finger(FingerDesign::from(o.theta_mm), silicone(o.material), finger_options(o.mechanics)); }
+inline Body body_of(const Pad& pad, const Mechanics& m) {
+  return finger(FingerDesign::from(pad.theta_mm), silicone(pad.material), finger_options(m));
+}
 
-inline Scenario<Sphere> scenario_of(const Options& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
+inline Scenario<Sphere> scenario_of(const Touch& o) { return {{o.diameter_mm * 1e-3}, o.angle_deg * pi / 180.0, o.y_mm * 1e-3, o.loads_N}; }
 
 }  // namespace lumo::program

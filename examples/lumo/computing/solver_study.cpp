@@ -23,8 +23,8 @@ struct Meshed {
   TetMesh mesh;
 };
 
-Meshed meshed(const Options& o, const Mechanics& m, const TetgenMesher& mesher) {
-  const Body body = finger(FingerDesign::from(o.theta_mm), silicone(o.material), finger_options(m));
+Meshed meshed(const PressRequest& o, const Mechanics& m, const TetgenMesher& mesher) {
+  const Body body = body_of(o, m);
   return {body, mesh_for_contact(body, mesh_body(body, mesher), std::vector{scenario_of(o)}, mesher, focus_of(m), m.mesh_order())};
 }
 
@@ -56,7 +56,7 @@ void compare(SolverState& out, const MechanicalState& state, const MechanicalSta
   out.distance_relative = std::sqrt(apart / size);
 }
 
-SolverRow row(const Options& o, const std::string& name, const Mechanics& m, const Meshed& on, const std::vector<MechanicalState>& states) {
+SolverRow row(const PressRequest& o, const std::string& name, const Mechanics& m, const Meshed& on, const std::vector<MechanicalState>& states) {
   SolverRow row{name, m, {on.mesh.nodes.size(), on.mesh.tets.size()}, {}, undefined, {}, undefined};
   row.scenario.diameter_mm = o.diameter_mm, row.scenario.angle_deg = o.angle_deg, row.scenario.y_mm = o.y_mm;
   row.scenario.status = std::string(to_string(states.back().status));
@@ -75,7 +75,7 @@ SolverRow row(const Options& o, const std::string& name, const Mechanics& m, con
 
 }  // namespace
 
-SolverStudy make_solver_study(const Options& o, Progress& progress) {
+SolverStudy make_solver_study(const PressRequest& o, int threads, Progress& progress) {
   const FingerDesign design = FingerDesign::from(o.theta_mm);
   const Silicone card = silicone(o.material);
   SolverStudy study;
@@ -111,7 +111,7 @@ SolverStudy make_solver_study(const Options& o, Progress& progress) {
   int all = 0;
   for (const Press& p : presses) all += steps(p.mechanics);
   progress.stage("press", all);
-  TbbExecutor{o.threads}.for_each(presses.size(), [&](std::size_t k) {
+  TbbExecutor{threads}.for_each(presses.size(), [&](std::size_t k) {
     Press& p = presses[longest_first[k]];
     const lumo::detail::Stopwatch watch;
     p.pad = simulation(p.mechanics, card).prepare(p.on->body, p.on->mesh);

@@ -3,15 +3,23 @@
 #include "console/interrupt.hpp"
 
 #include "lumo/core/error.hpp"
+#include "lumo/core/write_whole.hpp"
 
 #include <unistd.h>
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <system_error>
+#include <vector>
 
 namespace lumo::program {
+
+/// A whole file or none. Throws InputError.
+inline void write_bytes(const std::string& path, const std::vector<std::uint8_t>& bytes) {
+  lumo::detail::write_whole(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
 
 /// A log's folder that takes its name only when all is in it.
 class NewFolder {

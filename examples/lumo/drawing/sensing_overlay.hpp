@@ -1,13 +1,15 @@
 #pragma once
 
 #include "lumo/sense/location_estimator.hpp"
-#include "sensing/sensing_log.hpp"
+#include "sensing/log.hpp"
 #include "drawing/svg.hpp"
 
 #include <Eigen/Core>
 
-#include <opencv2/imgcodecs.hpp>
-
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -38,19 +40,20 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
   for (auto f = camera.next(); f; f = camera.next()) {
     if (f->stamp_ns != stamp_ns || f->image.empty()) continue;
     constexpr int zoom = 4;
-    cv::Mat out(zoom * f->image.height, zoom * f->image.width, CV_8UC3);
+    using Bgr = std::array<std::uint8_t, 3>;
+    Image out = Image::black(zoom * f->image.width, zoom * f->image.height);
     const int n = channels(f->image.format);
-    for (int y = 0; y < out.rows; ++y)
-      for (int x = 0; x < out.cols; ++x)
-        for (int c = 0; c < 3; ++c) out.at<cv::Vec3b>(y, x)[c] = f->image.row(y / zoom)[n * (x / zoom) + (n == 3 ? c : 0)];
-    const auto dot = [&](double u, double v, const cv::Vec3b& colour) {
+    for (int y = 0; y < out.height; ++y)
+      for (int x = 0; x < out.width; ++x)
+        for (int c = 0; c < 3; ++c) out.row(y)[3 * x + c] = f->image.row(y / zoom)[n * (x / zoom) + (n == 3 ? c : 0)];
+    const auto dot = [&](double u, double v, const Bgr& colour) {
       const int x = int(std::lround(zoom * (u + 0.5))), y = int(std::lround(zoom * (v + 0.5)));
-      if (x >= 0 && y >= 0 && x < out.cols && y < out.rows) out.at<cv::Vec3b>(y, x) = colour;
+      if (x >= 0 && y >= 0 && x < out.width && y < out.height) std::copy(colour.begin(), colour.end(), out.row(y) + 3 * x);
     };
     const AxisMap& map = s.view.leds.map;
     const Eigen::Vector2d along = map.direction, across(-along.y(), along.x());
     const double scale = map.scale_m_per_px(map.u_px(0.0)), low = s.view.band_low_m / scale, high = s.view.band_high_m / scale;
-    const auto line = [&](const Eigen::Vector2d& a, const Eigen::Vector2d& b, const cv::Vec3b& colour) {
+    const auto line = [&](const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Bgr& colour) {
       const int steps = std::max(2, int(2 * zoom * (b - a).norm()));
       for (int k = 0; k <= steps; ++k) {
         const Eigen::Vector2d p = a + double(k) / steps * (b - a);
@@ -58,7 +61,7 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
       }
     };
     const auto place = [&](double y_m, double v) { return Eigen::Vector2d(map.origin_px + map.u_px(y_m) * along + v * across); };
-    const cv::Vec3b grey(150, 150, 150), yellow(66, 228, 240), orange(0, 94, 213);
+    constexpr Bgr grey = {150, 150, 150}, yellow = {66, 228, 240}, orange = {0, 94, 213};
     for (const double v : {low, high}) line(place(s.bins.edges_m[0], v), place(s.bins.edges_m[s.bins.size()], v), grey);
     for (Eigen::Index k = 0; k < s.view.leds.centroid_px.cols(); ++k) {
       const Eigen::Vector2d c = s.view.leds.centroid_px.col(k);
@@ -67,8 +70,7 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
     const double half = 1.645 * std::sqrt(at.variance_m2);
     line(place(at.y_m, low), place(at.y_m, high), orange);
     line(place(at.y_m - half, high), place(at.y_m + half, high), orange);
-    std::vector<std::uint8_t> bytes;
-    cv::imencode(".png", out, bytes);
+    const std::vector<std::uint8_t> bytes = pictures().encode(".png", out.view());
     return {bytes.begin(), bytes.end()};
   }
   throw InputError(s.log.path + ": the picture to draw on cannot be read");

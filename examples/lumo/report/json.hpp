@@ -1,6 +1,6 @@
 #pragma once
 
-#include "options/options.hpp"
+#include "computing/request.hpp"
 #include "report/report.hpp"
 
 #include <nlohmann/json.hpp>
@@ -101,7 +101,7 @@ inline Json json(const EvaluationResult& e) {
 }
 
 /// The design that a result belongs to; the first keys of every result.
-inline Json heading(const Options& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
+inline Json heading(const Pad& o) { return {{"theta_mm", numbers(o.theta_mm)}, {"material", o.material}}; }
 
 inline Json json(const Mechanics& m) {
   return {{"mode", m.paper ? "paper" : "default"},

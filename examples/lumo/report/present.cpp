@@ -10,7 +10,7 @@
 
 namespace lumo::program {
 
-std::string theta_text(const Options& o) {
+std::string theta_text(const Pad& o) {
   return "θ = [" + joined(o.theta_mm, ", ") + "] mm, " + o.material;
 }
 
@@ -22,7 +22,7 @@ namespace {
 
 std::string dump(const Json& j) { return j.dump(2) + "\n"; }
 
-std::string how(const Options& o) { return o.mechanics == Mechanics{} ? "" : mechanics_text(o.mechanics) + "\n"; }
+std::string how(const Mechanics& m) { return m == Mechanics{} ? "" : mechanics_text(m) + "\n"; }
 
 std::string state_table(const ScenarioReport& s) {
   std::string t = "load [N]  force [N]  depth [mm]  contact area [mm²]  residual [N]\n";
@@ -67,7 +67,7 @@ std::vector<Point> force_depth(const ScenarioReport& s) {
   return points;
 }
 
-LineChart force_depth_chart(const Options& o, const std::string& subtitle) {
+LineChart force_depth_chart(const Pad& o, const std::string& subtitle) {
   return {"Force over depth", theta_text(o) + (subtitle.empty() ? "" : "; " + subtitle), "depth since first touch [mm]", "force [N]", {}};
 }
 
@@ -77,7 +77,7 @@ std::vector<double> difference(const std::vector<double>& a, const std::vector<d
   return d;
 }
 
-BarChart response_chart(const Options& o, const std::string& title, const std::string& subtitle, std::size_t regions) {
+BarChart response_chart(const Pad& o, const std::string& title, const std::string& subtitle, std::size_t regions) {
   BarChart c{title, theta_text(o) + "; " + subtitle, "region along the finger, proximal to distal", "change of response per emitted power", {}, {}};
   for (std::size_t b = 1; b <= regions; ++b) c.categories.push_back(std::to_string(b));
   return c;
@@ -94,7 +94,7 @@ std::vector<double> on_all_nodes(std::vector<double> field) {
 }
 
 /// What a press leaves behind: curve, contact sets, table and states.
-void add_press(const Options& o, const PressResult& press, Output& files) {
+void add_press(const Pad& o, const PressResult& press, Output& files) {
   LineChart chart = force_depth_chart(o, scenario_text(press.scenario));
   chart.curves.push_back({"", std::string(palette[0]), force_depth(press.scenario)});
   files.add("force_depth.svg", draw(chart));
@@ -134,10 +134,10 @@ const StateReport* find_state(const EvaluationResult& e, double diameter, double
 
 }  // namespace
 
-std::string present(const Options& o, const SectionDrawing& section, Output& files) {
+std::string present(const Pad& o, bool as_json, const SectionDrawing& section, Output& files) {
   const std::string svg = draw(section);
   files.add("section.svg", svg);
-  if (o.json) {
+  if (as_json) {
     Json j = heading(o);
     for (const auto& d : section.dimensions) {
       const bool x = d.along == SectionDrawing::Dimension::Along::x;
@@ -148,13 +148,13 @@ std::string present(const Options& o, const SectionDrawing& section, Output& fil
   return files.wanted() ? section.title + "\n" + section.subtitle + "\n" : svg;
 }
 
-std::string present(const Options& o, const MeshResult& m, Output& files) {
+std::string present(const Pad& o, bool as_json, const MeshResult& m, Output& files) {
   if (files.wanted()) {
     std::ostringstream vtu;
     write_vtu(vtu, m.mesh);
     files.add("mesh.vtu", vtu.str());
   }
-  if (o.json) {
+  if (as_json) {
     Json j = heading(o);
     j["mesh"] = json(m.size);
     j["boundary_faces"] = m.boundary_faces;
@@ -170,9 +170,9 @@ std::string present(const Options& o, const MeshResult& m, Output& files) {
          ", smallest dihedral angle " + cell(m.min_dihedral_deg, 1) + "°\n";
 }
 
-std::string present(const Options& o, const PressResult& p, Output& files) {
+std::string present(const PressRequest& o, bool as_json, const PressResult& p, Output& files) {
   if (files.wanted()) add_press(o, p, files);
-  if (o.json) {
+  if (as_json) {
     Json j = heading(o);
     j["mechanics"] = json(o.mechanics);
     append(j, json(p.scenario));
@@ -180,10 +180,10 @@ std::string present(const Options& o, const PressResult& p, Output& files) {
     j["seconds"] = json(p.seconds);
     return dump(j);
   }
-  return theta_text(o) + "; " + scenario_text(p.scenario) + "\n" + how(o) + state_table(p.scenario);
+  return theta_text(o) + "; " + scenario_text(p.scenario) + "\n" + how(o.mechanics) + state_table(p.scenario);
 }
 
-std::string present(const Options& o, const TraceResult& t, Output& files) {
+std::string present(const PressRequest& o, bool as_json, const TraceResult& t, Output& files) {
   if (files.wanted()) {
     BarChart chart = response_chart(o, "Change of light in each region", scenario_text(t.scenario), t.unloaded_response.size());
     const auto& states = t.scenario.states;
@@ -193,7 +193,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
     files.add("trace.csv", csv({t.scenario}));
     add_press(o, t.press, files);
   }
-  if (o.json) {
+  if (as_json) {
     Json j = heading(o);
     j["mechanics"] = json(o.mechanics);
     append(j, json(t.scenario));
@@ -204,7 +204,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
     j["seconds"] = json(t.press.seconds);
     return dump(j);
   }
-  std::string text = theta_text(o) + "; " + scenario_text(t.scenario) + "\n" + how(o) + state_table(t.scenario) + "response per emitted power, regions from proximal to distal\n";
+  std::string text = theta_text(o) + "; " + scenario_text(t.scenario) + "\n" + how(o.mechanics) + state_table(t.scenario) + "response per emitted power, regions from proximal to distal\n";
   const auto row = [](const std::string& label, const std::vector<double>& r) {
     std::string line = label + std::string(label.size() < 10 ? 10 - label.size() : 0, ' ');
     for (const double v : r) line += cell(v, 6, 10);
@@ -215,7 +215,7 @@ std::string present(const Options& o, const TraceResult& t, Output& files) {
   return text + ledger_text(t.ledger);
 }
 
-std::string present(const Options& o, const EvaluationResult& e, Output& files) {
+std::string present(const EvaluationRequest& o, bool as_json, const EvaluationResult& e, Output& files) {
   Json j = heading(o);
   j["mechanics"] = json(o.mechanics);
   j["ensemble"] = name(o.ensemble);
@@ -245,8 +245,8 @@ std::string present(const Options& o, const EvaluationResult& e, Output& files) 
       files.add("hardest_pair.svg", draw(bars));
     }
   }
-  if (o.json) return dump(j);
-  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios\n" + how(o);
+  if (as_json) return dump(j);
+  std::string text = theta_text(o) + ", " + std::string(name(o.ensemble)) + " ensemble, " + std::to_string(e.scenarios.size()) + " scenarios\n" + how(o.mechanics);
   text += "J_contact = " + cell(e.J_contact, 4) + " ± " + cell(e.J_contact_err, 4);
   if (const auto& w = e.worst_contact) text += "   worst: sphere " + short_number(w->diameter_mm) + " mm, " + short_number(w->angle_deg) + "°, y = " + short_number(w->y_mm) + " mm";
   text += "\nJ_obs     = " + scientific(e.J_obs) + " ± " + scientific(e.J_obs_err);

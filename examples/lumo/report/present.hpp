@@ -1,6 +1,6 @@
 #pragma once
 
-#include "options/options.hpp"
+#include "computing/request.hpp"
 #include "console/output.hpp"
 #include "report/report.hpp"
 #include "drawing/section_drawing.hpp"
@@ -11,13 +11,13 @@
 namespace lumo::program {
 
 /// The design, and the press, in the words of all captions.
-std::string theta_text(const Options& options);
+std::string theta_text(const Pad& pad);
 std::string scenario_text(const ScenarioReport& scenario);
 
-std::string present(const Options& options, const SectionDrawing& section, Output& files);
-std::string present(const Options& options, const MeshResult& mesh, Output& files);
-std::string present(const Options& options, const PressResult& press, Output& files);
-std::string present(const Options& options, const TraceResult& trace, Output& files);
-std::string present(const Options& options, const EvaluationResult& evaluation, Output& files);
+std::string present(const Pad& request, bool as_json, const SectionDrawing& section, Output& files);
+std::string present(const Pad& request, bool as_json, const MeshResult& mesh, Output& files);
+std::string present(const PressRequest& request, bool as_json, const PressResult& press, Output& files);
+std::string present(const PressRequest& request, bool as_json, const TraceResult& trace, Output& files);
+std::string present(const EvaluationRequest& request, bool as_json, const EvaluationResult& evaluation, Output& files);
 
 }  // namespace lumo::program

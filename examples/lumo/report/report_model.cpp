@@ -1,6 +1,6 @@
 #include "report/report_model.hpp"
 
-#include "computing/commands.hpp"
+#include "computing/section.hpp"
 
 #include "lumo/optimize/gaussian_process.hpp"
 
@@ -153,7 +153,7 @@ Json campaign_model(const StoredCampaign& c, const std::string& store) {
   if (!c.selected) return j;
 
   const StoredTrial& best = c.trials[*c.selected];
-  Options design;
+  Pad design;
   design.theta_mm = best.theta_mm;
   design.material = c.problem.material;
   j["design"] = {{"theta_mm", numbers(best.theta_mm)},

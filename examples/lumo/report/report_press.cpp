@@ -30,7 +30,7 @@ Json outlines(const TetMesh& mesh, const std::vector<double>& field) {
 
 }  // namespace
 
-Json press_model(const Options& request, const PressOutcome& outcome) {
+Json press_model(const PressRequest& request, const PressOutcome& outcome) {
   Json j = {{"diameter_mm", request.diameter_mm}, {"note", outcome.why}, {"states", Json::array()}};
   if (!outcome.press) return j;
   const PressResult& press = *outcome.press;

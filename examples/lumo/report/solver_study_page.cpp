@@ -44,7 +44,7 @@ std::vector<std::string> cells(const SolverRow& r) {
   return {r.scenario.status, std::to_string(r.size.nodes), cell(r.seconds, 1), cell(r.scenario.q_form, 4), cell(r.scenario.q_stable, 4), cell(r.scenario.q_stiff, 4), cell(r.score, 4)};
 }
 
-std::string subject(const Options& o, const SolverStudy& study) { return theta_text(o) + "; " + scenario_text(study.rows.front().scenario); }
+std::string subject(const PressRequest& o, const SolverStudy& study) { return theta_text(o) + "; " + scenario_text(study.rows.front().scenario); }
 
 constexpr std::string_view meaning =
     "In equilibrium: the depth at which the quasi-static solver bears the force that was reached, on the same mesh. Distance: root mean square over nodes of "
@@ -113,7 +113,7 @@ std::vector<std::string> with(std::string first, std::vector<std::string> rest) 
 
 }  // namespace
 
-std::string solver_page(const Options& o, const SolverStudy& study) {
+std::string solver_page(const PressRequest& o, const SolverStudy& study) {
   std::string page = R"(<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -151,7 +151,7 @@ svg { max-width: 100%; height: auto; display: block; margin-top: 1.5rem; }
   return page + "</table></div>\n</html>\n";
 }
 
-std::string present(const Options& o, const SolverStudy& study, Output& files) {
+std::string present(const PressRequest& o, bool as_json, const SolverStudy& study, Output& files) {
   Json j = {{"study", "solver"}};
   append(j, heading(o));
   append(j, {{"diameter_mm", o.diameter_mm}, {"angle_deg", o.angle_deg}, {"y_mm", o.y_mm}, {"pad_height_mm", study.pad_height_mm}, {"rows", Json::array()}});
@@ -162,7 +162,7 @@ std::string present(const Options& o, const SolverStudy& study, Output& files) {
     files.add("study_solver.csv", table(study));
     files.add("study_solver.html", solver_page(o, study));
   }
-  if (o.json) return whole;
+  if (as_json) return whole;
 
   std::vector<std::vector<std::string>> solvers = {with("solver", row_columns)}, states = {with("solver", state_columns)};
   for (const SolverRow& r : study.rows) {

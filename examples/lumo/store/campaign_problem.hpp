@@ -1,13 +1,13 @@
 #pragma once
 
 #include "computing/contacts.hpp"
-#include "options/options.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/optimize/optimizer.hpp"
 
 #include <cstdint>
 #include <string>
+#include <utility>
 
 namespace lumo {
 
@@ -38,12 +38,15 @@ std::string problem_text(const CampaignProblem& problem);
 /// Throws InputError for a text that problem_text() has not written, in this version of the results or, over the same designs, in another.
 CampaignProblem read_problem(const std::string& text, const std::string& store);
 
-/// Calls `use` with the optimiser of a campaign that has seen nothing yet.
+/// Calls `use` with an optimiser that has seen nothing yet; candidates come from the "paper"'s or the "default" source.
+template <class Use>
+auto with_optimizer(const Problem& problem, const std::string& source, Use&& use) {
+  if (source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
+  return use(Optimizer<>(problem));
+}
 template <class Use>
 auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
-  const Problem problem = finger_problem(evaluations, p.seed);
-  if (p.source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
-  return use(Optimizer<>(problem));
+  return with_optimizer(finger_problem(evaluations, p.seed), p.source, std::forward<Use>(use));
 }
 
 }  // namespace lumo::program

@@ -44,10 +44,10 @@ Json json(const PairedSummary& s) {
           {"median_95", s.median_95 ? Json{s.median_95->first, s.median_95->second} : Json(nullptr)}};
 }
 
-std::vector<StudyRow> study_rows(const Options& o, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
+std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
                                  const std::function<std::string(const StudyRow&)>& told, Progress& progress) {
-  tell_if_emptied(o.store, progress);
-  if (!o.store.empty()) return rows_of(SqliteLog(o.store, problem_text), problem, evaluate, told, progress);
+  tell_if_emptied(store, progress);
+  if (!store.empty()) return rows_of(SqliteLog(store, problem_text), problem, evaluate, told, progress);
   progress.note("not kept: with --store FILE it goes on after an interruption");
   return rows_of(MemoryLog(problem_text), problem, evaluate, told, progress);
 }

@@ -1,0 +1,134 @@
+#include "computing/press.hpp"
+
+#include "computing/tools.hpp"
+#include "computing/records.hpp"
+
+#include "lumo/mesh/quality.hpp"
+
+#include <algorithm>
+#include <map>
+#include <new>
+
+namespace lumo::program {
+
+namespace {
+
+template <class P>
+TetMesh mesh_of(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress, double& seconds) {
+  const lumo::detail::Stopwatch watch;
+  progress.stage("mesh");
+  TetMesh mesh = mesh_for_contact(body, mesh_body(body, pipeline.mesher), std::vector{scenario_of(o)}, pipeline.mesher, pipeline.focus, pipeline.mesh_order);
+  progress.step();
+  seconds = watch.seconds();
+  return mesh;
+}
+
+std::vector<double> per_power(const Response& r, const std::vector<double>& watts) {
+  std::vector<double> out = watts;
+  for (double& v : out) v /= r.ledger.emitted;
+  return out;
+}
+
+/// The part of a press that a trace shares.
+template <class P>
+PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
+  PressResult result;
+  result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
+  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
+  const lumo::detail::Stopwatch watch;
+  progress.stage("press");
+  const Scenario<Sphere> scenario = scenario_of(o);
+  result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
+  report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
+  result.seconds.mechanics = watch.seconds();
+  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return is_scored(s.status, true); })) progress.step();   // else it is not done
+
+  result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
+  for (const auto& s : result.states) {
+    result.scenario.states.push_back(report_state(s));
+    result.scenario.status = std::string(to_string(s.status));
+    if (!is_scored(s.status, true)) break;
+  }
+  return result;
+}
+
+}  // namespace
+
+MeshResult make_mesh(const PressRequest& o, Progress& progress) {
+  MeshResult result;
+  const Body body = body_of(o, o.mechanics);
+  result.mesh = mesh_of(o, body, pipeline_for(o.material, o.mechanics), progress, result.seconds);
+  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
+  result.boundary_faces = result.mesh.faces.size();
+  const MeshQuality quality = measure(result.mesh);
+  result.volume_mm3 = 1e9 * quality.volume_m3;
+  result.exact_volume_mm3 = 1e9 * body.exact_volume_m3;
+  result.min_jacobian_ratio = quality.min_jacobian_ratio;
+  result.min_dihedral_deg = quality.min_dihedral_deg;
+  return result;
+}
+
+PressResult make_press(const PressRequest& o, Progress& progress) {
+  const lumo::detail::Stopwatch watch;
+  PressResult result = pressed(o, body_of(o, o.mechanics), pipeline_for(o.material, o.mechanics), progress);
+  result.seconds.total = watch.seconds();
+  return result;
+}
+
+std::vector<PressOutcome> make_presses(const std::vector<PressRequest>& requests, int threads, Progress& progress) {
+  std::map<std::pair<std::string, bool>, decltype(pipeline_for("", {}))> pipelines;   // all before threads start
+  for (const PressRequest& o : requests)
+    if (const std::pair kind(o.material, o.mechanics.paper); !pipelines.contains(kind)) pipelines.emplace(kind, pipeline_for(o.material, o.mechanics));
+  std::vector<PressOutcome> outcomes(requests.size());
+  progress.stage("press", int(requests.size()));
+  TbbExecutor{threads}.for_each(requests.size(), [&](std::size_t k) {
+    const PressRequest& o = requests[k];
+    Progress silent(true);
+    try {
+      outcomes[k].press = pressed(o, body_of(o, o.mechanics), pipelines.at({o.material, o.mechanics.paper}), silent);
+    } catch (const Error& e) {
+      outcomes[k].why = e.what();
+    } catch (const std::bad_alloc&) {
+      outcomes[k].why = "out of memory";
+    }
+    progress.step();
+  });
+  return outcomes;
+}
+
+TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
+  const lumo::detail::Stopwatch watch;
+  const Body body = body_of(o, o.mechanics);
+  const auto pipeline = pipeline_for(o.material, o.mechanics);
+  TraceResult result;
+  result.press = pressed(o, body, pipeline, progress);
+  result.scenario = result.press.scenario;
+  const PressResult& press = result.press;
+  if (!is_scored(press.states.back().status, true)) return result;
+
+  const lumo::detail::Stopwatch light;
+  progress.stage("trace", int(press.states.size()) + 1);
+  const Symmetry symmetry = symmetry_of(body, press.mesh, scenario_of(o), press.states.back().status);
+  std::vector<Response> responses(press.states.size() + 1);   // the unloaded one first
+  TbbExecutor{threads}.for_each(responses.size(), [&](std::size_t k) {
+    responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
+    progress.step();
+  });
+  result.unloaded_response = per_power(responses[0], responses[0].power_W);
+  result.unloaded_error = per_power(responses[0], responses[0].error_W);
+  double worst = -1.0;
+  for (std::size_t k = 0; k < responses.size(); ++k) {
+    const Response& r = responses[k];
+    if (k > 0) {
+      StateReport& state = result.scenario.states[k - 1];
+      state.response = per_power(r, r.power_W);
+      state.change_error = per_power(r, standard_error(r.replicates - responses[0].replicates));   // the same rays: most of their noise cancels
+    }
+    if (r.ledger.imbalance() > worst) worst = r.ledger.imbalance(), result.ledger = report(r.ledger);
+  }
+  result.press.seconds.optics = light.seconds();
+  result.press.seconds.total = watch.seconds();
+  return result;
+}
+
+}  // namespace lumo::program
