@@ -5,7 +5,7 @@
 // With a number behind, the store says that its results are of that version.
 #include "store/campaign_problem.hpp"
 #include "computing/contacts.hpp"
-#include "report/json.hpp"
+#include "report/records.hpp"
 
 #include "lumo/support/sqlite.hpp"
 
@@ -29,33 +29,42 @@ double contact_of(const Design& x) { return 0.7 * bump(x[1], 11.0, 7.0) * bump(x
 double light_of(const Design& x) { return 4e-5 * bump(x[0], 4.0, 5.0) * bump(x[2], 9.0, 5.0) * bump(x[4], 4.0, 3.0) * bump(x[1], 6.0, 6.0); }
 
 /// Hertz's law for the depth, light that changes around the touched place.
-EvaluationResult made_up(const Design& x, const lumo::Ensemble& ensemble) {
-  EvaluationResult e;
-  e.J_contact = contact_of(x), e.J_contact_err = 0.004;
-  e.J_obs = light_of(x), e.J_obs_err = 0.1 * e.J_obs;
-  for (int b = 0; b < bins; ++b) e.unloaded_response.push_back(1.4e-3 - 1e-5 * std::abs(b - 5));
-  for (const auto& s : ensemble.scenarios()) {
-    ScenarioReport r;
-    const double radius_mm = 1e3 * s.indenter.radius_m();
-    r.diameter_mm = 2.0 * radius_mm, r.angle_deg = std::round(s.angle_rad * 180.0 / pi), r.y_mm = 1e3 * s.y_m;
-    r.q_form = 0.5, r.q_stable = 0.6, r.q_stiff = 0.7;
-    for (const double load_N : s.loads_N) {
-      StateReport k;
-      k.load_N = k.force_N = load_N;
-      k.depth_mm = std::pow(load_N / (0.7 * std::sqrt(radius_mm)), 2.0 / 3.0);
-      k.contact_area_mm2 = pi * radius_mm * k.depth_mm, k.reference_area_mm2 = 0.9 * k.contact_area_mm2, k.residual_N = 1e-9;
-      for (int b = 0; b < bins; ++b) {
-        const double away_mm = 5.0 * (b - 5) - r.y_mm;
-        k.response.push_back(e.unloaded_response[std::size_t(b)] + 20.0 * e.J_obs * k.depth_mm * (bump(away_mm, 0.0, 5.0) - 0.4 * bump(away_mm, 12.0, 6.0)));
-      }
-      r.states.push_back(std::move(k));
-    }
-    e.scenarios.push_back(std::move(r));
+StateRecord made_up(double load_N, double radius_mm, double y_mm, double J_obs, const std::vector<double>& unloaded) {
+  StateRecord k;
+  k.status = Status::converged;
+  k.load_N = k.force_N = load_N;
+  const double depth_mm = std::pow(load_N / (0.7 * std::sqrt(radius_mm)), 2.0 / 3.0);
+  k.depth_m = 1e-3 * depth_mm;
+  k.contact_area_m2 = 1e-6 * pi * radius_mm * depth_mm;
+  k.reference_area_m2 = 0.9 * k.contact_area_m2;
+  k.residual_N = 1e-9;
+  k.penetration_m = undefined;
+  for (int b = 0; b < bins; ++b) {
+    const double away_mm = 5.0 * (b - 5) - y_mm, change = bump(away_mm, 0.0, 5.0) - 0.4 * bump(away_mm, 12.0, 6.0);
+    k.response.push_back(unloaded[std::size_t(b)] + 20.0 * J_obs * depth_mm * change);
   }
-  e.worst_contact = WorstContact{10.0, 0.0, -22.0, e.J_contact};
-  e.worst_observation = WorstObservation{10.0, 0.0, 1.0, -22.0, -11.0, e.J_obs};
-  e.ledger = {1.0, 0.014, 0.012, 0.344, 0.62, 0.01, 0.0, 0.0};
-  e.size = {25000, 15000};
+  return k;
+}
+
+Evaluation made_up(const Design& x, const lumo::Ensemble& ensemble) {
+  Evaluation e;
+  Observations& seen = e.observations;
+  e.J_contact = Estimate{contact_of(x), 0.004};
+  e.J_obs = Estimate{light_of(x), 0.1 * light_of(x)};
+  for (int b = 0; b < bins; ++b) seen.unloaded_response.push_back(1.4e-3 - 1e-5 * std::abs(b - 5));
+  for (const auto& s : ensemble.scenarios()) {
+    if (s.indenter.diameter_m == 10e-3 && s.angle_rad == 0.0 && s.y_m == -22e-3) e.worst_contact = seen.scenarios.size();
+    ScenarioRecord r{s.indenter.diameter_m, s.angle_rad, s.y_m, Status::converged, {}, {}, s.tilt};
+    r.terms = {Estimate{0.5, 0.0}, Estimate{0.6, 0.0}, Estimate{0.7, 0.0}};
+    for (const double load_N : s.loads_N)
+      r.states.push_back(made_up(load_N, 1e3 * s.indenter.radius_m(), 1e3 * s.y_m, e.J_obs->value, seen.unloaded_response));
+    seen.scenarios.push_back(std::move(r));
+  }
+  e.observed = {{0, 10e-3, 0.0, -22e-3, 1.0, {}}, {1, 10e-3, 0.0, -11e-3, 1.0, {}}};
+  e.worst_observation = Separation{*e.J_obs, 0, 1};
+  seen.ledger = {1.0, {0.014}, 0.012, 0.344, 0.62, 0.01};
+  seen.nodes = 25000;
+  seen.elements = 15000;
   return e;
 }
 
@@ -66,12 +75,12 @@ Verdict verdict(const Design& x, const CampaignProblem& problem, bool fails) {
   if (fails) v.why = "press: inverted at 15 N, </script><img src=x onerror=alert(1)> & \"quotes\", {{script}}, no UTF-8: \xff";
   if (fails) record["why"] = "see the entry";
   else {
-    const EvaluationResult e = made_up(x, contacts(problem.ensemble));
-    v.outputs = {e.J_contact, e.J_obs};
+    const Evaluation e = made_up(x, contacts(problem.ensemble));
+    v.outputs = {e.J_contact->value, e.J_obs->value};
     append(record, json(e));
   }
   v.record = record.dump();
-  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2}, {"machine", {{"processor", "an abacus"}, {"system", "Linux 0"}, {"compiler", "g++ 12"}, {"TetGen", "1.5.0"}, {"Embree", "3.13.5"}, {"CHOLMOD", "3.0.14"}}}, {"seconds", json(Seconds{1.0, 90.0, 60.0, 151.0})}}.dump();
+  v.notes = Json{{"lumo", "0.1.0"}, {"threads", 2}, {"machine", {{"processor", "an abacus"}, {"system", "Linux 0"}, {"compiler", "g++ 12"}, {"TetGen", "1.5.0"}, {"Embree", "3.13.5"}, {"CHOLMOD", "3.0.14"}}}, {"seconds", json(Timing{1.0, 90.0, 60.0, 151.0})}}.dump();
   return v;
 }
 

@@ -82,9 +82,8 @@ inline TetMesh block_mesh(const Vec3& size, const std::vector<double>& gx, const
       if (fresh) m.nodes.push_back(0.5 * (m.nodes[std::size_t(a)] + m.nodes[std::size_t(b)]));
       return it->second;
     };
-    static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
     for (auto& t : m.tets)
-      for (std::size_t e = 0; e < 6; ++e) t[4 + e] = mid(t[std::size_t(ends[e][0])], t[std::size_t(ends[e][1])]);
+      for (std::size_t e = 0; e < 6; ++e) t[4 + e] = mid(t[std::size_t(tet_edges[e][0])], t[std::size_t(tet_edges[e][1])]);
     for (auto& f : m.faces)
       for (std::size_t e = 0; e < 3; ++e) f.nodes[3 + e] = mid(f.nodes[e], f.nodes[(e + 1) % 3]);
     m.order = 2;

@@ -19,7 +19,8 @@ namespace {
 /// Sum of the areas of all filled polygons of a colour of the scale [mm²], whose unit is that of the x axis.
 double drawn_area_mm2(const std::string& svg, double px_per_mm) {
   double sum = 0.0;
-  const std::regex area("<path fill=\"#[0-9a-f]{6}\" stroke=\"#[0-9a-f]{6}\" stroke-width=\"0.6\" d=\"([^\"]*)Z\"/>"), point("[ML]([-0-9.]+) ([-0-9.]+)");
+  const std::regex area("<path fill-rule=\"evenodd\" d=\"([^\"]*)Z\" fill=\"#[0-9a-f]{6}\" stroke=\"#[0-9a-f]{6}\" stroke-width=\"0.6\"");
+  const std::regex point("[ML]([-0-9.]+) ([-0-9.]+)");
   for (std::sregex_iterator a(svg.begin(), svg.end(), area), end; a != end; ++a) {
     const std::string d = (*a)[1];
     std::vector<std::array<double, 2>> p;
@@ -53,7 +54,8 @@ TEST_CASE("the picture of a pressed body is its cut: the section's area while no
     const auto tool = svg.find("stroke=\"#d55e00\"");
     REQUIRE(tool != std::string::npos);
     double lowest = 0.0;
-    const std::string d = svg.substr(tool, svg.find("/>", tool) - tool);
+    const auto path = svg.rfind("<path", tool);
+    const std::string d = svg.substr(path, tool - path);
     const std::regex point("[ML]([-0-9.]+) ([-0-9.]+)");
     for (std::sregex_iterator q(d.begin(), d.end(), point), end; q != end; ++q) lowest = std::max(lowest, std::stod((*q)[2]));
     const auto plot = svg.find("<clipPath");

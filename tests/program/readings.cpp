@@ -28,8 +28,8 @@ Json made_up(const Design& x, int reading) {
   };
   add("J_contact", reading == 2 ? 1.0 - contact : contact + 0.001 * reading, 0.004);
   add("J_obs", light * (1.0 - 0.02 * reading), 0.1 * light);
-  j["worst_contact"] = lost ? Json(nullptr) : json(WorstContact{reading == 3 ? 30.0 : 10.0, 0.0, 0.0, contact});
-  j["worst_observation"] = lost ? Json(nullptr) : json(WorstObservation{10.0, 0.0, 1.0, 0.0, 5.5, light});
+  j["worst_contact"] = lost ? Json(nullptr) : Json{{"diameter_mm", reading == 3 ? 30.0 : 10.0}, {"angle_deg", 0.0}, {"y_mm", 0.0}, {"value", contact}};
+  j["worst_observation"] = lost ? Json(nullptr) : Json{{"diameter_mm", 10.0}, {"angle_deg", 0.0}, {"load_N", 1.0}, {"y_mm", {0.0, 5.5}}, {"value", light}};
   return j;
 }
 

@@ -112,6 +112,29 @@ LinearConstraint read_constraint(const Reader& reader, const Json& j, const std:
   return c;
 }
 
+std::string numbered(const char* key, std::size_t i) { return lumo::detail::text(key, "[", i, "]"); }
+
+Objective read_objective(const Reader& reader, const Json& j, const std::string& where) {
+  reader.keys(j, where, {"name", "goal", "reference"});
+  return {reader.word(reader.at(j, where + ".", "name"), where + ".name"),
+          reader.one_of(reader.at(j, where + ".", "goal"), where + ".goal", "maximize", "minimize") == "maximize",
+          reader.number(reader.at(j, where + ".", "reference"), where + ".reference")};
+}
+
+Design read_design(const Reader& reader, const Json& j, const std::string& where, const DesignSpace& space) {
+  const std::size_t wanted = space.variables.size();
+  if (reader.list(j, where).size() != wanted)
+    reader.refuse(where, lumo::detail::text("has ", j.size(), " values, must have ", wanted, ", one for each variable"));
+  Design x;
+  for (std::size_t k = 0; k < j.size(); ++k) x.push_back(reader.number(j[k], numbered(where.c_str(), k)));
+  try {
+    space.check(x);
+  } catch (const InfeasibleDesign& e) {
+    reader.refuse(where, std::string("is an ") + e.what());
+  }
+  return x;
+}
+
 Json parse_file(const std::string& path) {
   if (std::filesystem::is_directory(path)) throw InputError("cannot read space file '" + path + "': it is a directory");
   std::ifstream in(path, std::ios::binary);
@@ -148,7 +171,6 @@ SpaceFile read_space(const std::string& path) {
   const Json& constraints = j.contains("constraints") ? reader.list(j["constraints"], "constraints") : none;
   const Json& objectives = reader.list(reader.at(j, "", "objectives"), "objectives");
   const Json& initial = j.contains("initial") ? reader.list(j["initial"], "initial") : none;
-  const auto numbered = [](const char* key, std::size_t i) { return lumo::detail::text(key, "[", i, "]"); };
   if (variables.empty()) reader.refuse("variables", "is empty, must hold at least 1");
   if (objectives.empty()) reader.refuse("objectives", "is empty, must hold at least 1");
   for (std::size_t i = 0; i < variables.size(); ++i) {
@@ -158,26 +180,10 @@ SpaceFile read_space(const std::string& path) {
   }
   for (std::size_t i = 0; i < constraints.size(); ++i)
     p.space.constraints.push_back(read_constraint(reader, constraints[i], numbered("constraints", i), p.space.variables));
-  for (std::size_t i = 0; i < objectives.size(); ++i) {
-    const std::string where = numbered("objectives", i);
-    reader.keys(objectives[i], where, {"name", "goal", "reference"});
-    p.objectives.push_back({reader.word(reader.at(objectives[i], where + ".", "name"), where + ".name"),
-                            reader.one_of(reader.at(objectives[i], where + ".", "goal"), where + ".goal", "maximize", "minimize") == "maximize",
-                            reader.number(reader.at(objectives[i], where + ".", "reference"), where + ".reference")});
-  }
-  for (std::size_t i = 0; i < initial.size(); ++i) {
-    const std::string where = numbered("initial", i);
-    if (reader.list(initial[i], where).size() != variables.size())
-      reader.refuse(where, lumo::detail::text("has ", initial[i].size(), " values, must have ", variables.size(), ", one for each variable"));
-    Design x;
-    for (std::size_t k = 0; k < initial[i].size(); ++k) x.push_back(reader.number(initial[i][k], where + "[" + std::to_string(k) + "]"));
-    try {
-      p.space.check(x);
-    } catch (const InfeasibleDesign& e) {
-      reader.refuse(where, std::string("is an ") + e.what());
-    }
-    p.initial.push_back(std::move(x));
-  }
+  for (std::size_t i = 0; i < objectives.size(); ++i)
+    p.objectives.push_back(read_objective(reader, objectives[i], numbered("objectives", i)));
+  for (std::size_t i = 0; i < initial.size(); ++i)
+    p.initial.push_back(read_design(reader, initial[i], numbered("initial", i), p.space));
   if (j.contains("sobol")) p.sobol = int(reader.whole(j["sobol"], "sobol", 0, 100000));
   p.evaluations = int(reader.whole(reader.at(j, "", "evaluations"), "evaluations", 1, 100000));
   if (j.contains("seed")) p.seed = std::uint64_t(reader.whole(j["seed"], "seed", 0, std::numeric_limits<std::int64_t>::max()));

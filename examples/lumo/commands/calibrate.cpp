@@ -85,7 +85,9 @@ std::string shown(const Specimen& s, bool as_json) {
 
 /// From a log with a press (wrench.csv, marker.csv, holds), an unloaded and a dark stretch. Throws InputError for a log that lacks one of them.
 struct Calibrate : LogCommand {
-  ResponsesRequest nominal{.threads = all_threads()};
+  ResponsesRequest nominal;
+
+  Calibrate() { nominal.threads = all_threads(); }
 
   void declare(CLI::App& app) {
     add_log(app);

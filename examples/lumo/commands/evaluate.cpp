@@ -17,8 +17,8 @@ struct Evaluate : DesignCommand {
   }
   void check() const { check_design(request); }
   Result run(Output& files, Progress& progress) const {
-    const EvaluationResult result = make_evaluation(request, threads, progress);
-    return {present(request, json, result, files), failure_of(result.scenarios)};
+    const Evaluation result = make_evaluation(request, threads, progress);
+    return {present(request, json, result, files), failure_of(result.observations.scenarios)};
   }
 };
 

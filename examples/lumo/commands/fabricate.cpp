@@ -61,10 +61,24 @@ std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
   return list;
 }
 
-/// To a nanometre, so that 9 mm in m are 9 mm again.
-double mm(double length_m) { return as_typed(1e3 * length_m); }
-
 double grams(double volume_m3, double density_kg_per_m3) { return 1e3 * volume_m3 * density_kg_per_m3; }
+
+Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
+  const auto mass_g = [&](double volume_m3) { return number(grams(volume_m3, rubber.density_kg_per_m3)); };
+  const Json half_g = number(0.5 * reserve * grams(volume.total(), rubber.density_kg_per_m3));
+  return {{"density_kg_per_m3", rubber.density_kg_per_m3},
+          {"source", "paper Table I"},
+          {"pad_volume_mm3", number(1e9 * volume.pad)},
+          {"pad_mass_g", mass_g(volume.pad)},
+          {"fits_volume_mm3", number(1e9 * volume.fits)},
+          {"openings_volume_mm3", number(1e9 * volume.openings)},
+          {"cast_volume_mm3", number(1e9 * volume.total())},
+          {"cast_mass_g", mass_g(volume.total())},
+          {"mix", "1A:1B by weight"},
+          {"reserve_percent", 100.0 * (reserve - 1.0)},
+          {"part_a_g", half_g},
+          {"part_b_g", half_g}};
+}
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
 std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
@@ -90,18 +104,7 @@ std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json
              short_number(1e3 * part.box.y()) + " × " + short_number(1e3 * part.box.z()) + "\n";
   }
   j["print_material"] = {{"name", "PLA"}, {"density_kg_per_m3", print_density_kg_per_m3}, {"source", "NatureWorks Ingeo 4043D data sheet (ASTM D792); masses are of solid prints"}};
-  j["silicone"] = {{"density_kg_per_m3", rubber.density_kg_per_m3},
-                   {"source", "paper Table I"},
-                   {"pad_volume_mm3", number(1e9 * volume.pad)},
-                   {"pad_mass_g", number(grams(volume.pad, rubber.density_kg_per_m3))},
-                   {"fits_volume_mm3", number(1e9 * volume.fits)},
-                   {"openings_volume_mm3", number(1e9 * volume.openings)},
-                   {"cast_volume_mm3", number(1e9 * volume.total())},
-                   {"cast_mass_g", number(cast_g)},
-                   {"mix", "1A:1B by weight"},
-                   {"reserve_percent", 100.0 * (reserve - 1.0)},
-                   {"part_a_g", number(0.5 * mix_g)},
-                   {"part_b_g", number(0.5 * mix_g)}};
+  j["silicone"] = silicone_json(rubber, volume);
   j["opening_direction"] = numbers(std::vector{direction.x(), direction.y(), direction.z()});
   j["least_draft_deg"] = number(draft_deg);
   j["notes"] = remarks;

@@ -62,33 +62,33 @@ struct Seen {
 std::string draw_places(const HandObserver& hand, const Seen& seen, const std::optional<HandTouches>& truth) {
   constexpr double strip = 96, gap = 14;
   const auto links = hand.links().size();
-  std::vector<detail::LegendEntry> entries{{"contact seen", std::string(palette[1]), true}};
-  if (truth) entries.insert(entries.begin(), {"truth", std::string(detail::ink), true});
+  std::vector<detail::LegendEntry> entries{{"contact seen", palette[1], true}};
+  if (truth) entries.insert(entries.begin(), {"truth", plot::ink, true});
   std::vector<detail::LegendEntry> beside = entries;
   for (const HandLink& link : hand.links()) beside.push_back({link.name, "", true});   // names stand there, too
-  detail::Frame f = detail::frame_for(beside, 900, 0);
+  plot::Frame f = detail::frame_for(beside, 900, 0);
   f.bottom = f.top + double(links) * (strip + gap) - gap;
   Svg svg(900, f.bottom + 58);
   const auto seconds = [&](std::int64_t stamp) { return 1e-9 * double(stamp - seen.stamp_ns.front()); };
-  f.x_ticks = detail::ticks(0.0, std::max(seconds(seen.stamp_ns.back()), 1e-3), 8);
+  f.x_ticks = plot::ticks(0.0, std::max(seconds(seen.stamp_ns.back()), 1e-3), 8);
   f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
-  detail::headline(svg, f.left, "Contacts on the hand's links", truth ? "place along each link, against what really pressed" : "place along each link");
-  detail::x_axis(svg, f, "time since the references ended [s]");
+  plot::headline(svg, f.left, "Contacts on the hand's links", truth ? "place along each link, against what really pressed" : "place along each link");
+  plot::x_axis(svg, f, "time since the references ended [s]");
   for (std::size_t l = 0; l < links; ++l) {
-    detail::Frame part = f;
+    plot::Frame part = f;
     part.top = f.top + double(l) * (strip + gap), part.bottom = part.top + strip;
     const HandLink& link = hand.links()[l];
     part.y_ticks = {1e3 * link.y_low_m, 0.5e3 * (link.y_low_m + link.y_high_m), 1e3 * link.y_high_m};
     part.y0 = part.y_ticks.front(), part.y1 = part.y_ticks.back();
-    detail::y_axis(svg, part, "y [mm]");
-    svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}}, {.stroke = std::string(detail::ink), .width = 1.2});
+    plot::y_axis(svg, part, "y [mm]");
+    svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}}, {.stroke = plot::ink, .width = 1.2});
     svg.text({part.right + 14, 0.5 * (part.top + part.bottom) + 16}, link.name, {.size = 12, .bold = true});
     if (truth)
       for (const std::int64_t stamp : seen.stamp_ns)
         for (const auto& t : truth->at(stamp))
-          if (t.link == int(l)) svg.circle({part.x(seconds(stamp)), part.y(1e3 * t.y_m)}, 2.6, {.fill = std::string(detail::ink)});
+          if (t.link == int(l)) svg.circle({part.x(seconds(stamp)), part.y(1e3 * t.y_m)}, 2.6, {.fill = plot::ink});
     for (const Row& r : seen.rows)
-      if (r.contact.link == int(l)) svg.circle({part.x(seconds(r.stamp_ns)), part.y(1e3 * r.contact.y_m)}, 1.7, {.fill = std::string(palette[1])});
+      if (r.contact.link == int(l)) svg.circle({part.x(seconds(r.stamp_ns)), part.y(1e3 * r.contact.y_m)}, 1.7, {.fill = palette[1]});
   }
   detail::legend(svg, f, entries);
   return svg.str();

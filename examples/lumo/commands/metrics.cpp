@@ -32,7 +32,7 @@ void add_slopes(const LongitudinalBins& bins, const std::vector<Eigen::MatrixXd>
   const Eigen::VectorXd at = bins.centres_m();
   for (std::size_t i = 0; i < slopes.size(); ++i) {
     const Eigen::VectorXd middle = pointwise_median(slopes[i]);
-    Curve curve{"place " + std::to_string(i + 1), std::string(palette[i % palette.size()]), {}, 1.8, false};
+    Curve curve{"place " + std::to_string(i + 1), palette[i % palette.size()], {}, 1.8, false};
     for (Eigen::Index b = 0; b < at.size(); ++b) {
       curve.points.push_back({1e3 * at[b], middle[b]});
       for (Eigen::Index r = 0; r < slopes[i].cols(); ++r) table += lumo::detail::text(i, ',', r, ',', csv_number(1e3 * at[b]), ',', csv_number(slopes[i](b, r)), '\n');

@@ -10,7 +10,7 @@ namespace {
 struct Press : PressCommand {
   Result run(Output& files, Progress& progress) const {
     const PressResult result = make_press(request, progress);
-    return {present(request, json, result, files), failure_of({result.scenario})};
+    return {present(request, json, result, files), failure_of(result.seen.scenarios)};
   }
 };
 

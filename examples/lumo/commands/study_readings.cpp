@@ -2,7 +2,7 @@
 
 #include "console/text.hpp"
 #include "drawing/chart.hpp"
-#include "report/json.hpp"
+#include "report/records.hpp"
 #include "store/study_rows.hpp"
 
 #include "lumo/campaign/readings.hpp"
@@ -182,7 +182,7 @@ std::string StudyReadings::problem_text(const Problem& p) const {
     j["loads_N"] = pressed().front().loads_N;
     j["contacts"] = Json::array();
     for (const auto& s : pressed())
-      j["contacts"].push_back({as_typed(1e3 * s.indenter.diameter_m), as_typed(s.angle_rad * 180.0 / pi), as_typed(1e3 * s.y_m)});
+      j["contacts"].push_back({mm(s.indenter.diameter_m), degrees(s.angle_rad), mm(s.y_m)});
   }
   j["coarse"] = tools.coarse;
   j["readings"] = Json::array();

@@ -17,7 +17,7 @@ struct StudySolver : DesignCommand {
   void check() const { check_design(request); }
   Result run(Output& files, Progress& progress) const {
     const SolverStudy result = make_solver_study(request, threads, progress);
-    std::vector<ScenarioReport> presses;
+    std::vector<ScenarioRecord> presses;
     for (const SolverRow& row : result.rows) presses.push_back(row.scenario);
     return {present(request, json, result, files), failure_of(presses)};
   }

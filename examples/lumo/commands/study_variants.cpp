@@ -1,7 +1,7 @@
 #include "commands/studies.hpp"
 #include "drawing/chart.hpp"
 #include "console/text.hpp"
-#include "report/json.hpp"
+#include "report/records.hpp"
 #include "store/study_rows.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
@@ -108,7 +108,7 @@ std::string picture(const std::vector<StudyRow>& rows, const Comparison& c, cons
   chart.subtitle = lumo::detail::text(sorted.size(), " designs, ", of_what);
   chart.x_label = "designs, sorted";
   chart.y_label = c.quantity == "D" ? "ΔD [W/W]" : "Δ" + c.quantity + " [–]";
-  chart.series = {{"", std::string(palette[0]), {}, {}}};
+  chart.series = {{"", palette[0], {}, {}}};
   for (std::size_t k = 0; k < sorted.size(); ++k) {
     chart.categories.push_back(k % 5 == 4 ? std::to_string(k + 1) : "");
     chart.series[0].values.push_back(sorted[k].value);

@@ -9,7 +9,7 @@ namespace {
 struct Trace : PressCommand {
   Result run(Output& files, Progress& progress) const {
     const TraceResult result = make_trace(request, threads, progress);
-    return {present(request, json, result, files), failure_of({result.scenario})};
+    return {present(request, json, result, files), failure_of(result.press.seen.scenarios)};
   }
 };
 

@@ -2,16 +2,16 @@
 
 #include "computing/request.hpp"
 #include "console/progress.hpp"
-#include "report/report.hpp"
 
 #include "lumo/campaign/ensemble.hpp"
+#include "lumo/campaign/evaluate.hpp"
 
 #include <array>
 #include <vector>
 
 namespace lumo::program {
 
-EvaluationResult make_evaluation(const EvaluationRequest& request, int threads, Progress& progress);
+Evaluation make_evaluation(const EvaluationRequest& request, int threads, Progress& progress);
 
 /// Depth [mm] at the last load of each scenario, without light; undefined where no equilibrium was found.
 std::vector<double> make_depths(const Pad& pad, const Mechanics& mechanics, const lumo::Ensemble& ensemble, int threads,

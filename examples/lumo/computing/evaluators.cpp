@@ -2,10 +2,9 @@
 
 #include "computing/contacts.hpp"
 #include "computing/provenance.hpp"
-#include "computing/records.hpp"
 #include "computing/tools.hpp"
 #include "console/version.hpp"
-#include "report/json.hpp"
+#include "report/records.hpp"
 
 #include "lumo/campaign/finger_campaign.hpp"
 #include "lumo/campaign/readings.hpp"
@@ -19,15 +18,11 @@ namespace {
 
 Json json(const VariantResult& v) {
   Json j = {{"variant", to_string(v.twin)}, {"why", v.why.empty() ? Json(nullptr) : Json(v.why)}};
-  const auto add = [&](const char* key, const std::optional<Estimate>& e) {
-    j[key] = e ? number(e->value) : Json(nullptr);
-    j[std::string(key) + "_err"] = e ? number(e->error) : Json(nullptr);
-  };
-  add("J_contact", v.J_contact);
-  add("D", v.change);
+  put(j, "J_contact", v.J_contact);
+  put(j, "D", v.change);
   j["scenarios"] = Json::array();
-  for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(json(report(s)));
-  j["mesh"] = json(MeshReport{v.observations.nodes, v.observations.elements});
+  for (const ScenarioRecord& s : v.observations.scenarios) j["scenarios"].push_back(program::json(s));
+  j["mesh"] = mesh_size(v.observations.nodes, v.observations.elements);
   return j;
 }
 
@@ -68,6 +63,21 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
   return verdict;
 }
 
+/// Each reading's objectives, lumo's own first; the verdict is about that, unless the machine failed with another.
+template <class Results>
+Verdict put_readings(Json& record, const std::vector<Departure>& rows, const Results& results) {
+  Verdict verdict = verdict_of(results.front().evaluation);
+  for (std::size_t k = 0; k < results.size(); ++k) {
+    const auto& [why, evaluation] = results[k];
+    record["readings"].push_back(
+        {{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()}, {"why", why.empty() ? Json(nullptr) : Json(why)}});
+    append(record["readings"].back(), objectives(evaluation));
+    if (k > 0 && of_the_machine(evaluation.observations.scenarios))
+      verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + why, "", ""};
+  }
+  return verdict;
+}
+
 /// For functions, which are copied.
 template <class P>
 auto shared(P pipeline) {
@@ -82,9 +92,8 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e =
           evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{threads}, report_stage);
-      const EvaluationResult result = report(e);
-      append(record, json(result));
-      notes["seconds"] = json(result.seconds);
+      append(record, json(e));
+      notes["seconds"] = json(e.observations.seconds);
       return verdict_of(e, o.mechanics.holds());
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(threads), progress, work);
@@ -100,7 +109,7 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
         record["variants"].push_back(json(v));
-        notes["seconds"][std::string(to_string(v.twin))] = json(report(v.observations.seconds));
+        notes["seconds"][std::string(to_string(v.twin))] = json(v.observations.seconds);
         verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
@@ -134,22 +143,7 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
       FingerReading usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
       const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
-      for (std::size_t k = 0; k < results.size(); ++k) {
-        const EvaluationResult r = report(results[k].evaluation);
-        const std::string& why = results[k].why;
-        record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()},
-                                      {"why", why.empty() ? Json(nullptr) : Json(why)},
-                                      {"J_contact", number(r.J_contact)},
-                                      {"J_contact_err", number(r.J_contact_err)},
-                                      {"J_obs", number(r.J_obs)},
-                                      {"J_obs_err", number(r.J_obs_err)},
-                                      {"worst_contact", r.worst_contact ? json(*r.worst_contact) : Json(nullptr)},
-                                      {"worst_observation", r.worst_observation ? json(*r.worst_observation) : Json(nullptr)}});
-      }
-      Verdict verdict = verdict_of(results.front().evaluation);
-      for (std::size_t k = 1; k < results.size(); ++k)
-        if (of_the_machine(results[k].evaluation.observations.scenarios)) verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + results[k].why, "", ""};
-      return verdict;
+      return put_readings(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
   };

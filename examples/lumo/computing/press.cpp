@@ -1,7 +1,7 @@
 #include "computing/press.hpp"
 
 #include "computing/tools.hpp"
-#include "computing/records.hpp"
+#include "report/records.hpp"
 
 #include "lumo/mesh/quality.hpp"
 
@@ -33,22 +33,18 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
 template <class P>
 PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
-  result.mesh = mesh_of(o, body, pipeline, progress, result.seconds.mesh);
-  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
+  Observations& seen = result.seen;
+  seen.seconds = {undefined, undefined, undefined, undefined};
+  result.mesh = mesh_of(o, body, pipeline, progress, seen.seconds.mesh);
+  seen.nodes = result.mesh.nodes.size();
+  seen.elements = result.mesh.tets.size();
   const lumo::detail::Stopwatch watch;
   progress.stage("press");
   const Scenario<Sphere> scenario = scenario_of(o);
   result.states = pipeline.simulator.prepare(body, result.mesh).press(scenario);
-  report_terms(result.scenario, contact_terms(body, result.mesh, result.states, scenario.indenter.radius_m(), pipeline.mechanical_error));
-  result.seconds.mechanics = watch.seconds();
-  if (std::all_of(result.states.begin(), result.states.end(), [](const auto& s) { return is_scored(s.status, true); })) progress.step();   // else it is not done
-
-  result.scenario.diameter_mm = o.diameter_mm, result.scenario.angle_deg = o.angle_deg, result.scenario.y_mm = o.y_mm;
-  for (const auto& s : result.states) {
-    result.scenario.states.push_back(report_state(s));
-    result.scenario.status = std::string(to_string(s.status));
-    if (!is_scored(s.status, true)) break;
-  }
+  seen.scenarios = {record_of(body, result.mesh, scenario, result.states, pipeline.mechanical_error)};
+  seen.seconds.mechanics = watch.seconds();
+  if (is_scored(result.scenario().status, true)) progress.step();   // else it is not done
   return result;
 }
 
@@ -58,20 +54,15 @@ MeshResult make_mesh(const PressRequest& o, Progress& progress) {
   MeshResult result;
   const Body body = body_of(o, o.mechanics);
   result.mesh = mesh_of(o, body, pipeline_for(o.material, o.mechanics), progress, result.seconds);
-  result.size = {result.mesh.nodes.size(), result.mesh.tets.size()};
-  result.boundary_faces = result.mesh.faces.size();
-  const MeshQuality quality = measure(result.mesh);
-  result.volume_mm3 = 1e9 * quality.volume_m3;
-  result.exact_volume_mm3 = 1e9 * body.exact_volume_m3;
-  result.min_jacobian_ratio = quality.min_jacobian_ratio;
-  result.min_dihedral_deg = quality.min_dihedral_deg;
+  result.quality = measure(result.mesh);
+  result.exact_volume_m3 = body.exact_volume_m3;
   return result;
 }
 
 PressResult make_press(const PressRequest& o, Progress& progress) {
   const lumo::detail::Stopwatch watch;
   PressResult result = pressed(o, body_of(o, o.mechanics), pipeline_for(o.material, o.mechanics), progress);
-  result.seconds.total = watch.seconds();
+  result.seen.seconds.total = watch.seconds();
   return result;
 }
 
@@ -101,9 +92,9 @@ TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
   const Body body = body_of(o, o.mechanics);
   const auto pipeline = pipeline_for(o.material, o.mechanics);
   TraceResult result;
-  result.press = pressed(o, body, pipeline, progress);
-  result.scenario = result.press.scenario;
-  const PressResult& press = result.press;
+  PressResult& press = result.press;
+  press = pressed(o, body, pipeline, progress);
+  Observations& seen = press.seen;
   if (!is_scored(press.states.back().status, true)) return result;
 
   const lumo::detail::Stopwatch light;
@@ -114,20 +105,22 @@ TraceResult make_trace(const PressRequest& o, int threads, Progress& progress) {
     responses[k] = k == 0 ? pipeline.tracer.trace(body, press.mesh) : pipeline.tracer.trace(body, press.mesh, press.states[k - 1], symmetry);
     progress.step();
   });
-  result.unloaded_response = per_power(responses[0], responses[0].power_W);
-  result.unloaded_error = per_power(responses[0], responses[0].error_W);
+  seen.unloaded_response = per_power(responses[0], responses[0].power_W);
+  seen.unloaded_error = per_power(responses[0], responses[0].error_W);
   double worst = -1.0;
   for (std::size_t k = 0; k < responses.size(); ++k) {
     const Response& r = responses[k];
     if (k > 0) {
-      StateReport& state = result.scenario.states[k - 1];
+      StateRecord& state = seen.scenarios.front().states[k - 1];
       state.response = per_power(r, r.power_W);
       state.change_error = per_power(r, standard_error(r.replicates - responses[0].replicates));   // the same rays: most of their noise cancels
     }
-    if (r.ledger.imbalance() > worst) worst = r.ledger.imbalance(), result.ledger = report(r.ledger);
+    if (!(r.ledger.imbalance() > worst)) continue;
+    worst = r.ledger.imbalance();
+    seen.ledger = r.ledger;
   }
-  result.press.seconds.optics = light.seconds();
-  result.press.seconds.total = watch.seconds();
+  seen.seconds.optics = light.seconds();
+  seen.seconds.total = watch.seconds();
   return result;
 }
 

@@ -28,12 +28,4 @@ struct AnySimulation {
 /// The Simulator that `mechanics` asks for, with the silicone's numbers. A press takes one thread; presses run side by side.
 AnySimulation simulation(const Mechanics& mechanics, const Silicone& silicone);
 
-/// One kind of Simulator each, in a source of its own: together they would take minutes to compile.
-namespace kinds {
-AnySimulation quasi_static_linear(const Mechanics& mechanics, const Silicone& silicone);
-AnySimulation quasi_static_quadratic(const Mechanics& mechanics, const Silicone& silicone);
-AnySimulation descent_linear(const Mechanics& mechanics, const Silicone& silicone);
-AnySimulation descent_quadratic(const Mechanics& mechanics, const Silicone& silicone);
-}  // namespace kinds
-
 }  // namespace lumo::program

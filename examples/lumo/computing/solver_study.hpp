@@ -10,25 +10,24 @@
 
 namespace lumo::program {
 
-/// One load by one solver.
+/// One load by one solver, beside the state's record.
 struct SolverState {
-  StateReport state;
-  double met_force_N = undefined;            ///< when the advance stopped, before the hold; of a solver that goes in time
+  double met_force_N = undefined;  ///< when the advance stopped, before the hold; of a solver that goes in time
   /// Against the equilibrium on the same mesh under the force that was reached; undefined on the mesh of another order.
   double equilibrium_depth_mm = undefined;
-  double distance_over_height = undefined;   ///< root mean square over nodes of the difference of displacements, per pad height
-  double distance_relative = undefined;      ///< norm of that difference per norm of the equilibrium's displacements
+  double distance_over_height =
+      undefined;  ///< root mean square over nodes of the difference of displacements, per pad height
+  double distance_relative = undefined;  ///< norm of that difference per norm of the equilibrium's displacements
 };
 
 /// One way of computing the press.
 struct SolverRow {
   std::string name;
   Mechanics mechanics;
-  MeshReport size;
-  ScenarioReport scenario;
-  double score = undefined;                  ///< (q_form q_stable q_stiff)^(1/3)
-  std::vector<SolverState> states;
-  double seconds = undefined;                ///< of the press by the clock, without the mesh
+  std::size_t nodes = 0, elements = 0;
+  ScenarioRecord scenario = {};
+  std::vector<SolverState> states = {};  ///< one for each of the scenario's
+  double seconds = undefined;            ///< of the press by the clock, without the mesh
 };
 
 struct SolverStudy {
@@ -36,8 +35,9 @@ struct SolverStudy {
   std::vector<SolverRow> rows;
 };
 
-/// `lumo study solver`: one press of one finger by vertex block descent with 10 and with 100 sweeps, and in equilibrium on the same linear and on the default
-/// quadratic mesh. Throws MeshError; a solve that ends badly is a status in its row.
+/// `lumo study solver`: one press of one finger by vertex block descent with 10 and with 100 sweeps, and in equilibrium
+/// on the same linear and on the default quadratic mesh. Throws MeshError; a solve that ends badly is a status in its
+/// row.
 SolverStudy make_solver_study(const PressRequest& request, int threads, Progress& progress);
 
 std::string present(const PressRequest& request, bool as_json, const SolverStudy& study, Output& files);

@@ -23,18 +23,21 @@ inline std::string draw_confusion(const Eigen::MatrixXi& confusion, const Eigen:
   svg.text({left, 24}, "Decoded place (columns) of true place (rows), y [mm]", {.size = 14, .bold = true});
   const int most = std::max(1, confusion.maxCoeff());
   for (Eigen::Index i = 0; i < n; ++i) {
-    svg.text({left - 10, top + side * (double(i) + 0.6)}, short_number(1e3 * place_m[i]), {.anchor = "end"});
-    svg.text({left + side * (double(i) + 0.5), top - 10}, short_number(1e3 * place_m[i]), {.anchor = "middle"});
+    svg.text({left - 10, top + side * (double(i) + 0.6)}, short_number(1e3 * place_m[i]), {.anchor = Svg::end});
+    svg.text({left + side * (double(i) + 0.5), top - 10}, short_number(1e3 * place_m[i]), {.anchor = Svg::middle});
     for (Eigen::Index j = 0; j < n; ++j) {
       const int v = confusion(i, j);
-      svg.rect({left + side * double(j), top + side * double(i)}, side - 2, side - 2, {.fill = v > 0 ? shade(v, most + 1) : "#f2f2f2"});
-      svg.text({left + side * (double(j) + 0.5) - 1, top + side * (double(i) + 0.6)}, std::to_string(v), {.anchor = "middle", .fill = 2 * v > most ? "#ffffff" : "#222222"});
+      svg.rect({left + side * double(j), top + side * double(i)}, side - 2, side - 2,
+               {.fill = v > 0 ? shade(v, most + 1) : "#f2f2f2"});
+      svg.text({left + side * (double(j) + 0.5) - 1, top + side * (double(i) + 0.6)}, std::to_string(v),
+               {.anchor = Svg::middle, .fill = 2 * v > most ? "#ffffff" : "#222222"});
     }
   }
   return svg.str();
 }
 
-/// One picture of the log, four times as large: LEDs (yellow crosses), the band that is read (grey lines), the place found with its 90 % interval (orange).
+/// One picture of the log, four times as large: LEDs (yellow crosses), the band that is read (grey lines), the place
+/// found with its 90 % interval (orange).
 inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const ContactLocation& at) {
   LogCamera camera(s.log);
   for (auto f = camera.next(); f; f = camera.next()) {
@@ -52,7 +55,8 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
     };
     const AxisMap& map = s.view.leds.map;
     const Eigen::Vector2d along = map.direction, across(-along.y(), along.x());
-    const double scale = map.scale_m_per_px(map.u_px(0.0)), low = s.view.band_low_m / scale, high = s.view.band_high_m / scale;
+    const double scale = map.scale_m_per_px(map.u_px(0.0)), low = s.view.band_low_m / scale,
+                 high = s.view.band_high_m / scale;
     const auto line = [&](const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Bgr& colour) {
       const int steps = std::max(2, int(2 * zoom * (b - a).norm()));
       for (int k = 0; k <= steps; ++k) {
@@ -60,12 +64,14 @@ inline std::string overlay_png(const SensedLog& s, std::int64_t stamp_ns, const 
         dot(p.x(), p.y(), colour);
       }
     };
-    const auto place = [&](double y_m, double v) { return Eigen::Vector2d(map.origin_px + map.u_px(y_m) * along + v * across); };
+    const auto place = [&](double y_m, double v) {
+      return Eigen::Vector2d(map.origin_px + map.u_px(y_m) * along + v * across);
+    };
     constexpr Bgr grey = {150, 150, 150}, yellow = {66, 228, 240}, orange = {0, 94, 213};
     for (const double v : {low, high}) line(place(s.bins.edges_m[0], v), place(s.bins.edges_m[s.bins.size()], v), grey);
     for (Eigen::Index k = 0; k < s.view.leds.centroid_px.cols(); ++k) {
       const Eigen::Vector2d c = s.view.leds.centroid_px.col(k);
-      line(c - 2.0 * along, c + 2.0 * along, yellow), line(c - 2.0 * across, c + 2.0 * across, yellow);
+      for (const auto& arm : {along, across}) line(c - 2.0 * arm, c + 2.0 * arm, yellow);
     }
     const double half = 1.645 * std::sqrt(at.variance_m2);
     line(place(at.y_m, low), place(at.y_m, high), orange);

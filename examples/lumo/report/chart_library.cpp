@@ -10,15 +10,17 @@ namespace lumo::program {
 
 namespace {
 
-constexpr std::string_view path = LUMO_PROGRAM_PLOTLY;   // the build passes what it found, or nothing
+constexpr std::string_view path = LUMO_PROGRAM_PLOTLY;  // the build passes what it found, or nothing
 
 }  // namespace
 
 std::string chart_library() {
   const char* const help = "; apt install python3-plotly, or configure with -DLUMO_PLOTLY=FILE, and build again";
-  if (path.empty()) throw InputError(std::string("a report needs plotly.js, which was not found when lumo was built") + help);
+  if (path.empty())
+    throw InputError(std::string("a report needs plotly.js, which was not found when lumo was built") + help);
   auto script = lumo::detail::read_whole(std::string(path));
-  if (!script || script->find("lotly") == std::string::npos) throw InputError("a report needs plotly.js, which cannot be read from '" + std::string(path) + "'" + help);
+  if (!script || script->find("lotly") == std::string::npos)
+    throw InputError("a report needs plotly.js, which cannot be read from '" + std::string(path) + "'" + help);
   return std::move(*script);
 }
 

@@ -5,8 +5,10 @@
 #include "lumo/optimize/gaussian_process.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
+#include <initializer_list>
 #include <set>
 
 namespace lumo::program {
@@ -14,6 +16,7 @@ namespace lumo::program {
 namespace {
 
 constexpr int fewest_for_check = 5;
+constexpr double normal_95 = 1.96;  // standard deviations about the mean that hold 95 % of a normal distribution
 
 /// The designs that a campaign begins with, reference designs first.
 std::vector<Design> starts(const CampaignProblem& problem) {
@@ -21,10 +24,19 @@ std::vector<Design> starts(const CampaignProblem& problem) {
     std::vector<Design> designs;
     const std::size_t count = optimizer.problem().initial.size() + std::size_t(optimizer.problem().sobol);
     while (designs.size() < count)
-      if (const auto trial = optimizer.ask()) designs.push_back(trial->x);
-      else break;
+      if (const auto trial = optimizer.ask())
+        designs.push_back(trial->x);
+      else
+        break;
     return designs;
   });
+}
+
+/// Of a record what stands under these keys, where that is a number.
+Json only_numbers(const Json& record, std::initializer_list<const char*> keys) {
+  Json j = Json::object();
+  for (const char* key : keys) j[key] = number(value_at(record, key));
+  return j;
 }
 
 Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
@@ -32,46 +44,50 @@ Json trial_model(const StoredTrial& t, const std::vector<Design>& first) {
   const auto start = std::size_t(std::find_if(first.begin(), first.end(), here) - first.begin());
   Json j = {{"index", t.id},
             {"theta_mm", numbers(t.theta_mm)},
-            {"origin", start < reference_designs().size() ? "reference" : start < first.size() ? "sobol" : "search"},
+            {"origin", start < reference_designs().size() ? "reference"
+                       : start < first.size()             ? "sobol"
+                                                          : "search"},
             {"state", t.state},
             {"why", t.why}};
-  for (const char* key : {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}) j[key] = number(value_at(t.record, key));
-  j["hypervolume"] = number(t.hypervolume);
-  j["on_front"] = t.on_front;
-  j["selected"] = t.selected;
+  append(j, only_numbers(t.record, {"J_contact", "J_contact_err", "J_obs", "J_obs_err"}));
+  append(j, {{"hypervolume", number(t.hypervolume)}, {"on_front", t.on_front}, {"selected", t.selected}});
   return j;
 }
 
 /// Each evaluation as a Gaussian process of the others predicts it.
 Json model_check(const StoredCampaign& campaign, const char* objective) {
   const std::vector<Variable> variables = finger_space().variables;
-  std::vector<const StoredTrial*> told;
+  std::vector<const StoredTrial*> evaluated;
   for (const StoredTrial& t : campaign.trials)
-    if (t.state == "evaluated" && std::isfinite(value_at(t.record, objective))) told.push_back(&t);
-  if (int(told.size()) < fewest_for_check) return nullptr;
-  TrainingData data{Eigen::MatrixXd(5, Eigen::Index(told.size())), Eigen::VectorXd(Eigen::Index(told.size())), Eigen::VectorXd(5), Eigen::VectorXd(5)};
-  for (std::size_t i = 0; i < 5; ++i) data.lower[Eigen::Index(i)] = variables[i].lower, data.upper[Eigen::Index(i)] = variables[i].upper;
-  for (std::size_t k = 0; k < told.size(); ++k) {
-    for (std::size_t i = 0; i < 5; ++i) data.x(Eigen::Index(i), Eigen::Index(k)) = told[k]->theta_mm[i];
-    data.y[Eigen::Index(k)] = value_at(told[k]->record, objective);
+    if (t.state == "evaluated" && std::isfinite(value_at(t.record, objective))) evaluated.push_back(&t);
+  const auto n = Eigen::Index(evaluated.size()), dimensions = Eigen::Index(variables.size());
+  if (n < fewest_for_check) return nullptr;
+  TrainingData data{Eigen::MatrixXd(dimensions, n), Eigen::VectorXd(n), Eigen::VectorXd(dimensions),
+                    Eigen::VectorXd(dimensions)};
+  for (Eigen::Index i = 0; i < dimensions; ++i) {
+    data.lower[i] = variables[std::size_t(i)].lower;
+    data.upper[i] = variables[std::size_t(i)].upper;
+    for (Eigen::Index k = 0; k < n; ++k) data.x(i, k) = evaluated[std::size_t(k)]->theta_mm[std::size_t(i)];
   }
+  for (Eigen::Index k = 0; k < n; ++k) data.y[k] = value_at(evaluated[std::size_t(k)]->record, objective);
   const auto left_out = GaussianProcess<>::fit(data).leave_one_out();
   const Eigen::ArrayXd deviation = left_out.variance.array().sqrt(), z = (data.y - left_out.mean).array() / deviation;
   Json j = {{"objective", objective},
-            {"coverage", (z.abs() <= 1.96).cast<double>().mean()},
+            {"coverage", (z.abs() <= normal_95).cast<double>().mean()},
             {"standardised_rms", number(std::sqrt(z.square().mean()))},
             {"points", Json::array()}};
-  for (std::size_t k = 0; k < told.size(); ++k)
-    j["points"].push_back({{"index", told[k]->id},
-                           {"computed", number(data.y[Eigen::Index(k)])},
-                           {"predicted", number(left_out.mean[Eigen::Index(k)])},
-                           {"deviation", number(deviation[Eigen::Index(k)])}});
+  for (Eigen::Index k = 0; k < n; ++k)
+    j["points"].push_back({{"index", evaluated[std::size_t(k)]->id},
+                           {"computed", number(data.y[k])},
+                           {"predicted", number(left_out.mean[k])},
+                           {"deviation", number(deviation[k])}});
   return j;
 }
 
 /// Null unless all of it is numbers.
 Json all_numbers(const Json& list) {
-  const bool good = list.is_array() && std::all_of(list.begin(), list.end(), [](const Json& v) { return v.is_number(); });
+  const bool good =
+      list.is_array() && std::all_of(list.begin(), list.end(), [](const Json& v) { return v.is_number(); });
   return good ? list : Json(nullptr);
 }
 
@@ -84,28 +100,22 @@ const Json& member(const Json& record, const char* key) {
 Json scenario_models(const Json& record) {
   Json list = Json::array();
   for (const Json& s : member(record, "scenarios")) {
-    Json states = Json::array();
+    Json scenario = only_numbers(s, {"diameter_mm", "angle_deg", "y_mm"});
+    scenario["states"] = Json::array();
     for (const Json& k : member(s, "states")) {
-      Json state = Json::object();
-      for (const char* key : {"load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2"}) state[key] = number(value_at(k, key));
+      Json state = only_numbers(k, {"load_N", "force_N", "depth_mm", "contact_area_mm2", "reference_area_mm2"});
       state["response"] = all_numbers(member(k, "response"));
-      states.push_back(std::move(state));
+      scenario["states"].push_back(std::move(state));
     }
-    Json scenario = Json::object();
-    for (const char* key : {"diameter_mm", "angle_deg", "y_mm"}) scenario[key] = number(value_at(s, key));
-    scenario["states"] = std::move(states);
     list.push_back(std::move(scenario));
   }
   return list;
 }
 
 Json section_model(const SectionDrawing& section) {
-  using Fill = SectionDrawing::Fill;
+  static constexpr std::array parts = {"silicone", "carrier", "air", "LED"};  // by Fill
   Json areas = Json::array();
-  for (const auto& a : section.areas) {
-    const char* part = a.fill == Fill::silicone ? "silicone" : a.fill == Fill::carrier ? "carrier" : a.fill == Fill::air ? "air" : "LED";
-    areas.push_back({{"part", part}, {"loop_mm", a.loop}});
-  }
+  for (const auto& a : section.areas) areas.push_back({{"part", parts[std::size_t(a.fill)]}, {"loop_mm", a.loop}});
   return {{"svg", draw(section)}, {"areas", areas}};
 }
 
@@ -117,19 +127,25 @@ Json machine_model(const StoredCampaign& campaign) {
   for (const StoredTrial& t : campaign.trials) {
     if (const Json& v = member(t.notes, "lumo"); v.is_string()) versions.insert(v.get<std::string>());
     std::string machine;
-    for (const auto& [key, value] : member(t.notes, "machine").items())   // libraries by name, the rest speaks for itself
+    for (const auto& [key, value] :
+         member(t.notes, "machine").items())  // libraries by name, the rest speaks for itself
       if (value.is_string())
-        machine += (machine.empty() ? "" : ", ") + (std::isupper(static_cast<unsigned char>(key[0])) ? key + " " : "") + value.get<std::string>();
+        machine += (machine.empty() ? "" : ", ") + (std::isupper(static_cast<unsigned char>(key[0])) ? key + " " : "") +
+                   value.get<std::string>();
     if (!machine.empty()) machines.insert(machine);
     if (const double n = value_at(t.notes, "threads"); n >= 1.0 && n <= 1e6) threads.insert(int(n));
-    if (std::isfinite(t.seconds())) seconds += t.seconds(), ++timed;
+    if (!std::isfinite(t.seconds())) continue;
+    seconds += t.seconds();
+    ++timed;
   }
   return {{"lumo", versions}, {"threads", threads}, {"machines", machines}, {"seconds", seconds}, {"timed", timed}};
 }
 
 }  // namespace
 
-std::string campaign_name(const CampaignProblem& problem) { return problem.material + ", " + std::string(name(problem.ensemble)) + (problem.paper ? ", paper mode" : ""); }
+std::string campaign_name(const CampaignProblem& problem) {
+  return problem.material + ", " + std::string(name(problem.ensemble)) + (problem.paper ? ", paper mode" : "");
+}
 
 Json campaign_model(const StoredCampaign& c, const std::string& store) {
   Json j = {{"store", store},

@@ -20,10 +20,9 @@ double rounded(double value, double step) { return std::round(value / step) * st
 
 Json outlines(const TetMesh& mesh, const std::vector<double>& field) {
   Json loops = Json::array();
-  for (const auto& loop : contact_outline(mesh, field)) {
-    Json points = Json::array();
+  for (const Points& loop : contact_outline(mesh, field)) {
+    Json& points = loops.emplace_back(Json::array());
     for (const Point& p : loop) points.push_back({std::round(1e3 * p[0]) / 1e3, std::round(1e3 * p[1]) / 1e3});
-    loops.push_back(std::move(points));
   }
   return loops;
 }
@@ -39,11 +38,12 @@ Json press_model(const PressRequest& request, const PressOutcome& outcome) {
   std::vector<std::size_t> nodes;
   std::vector<int> number(mesh.nodes.size(), -1);
   Json triangles = Json::array();
-  const std::size_t parts = mesh.order == 2 ? 4 : 1;   // a curved face is drawn as four flat ones
-  for (const BoundaryFace& face : mesh.faces)
-    for (std::size_t corner = 0; corner < 3 * parts; ++corner) {
-      const auto node = std::size_t(face.nodes[parts == 4 ? std::size_t(face_parts()[corner / 3][corner % 3]) : corner]);
-      if (number[node] < 0) number[node] = int(nodes.size()), nodes.push_back(node);
+  for (const auto& facet : sub_facets(mesh))
+    for (const std::size_t node : facet) {
+      if (number[node] < 0) {
+        number[node] = int(nodes.size());
+        nodes.push_back(node);
+      }
       triangles.push_back(number[node]);
     }
   j["triangles"] = std::move(triangles);
@@ -56,14 +56,15 @@ Json press_model(const PressRequest& request, const PressOutcome& outcome) {
     }
     Json pressure = Json::array();
     for (const std::size_t n : nodes) pressure.push_back(rounded(1e-3 * s.pressure_Pa[n], 0.125));
-    j["states"].push_back({{"load_N", s.load_N},
-                           {"depth_mm", 1e3 * s.depth_m},
-                           {"sphere_z_mm", apex_mm + 0.5 * request.diameter_mm - 1e3 * s.depth_m},   // the sphere meets the apex first
-                           {"contact_area_mm2", 1e6 * s.contact_area_m2},
-                           {"reference_area_mm2", 1e6 * s.reference_area_m2},
-                           {"displacement_um", micrometres(s.displacement, nodes)},
-                           {"pressure_kPa", std::move(pressure)},
-                           {"outlines_mm", outlines(mesh, s.contact_field)}});
+    j["states"].push_back(
+        {{"load_N", s.load_N},
+         {"depth_mm", 1e3 * s.depth_m},
+         {"sphere_z_mm", apex_mm + 0.5 * request.diameter_mm - 1e3 * s.depth_m},  // the sphere meets the apex first
+         {"contact_area_mm2", 1e6 * s.contact_area_m2},
+         {"reference_area_mm2", 1e6 * s.reference_area_m2},
+         {"displacement_um", micrometres(s.displacement, nodes)},
+         {"pressure_kPa", std::move(pressure)},
+         {"outlines_mm", outlines(mesh, s.contact_field)}});
   }
   return j;
 }

@@ -81,6 +81,13 @@ std::string wanted(const Segment& s) {
   return text + lumo::detail::text(", for ", cell(1e-9 * double(s.to_ns - s.from_ns), 1), " s");
 }
 
+void announce(RecordingPlan& plan, double now_s, Progress& progress) {
+  while (const Segment* s = plan.announced(now_s)) {
+    const double ahead_s = std::max(0.0, 1e-9 * double(s->from_ns) - now_s);
+    progress.tell(lumo::detail::text(cell(now_s, 1), " s: in ", cell(ahead_s, 1), " s ", wanted(*s)));
+  }
+}
+
 /// Unlike NewFolder's it keeps what is in it, whatever happens.
 void make_folder(const std::string& path) {
   std::error_code error;
@@ -107,10 +114,7 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
   const GentleStop gentle;
   bool whole = false;   // it lasted as long as it was to
   const auto going_on = [&](double now_s) {
-    while (const Segment* s = plan.announced(now_s)) {
-      const double ahead_s = std::max(0.0, 1e-9 * double(s->from_ns) - now_s);
-      progress.tell(lumo::detail::text(cell(now_s, 1), " s: in ", cell(ahead_s, 1), " s ", wanted(*s)));
-    }
+    announce(plan, now_s, progress);
     whole = now_s > seconds;
     return !whole && !GentleStop::asked();
   };

@@ -1,13 +1,12 @@
 #pragma once
 
 #include "computing/evaluators.hpp"
-#include "report/json.hpp"
+#include "report/records.hpp"
 
 #include "lumo/campaign/paired_differences.hpp"
 #include "lumo/optimize/problem.hpp"
 
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,14 +18,13 @@ struct StudyRow {
   Json record;
 };
 
-/// A number of a record with its error, which stands beside it as `…_err`.
-std::optional<Estimate> estimate(const Json& record, const std::string& key);
-
 Json json(const PairedSummary& s);
 
-/// Evaluates the designs that the store lacks ("": a store in memory), with a line of progress for each, of which `told` gives the end. All rows are read from the store,
-/// so that a study that was interrupted gives the same. `problem_text`: what the store is for. Throws StoreError, CampaignError.
-std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem, const Evaluator& evaluate,
-                                 const std::function<std::string(const StudyRow&)>& told, Progress& progress);
+/// Evaluates the designs that the store lacks ("": one in memory), with a line of progress for each, of which `told` gives the
+/// end. All rows are read from the store, so that a study that was interrupted gives the same. `problem_text`: what the
+/// store is for. Throws StoreError, CampaignError.
+std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem,
+                                 const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& told,
+                                 Progress& progress);
 
 }  // namespace lumo::program

@@ -22,6 +22,7 @@ struct StateRecord {
   double load_N = 0.0, force_N = 0.0, depth_m = 0.0, contact_area_m2 = 0.0, reference_area_m2 = 0.0, residual_N = 0.0, penetration_m = 0.0;
   std::vector<double> response;          ///< per emitted power and channel: Observations::unloaded_response + mean change; empty without light
   Eigen::MatrixXd change;                ///< (r − r_0)/P_emit by replicate, replicates × channels, both traced on the scenario's own mesh
+  std::vector<double> change_error;      ///< standard error of the response minus the unloaded one; empty without light
 };
 
 /// One scenario of an ensemble.
@@ -47,6 +48,23 @@ struct Observations {
   std::size_t nodes = 0, elements = 0;          ///< of the largest mesh
   Timing seconds;
 };
+
+/// The record of a scenario, before it is lit, from its states on `mesh`.
+template <Indenter Tool>
+ScenarioRecord record_of(const Body& body, const TetMesh& mesh, const Scenario<Tool>& scenario,
+                         const std::vector<MechanicalState>& states, const MechanicalError& error = {}) {
+  ScenarioRecord record;
+  record.diameter_m = 2.0 * contact_radius(scenario.indenter);
+  record.angle_rad = scenario.angle_rad;
+  record.y_m = scenario.y_m;
+  record.tilt = scenario.tilt;
+  record.status = states.back().status;
+  record.terms = contact_terms(body, mesh, states, contact_radius(scenario.indenter), error);
+  for (const MechanicalState& s : states)
+    record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2,
+                             s.residual_N, s.penetration_m, {}, {}, {}});
+  return record;
+}
 
 /// Did all scenarios converge, or were held where that is accepted?
 template <class = void>

@@ -79,11 +79,7 @@ SolvedScenario solve_scenario(const Body& body, const Scenario<Tool>& scenario, 
   SolvedScenario out;
   const Stopwatch watch;
   out.states = pad.press(scenario);
-  ScenarioRecord& record = out.record;
-  record = {2.0 * contact_radius(scenario.indenter), scenario.angle_rad, scenario.y_m, out.states.back().status, {}, {}, scenario.tilt};
-  record.terms = contact_terms(body, pad.mesh(), out.states, contact_radius(scenario.indenter), pipeline.mechanical_error);
-  for (const MechanicalState& s : out.states)
-    record.states.push_back({s.status, s.load_N, s.force_N, s.depth_m, s.contact_area_m2, s.reference_area_m2, s.residual_N, s.penetration_m, {}, {}});
+  out.record = record_of(body, pad.mesh(), scenario, out.states, pipeline.mechanical_error);
   out.seconds = watch.seconds();
   return out;
 }
@@ -226,8 +222,10 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
 
   out.scenarios = detail::unfold(pressed.scenarios, images, pressed.plan, lighting.records());
   for (auto& record : out.scenarios)
-    for (auto& s : record.states)
+    for (auto& s : record.states) {
       for (Eigen::Index b = 0; b < s.change.cols(); ++b) s.response.push_back(out.unloaded_response[std::size_t(b)] + s.change.col(b).mean());
+      s.change_error = standard_error(s.change);
+    }
   for (const auto& p : pressed.places) {
     out.nodes = std::max(out.nodes, p->mesh().nodes.size());
     out.elements = std::max(out.elements, p->mesh().tets.size());

@@ -1,47 +1,46 @@
 #pragma once
 
-#include "lumo/core/error.hpp"
+#include "lumo/core/svg.hpp"
 #include "lumo/fabrication/drawing.hpp"
-#include "lumo/fabrication/millimetres.hpp"
 
 #include <algorithm>
 #include <ostream>
-#include <string>
 
 namespace lumo {
 
-/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group. Throws InputError when the stream fails.
-template <class = void>
+/// The drawing as an SVG file at scale 1:1: its user unit is a mm, and so is its size on paper. Each layer is a group.
+/// Throws InputError when the stream fails.
 inline void write_svg(std::ostream& out, const Drawing& drawing) {
-  using detail::in_mm;
-  constexpr double margin = 5.0e-3;
+  constexpr double margin = 5.0e-3, line_mm = 0.15;
+  constexpr int nanometres = 6;          // decimals of a mm
+  constexpr double capitals = 0.73;      // height of DejaVu's capitals over its size
+  constexpr double letter_width = 0.85;  // over their height: most letters are narrower
   auto [low, high] = drawing.box();
-  for (const Drawing::Label& label : drawing.labels) {   // letters are at most as wide as high, but for few
+  for (const Drawing::Label& label : drawing.labels) {
+    const double right = label.at[0] + letter_width * label.height * double(label.words.size());
     low = {std::min(low[0], label.at[0]), std::min(low[1], label.at[1])};
-    high = {std::max(high[0], label.at[0] + 0.85 * label.height * double(label.words.size())), std::max(high[1], label.at[1] + label.height)};
+    high = {std::max(high[0], right), std::max(high[1], label.at[1] + label.height)};
   }
   const double left = low[0] - margin, top = high[1] + margin;
-  const std::string width = in_mm(high[0] + margin - left), height = in_mm(top - low[1] + margin);
-  const auto at = [&](const Drawing::Point& p) { return in_mm(p[0] - left) + " " + in_mm(top - p[1]); };
-  out << "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"" << width << "mm\" height=\"" << height << "mm\" viewBox=\"0 0 " << width << " " << height
-      << "\" font-family=\"DejaVu Sans, Verdana, Helvetica, sans-serif\">\n<title>" << drawing.title << "</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n";
+  Svg svg({1e3 * (high[0] + margin - left), 1e3 * (top - low[1] + margin), "mm", drawing.title, nanometres});
+  const auto at = [&](const Drawing::Point& p) { return Svg::Point{1e3 * (p[0] - left), 1e3 * (top - p[1])}; };
   for (std::size_t k = 0; k < drawing.layers.size(); ++k) {
     const Drawing::Layer& layer = drawing.layers[k];
-    out << "<g id=\"" << layer.name << "\" fill=\"none\" stroke=\"" << layer.stroke << "\" stroke-width=\"0.15\" stroke-linejoin=\"round\">\n";
+    svg.begin_group(layer.name, {.stroke = layer.stroke, .width = line_mm});
     for (const Drawing::Line& line : drawing.lines) {
       if (std::size_t(line.layer) != k) continue;
-      out << "<path d=\"";
-      for (std::size_t i = 0; i < line.points.size(); ++i) out << (i == 0 ? "M" : "L") << at(line.points[i]);
-      out << (line.closed ? "Z\"/>\n" : "\"/>\n");
+      Svg::Points points;
+      for (const Drawing::Point& p : line.points) points.push_back(at(p));
+      svg.outline(points, line.closed);
     }
     for (const Drawing::Label& label : drawing.labels)
-      if (std::size_t(label.layer) == k)   // DejaVu's capitals are 0.73 of its size high
-        out << "<text x=\"" << in_mm(label.at[0] - left) << "\" y=\"" << in_mm(top - label.at[1]) << "\" font-size=\"" << in_mm(label.height / 0.73) << "\" fill=\"" << layer.stroke
-            << "\" stroke=\"none\">" << label.words << "</text>\n";
-    out << "</g>\n";
+      if (std::size_t(label.layer) == k)
+        svg.text(
+            at(label.at), label.words,
+            {.size = 1e3 * (label.height / capitals), .anchor = Svg::left_out, .fill = layer.stroke, .stroke = "none"});
+    svg.end_group();
   }
-  out << "</svg>\n";
-  if (!out) throw InputError("writing an .svg file failed");
+  svg.write(out);
 }
 
 }  // namespace lumo

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "lumo/core/types.hpp"
+#include "lumo/mesh/tet_mesh.hpp"
 
 #include <array>
 #include <concepts>
@@ -16,8 +17,7 @@ Eigen::Matrix<typename Vec3::Scalar, 3, Nodes> shape_gradients(In<Vec3> xi) {
   for (int i = 0; i < 3; ++i) {
     for (int k = 0; k < 4; ++k) g(i, k) = Nodes == 4 ? corner[k][i] : (4.0 * l[std::size_t(k)] - 1.0) * corner[k][i];
     for (int k = 4; k < Nodes; ++k) {
-      static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
-      const int a = ends[k - 4][0], b = ends[k - 4][1];
+      const int a = tet_edges[k - 4][0], b = tet_edges[k - 4][1];
       g(i, k) = 4.0 * (l[std::size_t(b)] * corner[a][i] + l[std::size_t(a)] * corner[b][i]);
     }
   }

@@ -33,7 +33,6 @@ inline Vec3 snapped(const Body& body, const PatchSet& patches, std::type_identit
 
 template <class TetMesh, class Vec3 = Vec3>
 void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<int, int>, PatchSet>& boundary_edges, double tiny) {
-  static constexpr int ends[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
   std::map<std::pair<int, int>, int> middle;
   const auto middle_of = [&](int a, int b) {
     const std::pair<int, int> key = std::minmax(a, b);
@@ -46,7 +45,7 @@ void make_quadratic(const Body& body, TetMesh& mesh, const std::map<std::pair<in
     return it->second;
   };
   for (auto& t : mesh.tets)
-    for (std::size_t k = 0; k < 6; ++k) t[4 + k] = middle_of(t[std::size_t(ends[k][0])], t[std::size_t(ends[k][1])]);
+    for (std::size_t k = 0; k < 6; ++k) t[4 + k] = middle_of(t[std::size_t(tet_edges[k][0])], t[std::size_t(tet_edges[k][1])]);
   for (BoundaryFace& f : mesh.faces)
     for (std::size_t k = 0; k < 3; ++k) f.nodes[3 + k] = middle_of(f.nodes[k], f.nodes[(k + 1) % 3]);
   mesh.order = 2;

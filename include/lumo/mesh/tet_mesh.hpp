@@ -14,8 +14,11 @@ struct BoundaryFace {
   int patch;        ///< index into Body::patches
 };
 
+/// Corners at the ends of a tetrahedron's edges, in the order of their middle nodes.
+inline constexpr int tet_edges[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+
 /// Tetrahedral mesh of the *whole* body in its reference configuration.
-/// Tet nodes: corners 0…3 (positive orientation), then the middles of edges 01, 12, 02, 03, 13, 23 (−1 in a linear mesh).
+/// Tet nodes: corners 0…3 (positive orientation), then the middles of tet_edges (−1 in a linear mesh).
 struct TetMesh {
   int order = 2;                                 ///< 1 linear, 2 quadratic
   std::vector<Vec3> nodes;                       ///< [m]
