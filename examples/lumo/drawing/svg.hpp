@@ -12,7 +12,7 @@ using Point = Svg::Point;
 using Points = Svg::Points;
 using Paint = Svg::Paint;
 
-/// Colours that people with any colour vision tell apart (Okabe & Ito 2008), darkest contrasts first.
+/// Colours that people with any colour vision distinguish (Okabe & Ito 2008), darkest contrasts first.
 inline constexpr std::array<const char*, 7> palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                                        "#e69f00", "#56b4e9", "#000000"};
 

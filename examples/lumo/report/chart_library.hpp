@@ -8,7 +8,7 @@ namespace lumo::program {
 /// Throws InputError, with what to install, when there is none.
 std::string chart_library();
 
-/// As its first lines tell it; empty when there is no such file.
+/// As its first lines state it; empty when there is no such file.
 std::string chart_library_version();
 
 }  // namespace lumo::program

@@ -34,9 +34,9 @@ struct PowerShare {
 inline std::array<PowerShare, 8> power_shares(const EnergyLedger& e) {
   double regions = 0.0;
   for (const double c : e.channels) regions += c;
+  const double p = e.emitted;
   const double physical =
-                   regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost,
-               p = e.emitted;
+      regions + e.to_indenter + e.elsewhere + e.absorbed_in_medium + e.absorbed_at_surfaces + e.lost;
   return {{{"emitted", "emitted", p / p},
            {"regions", "regions", regions / p},
            {"to_indenter", "to indenter", e.to_indenter / p},

@@ -10,7 +10,7 @@ namespace lumo::program {
 /// it knows; nothing else.
 Json campaign_model(const StoredCampaign& campaign, const std::string& store);
 
-/// "DS, flat": what tells campaigns apart.
+/// "DS, flat": what distinguishes campaigns.
 std::string campaign_name(const CampaignProblem& problem);
 
 }  // namespace lumo::program

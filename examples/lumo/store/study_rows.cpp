@@ -15,12 +15,12 @@ namespace {
 
 template <CampaignLog Log>
 std::vector<StudyRow> rows_of(Log log, const Problem& problem, const Evaluator& evaluate,
-                              const std::function<std::string(const StudyRow&)>& told, Progress& progress) {
+                              const std::function<std::string(const StudyRow&)>& outcome, Progress& progress) {
   Pace pace;
   run_campaign(log, Optimizer<>(problem), evaluate, [&](const auto& state, int id, const Verdict& v) {
     const auto& optimizer = state.optimizer();
     const Design& x = optimizer.trials()[std::size_t(id)].x;
-    const std::string end = v.outputs.empty() ? "  failed, " + v.why : told({x, Json::parse(v.record)});
+    const std::string end = v.outputs.empty() ? "  failed, " + v.why : outcome({x, Json::parse(v.record)});
     progress.note(pad(std::to_string(optimizer.told()), 3) + "/" + std::to_string(problem.evaluations) + "  " +
                   pad(joined(x), -20) + end + "  " +
                   pace.after(problem.evaluations - optimizer.told(), !v.outputs.empty()));
@@ -46,12 +46,12 @@ Json json(const PairedSummary& s) {
 }
 
 std::vector<StudyRow> study_rows(const std::string& store, const std::string& problem_text, const Problem& problem,
-                                 const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& told,
+                                 const Evaluator& evaluate, const std::function<std::string(const StudyRow&)>& outcome,
                                  Progress& progress) {
   tell_if_emptied(store, progress);
-  if (!store.empty()) return rows_of(SqliteLog(store, problem_text), problem, evaluate, told, progress);
+  if (!store.empty()) return rows_of(SqliteLog(store, problem_text), problem, evaluate, outcome, progress);
   progress.note("not kept: with --store FILE it goes on after an interruption");
-  return rows_of(MemoryLog(problem_text), problem, evaluate, told, progress);
+  return rows_of(MemoryLog(problem_text), problem, evaluate, outcome, progress);
 }
 
 }  // namespace lumo::program
