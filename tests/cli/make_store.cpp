@@ -5,9 +5,9 @@
 // failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
 // With a number behind, the store says that its results are of that version.
-#include "program/campaign_problem.hpp"
-#include "program/contacts.hpp"
-#include "program/records.hpp"
+#include "store/campaign_problem.hpp"
+#include "computing/contacts.hpp"
+#include "report/records.hpp"
 
 #include "lumo/support/sqlite.hpp"
 

@@ -1,8 +1,7 @@
 #include "catch.hpp"
 
-#include "program/commands.hpp"
-#include "program/json.hpp"
-#include "program/study.hpp"
+#include "commands/study_readings.hpp"
+#include "report/json.hpp"
 
 #include "lumo/study/assumptions.hpp"
 #include "temporary_folder.hpp"
@@ -39,10 +38,10 @@ Json made_up(const Design& x, int reading) {
   return j;
 }
 
-std::string run(const Options& o, const fs::path& out) {
+std::string run(const StudyReadings& o, const fs::path& out) {
   Output files(out.string());
   Progress progress(true);
-  const std::string text = study_readings(o, files, progress);
+  const std::string text = o.run(files, progress).text;
   files.write();
   return text;
 }
@@ -52,7 +51,7 @@ std::string run(const Options& o, const fs::path& out) {
 namespace lumo::program {
 
 /// In place of simulations.
-Evaluator readings_evaluator(const Options&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
+Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Sphere>>& contacts, Progress&) {
   return [contacts](const Design& x) {
     Verdict v;
     Json record = {{"theta_mm", numbers(x)}};
@@ -68,8 +67,7 @@ Evaluator readings_evaluator(const Options&, const std::vector<Scenario<Sphere>>
 
 TEST_CASE("a readings study tells each reading once, the largest change first, and what conclusions depend on") {
   const TemporaryFolder scratch;
-  Options o;
-  o.command = Command::study_readings;
+  StudyReadings o;
   o.designs = 8;
   o.store = (scratch.path / "readings.db").string();
   const std::string text = run(o, scratch.path / "out");
