@@ -8,8 +8,6 @@
 
 namespace lumo::program {
 
-using namespace sense;
-
 namespace {
 
 /// What the virtual lab computes its light with.

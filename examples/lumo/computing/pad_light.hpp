@@ -9,8 +9,6 @@
 
 namespace lumo::program {
 
-using namespace sense;
-
 /// Light of a pad at all places and loads of the virtual lab. Coarse: three places, for trying out; contacts in between are then far from right.
 PadResponses make_pad_responses(const Pad& pad, bool coarse, int threads, Progress& progress);
 

@@ -15,8 +15,6 @@
 
 namespace lumo::program {
 
-using namespace sense;
-
 namespace {
 
 struct Meshed {

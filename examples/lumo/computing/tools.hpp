@@ -17,8 +17,6 @@
 /// The library's stages as the program puts them together.
 namespace lumo::program {
 
-using namespace sense;
-
 template <ExitReadout Readout>
 using Light = Tracer<ScatteringMedium, Readout, Embree>;   // without scattering, BeerLambert to the last bit
 
