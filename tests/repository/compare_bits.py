@@ -1,12 +1,12 @@
 """Compares what two builds of the program compute, bit by bit: before a refactoring and after it.
 
-usage: compare_bits.py record  --program PATH --into FOLDER [--long] [--store FILE] [--only WORD]
+usage: compare_bits.py record  --program PATH --into FOLDER [--long] [--make-store PROGRAM] [--only WORD]
        compare_bits.py compare --program PATH --with FOLDER [--only WORD] [--words-may-differ]
 
 `record` runs the list of commands below and keeps all that they print and write. `compare` runs them again with another program and reports each difference with its file and the
 first line or field that differs; the exit code is 1 if there is any. Pictures of logs and MCAP files are kept as digests. Standard error (progress, wording) is kept, but not compared.
---long adds what runs for many minutes: a campaign of four evaluations and the studies. --store gives a campaign's store (tests/cli/make_store makes one in seconds), which is kept in the
-record: status, verify, export, select and report read it, and a run that continues it is stopped at its next ask. --only runs the commands whose names hold the word, and what they need.
+--long adds what runs for many minutes: a campaign of four evaluations, larger evaluations and studies. --make-store gives the program made of tests/cli/make_store.cpp; the campaign's store that
+it makes is kept in the record: status, verify, export, select and report read it, and a run that continues it is stopped at its next ask. --only runs the commands whose names hold the word, and what they need.
 --words-may-differ lets text differ as long as each number in it stays: for a revision of messages.
 """
 import argparse
@@ -78,7 +78,7 @@ def commands(has_store):
         add(f"fabricate_{name}", f"fabricate --theta {theta} --json", out=True)
     add("section_text", "section --theta 5,10,10,6,3")
     add("section_infeasible", "section --theta 2,6,8,5,0", code=3)
-    add("fabricate_options", "fabricate --theta 5,10,10,6,3 --material Sol --clearance 0.3 --plate 5 --wall 7 --gate 5 --vent 3 --json", out=True)
+    add("fabricate_options", "fabricate --theta 5,10,10,6,3 --material Sol --clearance 0.3 --plate 5 --wall 7 --gate 3 --vent 1.5 --json", out=True)
 
     presses = {
         "quadratic": "--loads 1,5 --size 3", "linear": "--loads 1,2,5 --size 3 --element linear", "graded": "--loads 1 --material Sol",
@@ -397,9 +397,9 @@ def record(arguments):
     if folder.exists() and any(folder.iterdir()):
         raise SystemExit(f"{folder}: is not empty")
     folder.mkdir(parents=True, exist_ok=True)
-    if arguments.store:
-        shutil.copy(arguments.store, folder / "store.db")
-    wanted = chosen(commands(arguments.store is not None), arguments.long, arguments.only)
+    if arguments.make_store:
+        subprocess.run([arguments.make_store, folder / "store.db", "DS", "flat", "24"], check=True)
+    wanted = chosen(commands(arguments.make_store is not None), arguments.long, arguments.only)
     failed = run_all(arguments.program, wanted, folder)
     digests = keep(folder)
     (folder / "record.json").write_text(json.dumps({"commands": [c.name for c in wanted], "digests": digests}, indent=1), encoding="utf-8")
@@ -434,7 +434,7 @@ def main():
         one.add_argument("--only", default="")
         if action == "record":
             one.add_argument("--long", action="store_true")
-            one.add_argument("--store", type=pathlib.Path)
+            one.add_argument("--make-store", type=lambda p: pathlib.Path(p).resolve())
         else:
             one.add_argument("--words-may-differ", action="store_true")
     arguments = parser.parse_args()
