@@ -1,11 +1,13 @@
-"""What it costs to compile with lumo: the header of each stage included, and programs that use it, beside nothing but Eigen.
+"""What it costs to compile with lumo: the header of each stage included, and programs that use it, beside Eigen alone.
 
 usage: measure.py --compiler c++ [c++ …] --include DIR… [--runs 3] [--page FILE]
-The first include folder is lumo's own; the others are taken as system folders. Prints CPU seconds (-O0 -c) and what they
-are above Eigen, each run paired with one of Eigen alone just before it: the best of the runs. Also the peak memory, the
-limit, and for clang how many function and class templates were instantiated. With --page the tables are put between that
-page's markers, with the machine's name. The exit code is 1 if one of the first compiler's programs is beyond its limit.
+The first include folder is lumo's own; the others are taken as system folders. Prints CPU seconds (-O0 -c) and what
+they are above Eigen, each run paired with one of Eigen alone just before it: the best of the runs. Also the peak
+memory, the limit, and for clang how many function and class templates were instantiated. With --page the tables are
+put between that page's markers, with the machine's name. The exit code is 1 if one of the first compiler's programs is
+beyond its limit.
 """
+
 import argparse
 import dataclasses
 import json
@@ -29,7 +31,7 @@ INCLUDED = {
 }
 # Programs of the folder `programs`, and their limits [CPU s].
 USED = {"simulator": 8.0, "observe": 8.0, "evaluate": 14.0}
-ABOVE_EIGEN = 2.0   # limit of each included header [CPU s]
+ABOVE_EIGEN = 2.0  # limit of each included header [CPU s]
 FOLDER = pathlib.Path(__file__).parent / "programs"
 
 
@@ -37,8 +39,8 @@ FOLDER = pathlib.Path(__file__).parent / "programs"
 class Program:
     name: str
     text: str
-    limit: float = 0.0          # [CPU s]; 0: none
-    above_eigen: bool = False   # what the limit is of
+    limit: float = 0.0  # [CPU s]; 0: none
+    above_eigen: bool = False  # what the limit is of
 
 
 def programs():
@@ -52,7 +54,18 @@ def programs():
 
 def command(compiler, folders, source):
     system = [word for folder in folders[1:] for word in ("-isystem", folder)]
-    return [compiler, "-std=c++20", "-O0", "-c", "-I", folders[0], *system, "-o", str(source.with_suffix(".o")), str(source)]
+    return [
+        compiler,
+        "-std=c++20",
+        "-O0",
+        "-c",
+        "-I",
+        folders[0],
+        *system,
+        "-o",
+        str(source.with_suffix(".o")),
+        str(source),
+    ]
 
 
 def is_clang(compiler):
@@ -105,9 +118,12 @@ def paired(compiler, folders, program, eigen, runs):
 def measured(compiler, folders, runs):
     """Lines of the table, and the names of programs beyond their limits."""
     counted = is_clang(compiler)
-    lines = [f"{version(compiler)}:\n",
-             "| program | CPU [s] | above Eigen [s] | limit [s] | memory [MB] |" + (" functions | classes |" if counted else ""),
-             "|---|---|---|---|---|" + ("---|---|" if counted else "")]
+    lines = [
+        f"{version(compiler)}:\n",
+        "| program | CPU [s] | above Eigen [s] | limit [s] | memory [MB] |"
+        + (" functions | classes |" if counted else ""),
+        "|---|---|---|---|---|" + ("---|---|" if counted else ""),
+    ]
     beyond = []
     eigen, *others = programs()
     for program in [eigen, *others]:
@@ -134,7 +150,7 @@ def main():
     parser.add_argument("--page", type=pathlib.Path)
     arguments = parser.parse_args()
     lines, beyond = [], []
-    for compiler in arguments.compiler:   # the limits are the first one's
+    for compiler in arguments.compiler:  # the limits are the first one's
         table, slow = measured(compiler, arguments.include, arguments.runs)
         beyond = beyond if lines else slow
         lines += [*table, ""]
@@ -142,7 +158,9 @@ def main():
     if arguments.page:
         begin, end = "<!-- measured: made by benchmarks/parse_cost/measure.py -->\n", "<!-- measured: end -->\n"
         name, threads = pages.processor()
-        pages.replace_part(arguments.page, begin, end, "\n" + "\n".join([*lines, f"{name}, {threads} threads.", "", ""]))
+        pages.replace_part(
+            arguments.page, begin, end, "\n" + "\n".join([*lines, f"{name}, {threads} threads.", "", ""])
+        )
     print("\n".join(f"{name} is beyond its limit" for name in beyond), end="\n" if beyond else "")
     return 1 if beyond else 0
 

@@ -2,9 +2,11 @@
 benchmarks/parse_cost), and compares with what was recorded: at most 3 % more.
 
 usage: check_cost.py --compiler clang++ --include DIR… [--record]
-Unlike seconds, counts are the same on every machine, but not with every compiler or library: another version of them is not compared (exit code 77).
+Unlike seconds, counts are the same on every machine, but not with every compiler or library: another version of them is
+not compared (exit code 77).
 The first include folder is lumo's own; the others are taken as system folders.
 """
+
 import argparse
 import json
 import pathlib
@@ -22,9 +24,17 @@ LIMIT = 1.03
 
 def tools(compiler, folders):
     """Versions of the compiler, its standard library and Eigen."""
-    probe = "#include <vector>\n#include <Eigen/Core>\nclang __clang_major__ library _GLIBCXX_RELEASE eigen EIGEN_WORLD_VERSION.EIGEN_MAJOR_VERSION.EIGEN_MINOR_VERSION\n"
+    eigen = ".".join(f"EIGEN_{part}_VERSION" for part in ("WORLD", "MAJOR", "MINOR"))
+    versions = f"clang __clang_major__ library _GLIBCXX_RELEASE eigen {eigen}"
+    probe = f"#include <vector>\n#include <Eigen/Core>\n{versions}\n"
     system = [word for folder in folders[1:] for word in ("-isystem", folder)]
-    done = subprocess.run([compiler, "-std=c++20", "-E", "-P", "-x", "c++", *system, "-"], input=probe, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [compiler, "-std=c++20", "-E", "-P", "-x", "c++", *system, "-"],
+        input=probe,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return re.sub(r"\s*\.\s*", ".", done.stdout.strip().splitlines()[-1])
 
 
@@ -37,7 +47,8 @@ def compare(counts, recorded):
             if before is None:
                 faults.append(f"{name}: no count of {kind} is recorded")
             elif count > LIMIT * before:
-                faults.append(f"{name}: instantiates {count} {kind}, recorded are {before}: {100 * (count / before - 1):+.1f} %, at most +3 %")
+                growth = f"{100 * (count / before - 1):+.1f} %, at most +3 %"
+                faults.append(f"{name}: instantiates {count} {kind}, recorded are {before}: {growth}")
     return faults
 
 
@@ -57,7 +68,11 @@ def main():
         BASELINE.write_text(json.dumps({"tools": here, "programs": counts}, indent=1) + "\n", encoding="utf-8")
         return 0
     found = compare(counts, recorded["programs"])
-    print("\n".join(found) if found else "; ".join(f"{name} {kinds['functions']} + {kinds['classes']}" for name, kinds in counts.items()))
+    print(
+        "\n".join(found)
+        if found
+        else "; ".join(f"{name} {kinds['functions']} + {kinds['classes']}" for name, kinds in counts.items())
+    )
     return 1 if found else 0
 
 

@@ -1,8 +1,11 @@
-"""Checks of the house: what keeps the tree readable and no compiler checks. Prints each violation as `path:line: what (value, limit)`.
+"""Checks of the house: what keeps the tree readable and no compiler checks.
+
+Prints each violation as `path:line: what (value, limit)`.
 
 usage: check_house.py ROOT [--count]
 ROOT is the repository's folder. --count prints how many violations there are of each kind instead.
 """
+
 import argparse
 import collections
 import pathlib
@@ -14,17 +17,18 @@ sys.dont_write_bytecode = True
 import check_includes  # noqa: E402
 import cpp  # noqa: E402
 
-CODE_FOLDERS = ["include", "examples", "tests", "benchmarks"]   # single_include/ is made of them
-TEXTS = ["docs", "README.md", "CONTRIBUTING.md"]                # CHANGELOG.md keeps what its old sections say
+CODE_FOLDERS = ["include", "examples", "tests", "benchmarks"]  # single_include/ is made of them
+TEXTS = ["docs", "README.md", "CONTRIBUTING.md"]  # CHANGELOG.md keeps what its old sections say
 TEXT_SUFFIXES = {".hpp", ".cpp", ".md", ".py", ".js", ".css", ".html", ".txt", ".in", ".cmake", ""}
-COLUMNS = 120      # of a line
-LINES = 60         # of a function, from its first line (template heads apart) to its closing brace; of a test case, too
-PARAMETERS = 6     # of a function, a constructor or a lambda
-HEADERS = 14       # of a room
-ROOM_EXCEPTIONS = {}   # room: (limit, why)
-UMBRELLA = ""          # headers that lie in include/lumo itself
+COLUMNS = 120  # of a line
+LINES = 60  # of a function, from its first line (template heads apart) to its closing brace; of a test case, too
+PARAMETERS = 6  # of a function, a constructor or a lambda
+HEADERS = 14  # of a room
+ROOM_EXCEPTIONS = {}  # room: (limit, why)
+UMBRELLA = ""  # headers that lie in include/lumo itself
 
-# Words that say in a home-made way what the field has a word for, and idioms of another language: pattern, what to write, files that it is about.
+# Words that say in a home-made way what the field has a word for, and idioms of another language:
+# pattern, what to write, files that it is about.
 ALL, CODE = re.compile(""), re.compile(r"\.(hpp|cpp)$")
 WORDS = [
     (re.compile(r"\btold\b|\btells\b|\b[Tt]ell(?:ing)? of\b"), "reported, reports, distinguishes or states", ALL),
@@ -39,8 +43,10 @@ WORDS = [
     (re.compile(r"\bDraws\b(?! (?:of|are|come)\b)|\blab/draws\b"), "random stream", ALL),
     (re.compile(r"\b\w*[Rr]eadings\w*"), "assumptions", ALL),
 ]
-ALLOWED_WORDS = re.compile(r'study[ _/]?readings\w*|"readings"|--store readings\.db|readings\.db')   # the command keeps its name, and so do its files
-WORD_LISTS = {"check_house.py", "test_checks.py"}   # which have to name the words
+ALLOWED_WORDS = re.compile(
+    r'study[ _/]?readings\w*|"readings"|--store readings\.db|readings\.db'
+)  # the command keeps its name, and so do its files
+WORD_LISTS = {"check_house.py", "test_checks.py"}  # which have to name the words
 
 ASSIGNMENTS = {"=", "+=", "-=", "*=", "/=", "%=", "&=", "|=", "^=", "<<=", "++", "--"}
 
@@ -50,7 +56,12 @@ class Tree:
 
     def __init__(self, root):
         self.root = pathlib.Path(root)
-        self.code = {self.name(p): p for folder in CODE_FOLDERS for p in sorted((self.root / folder).rglob("*")) if p.suffix in (".hpp", ".cpp") and p.is_file()}
+        self.code = {
+            self.name(p): p
+            for folder in CODE_FOLDERS
+            for p in sorted((self.root / folder).rglob("*"))
+            if p.suffix in (".hpp", ".cpp") and p.is_file()
+        }
         self.texts = {name: path.read_text(encoding="utf-8") for name, path in self.code.items()}
         self.readers = {name: cpp.Reader(text) for name, text in self.texts.items()}
 
@@ -84,7 +95,8 @@ def parameters(tree):
     for name, reader in tree.readers.items():
         for d in reader.declarations:
             if len(d.parameters) > PARAMETERS:
-                yield f"{name}:{d.line}: function {d.name} takes too much ({len(d.parameters)} parameters, {PARAMETERS})"
+                count = f"{len(d.parameters)} parameters, {PARAMETERS}"
+                yield f"{name}:{d.line}: function {d.name} takes too much ({count})"
         for line, taken in reader.lambdas(1, len(reader.tokens)):
             if len(taken) > PARAMETERS:
                 yield f"{name}:{line}: a lambda takes too much ({len(taken)} parameters, {PARAMETERS})"
@@ -138,16 +150,16 @@ def without_control(statement):
             statement = statement[1:]
         elif statement[0].text in ("case", "default"):
             colon = next((k for k, t in enumerate(statement) if t == ":"), len(statement))
-            statement = statement[colon + 1:]
+            statement = statement[colon + 1 :]
         else:
             close = next((k for k, t in enumerate(statement) if t == ")"), len(statement))
-            statement = statement[close + 1:]
+            statement = statement[close + 1 :]
     return statement
 
 
 def is_declaration(part):
     """Does the first of some parts declare its variable: has its target a type before the name?"""
-    target = part[:next((k for k, t in enumerate(part) if t == "="), len(part))]
+    target = part[: next((k for k, t in enumerate(part) if t == "="), len(part))]
     if target and target[0].text in ("using", "typedef", "auto", "const", "constexpr", "static"):
         return True
     for k in range(1, len(target)):
@@ -163,7 +175,10 @@ def without_template_arguments(statement):
     while at < len(statement):
         if statement[at] == "<" and kept and kept[-1].kind == "name":
             depth, end = 0, at
-            while end < len(statement) and (statement[end].kind in ("name", "number") or statement[end].text in ("<", ">", ",", "::", "*", "&", "...", "(", ")", "[", "]")):
+            while end < len(statement) and (
+                statement[end].kind in ("name", "number")
+                or statement[end].text in ("<", ">", ",", "::", "*", "&", "...", "(", ")", "[", "]")
+            ):
                 depth += {"<": 1, ">": -1}.get(statement[end].text, 0)
                 end += 1
                 if depth == 0:
@@ -190,7 +205,11 @@ def comma_chains(tree):
                         start = k + 1
                 parts.append(statement[start:])
                 assigning = [p for p in parts if any(t.kind == "sign" and t.text in ASSIGNMENTS for t in p)]
-                if len(assigning) > 1 and not is_declaration(parts[0]) and statement[0].text not in ("return", "co_return"):
+                if (
+                    len(assigning) > 1
+                    and not is_declaration(parts[0])
+                    and statement[0].text not in ("return", "co_return")
+                ):
                     yield f"{name}:{statement[0].line}: assignments are chained by comma ({len(assigning)}, 1)"
 
 
@@ -206,7 +225,8 @@ def default_of_nobody(parameter):
 
 
 def deducible(function):
-    """Names that a call's arguments (or the class before the name) determine: those in the parameters' types, but before `::`, where nothing is deduced."""
+    """Names that a call's arguments (or the class before the name) determine: those in the parameters' types, but not
+    before `::`, where nothing is deduced."""
     found = set()
     for part in function.parameters:
         depth = 0
@@ -236,10 +256,18 @@ def passed_by_name(tree):
 
 
 def not_passed(function, passed):
-    """Template parameters of a function that no call determines. Constructors and operators are never called by a name with arguments."""
+    """Template parameters of a function that no call determines; nobody can pass those of constructors."""
     known = deducible(function)
     explicit = 0 if function.name == function.inside or function.name.startswith("operator") else passed[function.name]
-    return [p for at, p in enumerate(function.heads[-1]) if p.name not in known and at >= explicit and not default_of_nobody(p)]
+    return [
+        p
+        for at, p in enumerate(function.heads[-1])
+        if p.name not in known and at >= explicit and not default_of_nobody(p)
+    ]
+
+
+def shown(parameter):
+    return f"template parameter {parameter.name}" if parameter.name else "template parameter without a name"
 
 
 def phantoms(tree):
@@ -248,19 +276,28 @@ def phantoms(tree):
         for d in reader.declarations:
             for parameter in (p for head in d.heads for p in head):
                 if default_of_nobody(parameter):
-                    yield f"{name}:{parameter.line}: template parameter {parameter.name or '(without a name)'} of {d.name} has a default that nobody replaces"
+                    yield f"{name}:{parameter.line}: {shown(parameter)} of {d.name} has a default that nobody replaces"
             if d.kind == "type" and re.search(r"[a-z]Of$", d.name) and d.heads and all(p.default for p in d.heads[-1]):
                 yield f"{name}:{d.line}: {d.name} is a template for its own default only"
             if d.kind == "function" and d.heads and not re.match(r'operator(?:""|\w)', d.name):
                 for parameter in not_passed(d, passed):
-                    yield f"{name}:{parameter.line}: template parameter {parameter.name or '(without a name)'} of {d.name} is neither deduced nor passed anywhere"
+                    yield f"{name}:{parameter.line}: {shown(parameter)} of {d.name} is neither deduced nor passed"
         for number, line in enumerate(tree.texts[name].splitlines(), 1):
             match = re.search(r"\b(?:In|Dependent)<|\b\w+Of<>", line.split("//")[0])
             if match:
                 yield f"{name}:{number}: {match.group(0)} hides a type behind a template parameter"
 
 
-CHECKS = {"lines": long_lines, "functions": functions, "parameters": parameters, "rooms": rooms, "details": details, "words": words, "comma chains": comma_chains, "phantom parameters": phantoms}
+CHECKS = {
+    "lines": long_lines,
+    "functions": functions,
+    "parameters": parameters,
+    "rooms": rooms,
+    "details": details,
+    "words": words,
+    "comma chains": comma_chains,
+    "phantom parameters": phantoms,
+}
 
 
 def check(root):
@@ -276,7 +313,10 @@ def main():
     arguments = parser.parse_args()
     found = check(arguments.root)
     for kind, faults in found.items():
-        print(f"{kind}: {len(faults)}" if arguments.count else "\n".join(faults), end="\n" if arguments.count or faults else "")
+        print(
+            f"{kind}: {len(faults)}" if arguments.count else "\n".join(faults),
+            end="\n" if arguments.count or faults else "",
+        )
     total = sum(map(len, found.values()))
     if total == 0:
         print("the house is in order")

@@ -1,13 +1,16 @@
-"""Checks that include arrows point one way, along the order of the rooms, and that only adapters include foreign libraries.
+"""Checks that include arrows point one way, along the order of the rooms, and that only adapters include foreign
+libraries.
 
 usage: check_includes.py include/lumo
 A room is a folder with headers, named by its path: mechanics/contact.
 """
+
 import pathlib
 import re
 import sys
 
-# Each room and the rooms whose headers it may include, beside its own. A room stands below those that it includes; only a room and one inside it may include each other.
+# Each room and the rooms whose headers it may include, beside its own. A room stands below those that it includes; only
+# a room and one inside it may include each other.
 ROOMS = {
     "core": "",
     "drawing": "core",
@@ -42,29 +45,38 @@ ROOMS = {
     "sense/live": "core sense/devices sense/force sense/localize sense/profile sense/recording",
     "lab": "core morphology optics pipeline sense/devices sense/hand sense/recording",
     "support/process": "core mesh sense/devices",
-    "support": "campaign core fabrication geometry mechanics/elements mesh optics sense/devices sense/recording sense/recording/mcap support/process",
+    "support": "campaign core fabrication geometry mechanics/elements mesh optics sense/devices sense/recording "
+    "sense/recording/mcap support/process",
 }
 ALLOWED = {room: set(others.split()) | {room} for room, others in ROOMS.items()}
-ALLOWED[""] = {room for room in ROOMS if not room.startswith("support")} | {""}   # umbrella headers, which need Eigen only
+ALLOWED[""] = {room for room in ROOMS if not room.startswith("support")} | {
+    ""
+}  # umbrella headers, which need Eigen only
 
 STANDARD = set(
-    """algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts condition_variable
-    coroutine cstddef cstdint cstdio cstdlib cstring ctime deque exception execution expected filesystem format forward_list fstream
-    functional future initializer_list iomanip ios iosfwd iostream istream iterator latch limits list locale map memory
-    memory_resource mutex new numbers numeric optional ostream queue random ranges ratio regex scoped_allocator semaphore
-    set shared_mutex source_location span sstream stack stdexcept stop_token streambuf string string_view syncstream
-    system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray variant vector
-    version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal cstdarg cuchar cwchar cwctype""".split()
+    """algorithm any array atomic barrier bit bitset charconv chrono cmath compare complex concepts
+    condition_variable coroutine cstddef cstdint cstdio cstdlib cstring ctime deque exception execution
+    expected filesystem format forward_list fstream functional future initializer_list iomanip ios iosfwd
+    iostream istream iterator latch limits list locale map memory memory_resource mutex new numbers numeric
+    optional ostream queue random ranges ratio regex scoped_allocator semaphore set shared_mutex
+    source_location span sstream stack stdexcept stop_token streambuf string string_view syncstream
+    system_error thread tuple type_traits typeindex typeinfo unordered_map unordered_set utility valarray
+    variant vector version cassert cctype cerrno cfenv cfloat cinttypes climits clocale csetjmp csignal
+    cstdarg cuchar cwchar cwctype""".split()
 )
 INCLUDE = re.compile(r'^\s*#\s*include\s*([<"])([^>"]+)[>"]')
 
 
 def room_of(path):
-    """Folder of a path inside include/lumo; empty for a header that lies in no folder. Details belong to the room about them."""
+    """Folder of a path inside include/lumo, empty for a header in no folder. Details belong to the room about them."""
     folder = pathlib.PurePosixPath(path).parent
     if folder.name == "detail":
         folder = folder.parent
     return "" if folder == pathlib.PurePosixPath(".") else folder.as_posix()
+
+
+def shown(room):
+    return room or "the umbrella"
 
 
 def cycle(graph):
@@ -73,7 +85,7 @@ def cycle(graph):
 
     def visit(node):
         if node in trail:
-            return trail[trail.index(node):] + [node]
+            return trail[trail.index(node) :] + [node]
         if node in done:
             return None
         trail.append(node)
@@ -112,7 +124,7 @@ def check(root):
             bracket, target = match.groups()
             where = f"{here}:{number}"
             if target.startswith("lumo/"):
-                inside = target[len("lumo/"):]
+                inside = target[len("lumo/") :]
                 if bracket == "<":
                     faults.append(f"{where}: lumo's own headers are included with quotes: <{target}>")
                 if not (root / inside).is_file():
@@ -121,10 +133,16 @@ def check(root):
                 if "/detail/" in inside and not here.startswith(inside[: inside.index("detail/")]):
                     faults.append(f"{where}: {target} is a detail, for headers of its own room only")
                 if room_of(inside) not in ALLOWED[room]:
-                    faults.append(f"{where}: {room or 'the umbrella'} must not include {room_of(inside) or 'the umbrella'} ({target})")
+                    faults.append(
+                        f"{where}: {shown(room)} must not include {shown(room_of(inside))} ({target})"
+                    )
             elif bracket == '"':
                 faults.append(f'{where}: write the path from the include folder: "{target}"')
-            elif not (room + "/").startswith("support/") and target not in STANDARD and not target.startswith(("Eigen/", "unsupported/Eigen/")):
+            elif (
+                not (room + "/").startswith("support/")
+                and target not in STANDARD
+                and not target.startswith(("Eigen/", "unsupported/Eigen/"))
+            ):
                 faults.append(f"{where}: only support/ may include a foreign library: <{target}>")
     ring = cycle(graph)
     if ring:

@@ -1,4 +1,5 @@
-"""Checks that what is about any body knows nothing of the finger's own geometry: its design variables, its stem, its lateral voids.
+"""Checks that what is about any body knows nothing of the finger's own geometry: its design variables, its stem, its
+lateral voids.
 
 usage: check_vocabulary.py include/lumo
 """
@@ -31,7 +32,8 @@ def check(root):
             continue
         for number, line in enumerate(header.read_text(encoding="utf-8").splitlines(), 1):
             for match in WORDS.finditer(CODE_VOID.sub("", line)):
-                faults.append(f"{here.as_posix()}:{number}: '{match.group(0)}' belongs to {' or '.join(sorted(FINGER_ROOMS))}")
+                owners = " or ".join(sorted(FINGER_ROOMS))
+                faults.append(f"{here.as_posix()}:{number}: '{match.group(0)}' belongs to {owners}")
     return faults
 
 

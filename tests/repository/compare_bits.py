@@ -3,12 +3,18 @@
 usage: compare_bits.py record  --program PATH --into FOLDER [--long] [--make-store PROGRAM] [--only WORD]
        compare_bits.py compare --program PATH --with FOLDER [--only WORD] [--words-may-differ]
 
-`record` runs the list of commands below and keeps all that they print and write. `compare` runs them again with another program and reports each difference with its file and the
-first line or field that differs; the exit code is 1 if there is any. Pictures of logs and MCAP files are kept as digests. Standard error (progress, wording) is kept, but not compared.
---long adds what runs for many minutes: a campaign of four evaluations, larger evaluations and studies. --make-store gives the program made of tests/cli/make_store.cpp; the campaign's store that
-it makes is kept in the record: status, verify, export, select and report read it, and a run that continues it is stopped at its next ask. --only runs the commands whose names hold the word, and what they need.
+`record` runs the list of commands below and keeps all that they print and write. `compare` runs them again with
+another program. It reports each difference with its file and the first line or field that differs; the exit code is 1
+if there is any. Pictures of logs and MCAP files are kept as digests. Standard error (progress, wording) is kept, but
+not compared. All of it takes eight minutes of one core, and as long again to compare.
+
+--long adds what runs for many minutes: a campaign of four evaluations, larger evaluations and studies.
+--make-store gives the program made of tests/cli/make_store.cpp. The record keeps the campaign's store that it makes:
+  status, verify, export, select and report read it, and a run that continues it is stopped at its next ask.
+--only runs the commands whose names hold the word, and what they need.
 --words-may-differ lets text differ as long as each number in it stays: for a revision of messages.
 """
+
 import argparse
 import base64
 import difflib
@@ -37,22 +43,37 @@ MASKED_KEYS = {
     "threads": "of the machine, which notes keep",
 }
 MASKED_TEXT = [
-    (re.compile(r"\b\d+(?:\.\d+)?(?:e[-+]\d+)? (?:s|ms|min|h)\b"), "<time>", "durations in texts and pages, by the clock"),
+    (
+        re.compile(r"\b\d+(?:\.\d+)?(?:e[-+]\d+)? (?:s|ms|min|h)\b"),
+        "<time>",
+        "durations in texts and pages, by the clock",
+    ),
     (re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d)?)?Z?"), "<date>", "dates of files"),
     (re.compile(r"lumo \d+\.\d+\.\d+"), "lumo <version>", "version of lumo in headers of files"),
 ]
-MASKED_COLUMNS = {
-    "seconds": "the clock's",
+MASKED_COLUMNS = {"seconds": "the clock's"}
+MASKED_TABLES = {
+    "worker": "processes that hold the store",
+    "head": "digest of the last entry; entries are compared themselves",
 }
-MASKED_TABLES = {"worker": "processes that hold the store", "head": "digest of the last entry; entries are compared themselves"}
 MASKED_FIELDS = {"digest": "follows from the entry's text; compared are the texts"}
 DIGESTED = re.compile(r"\.(png|mcap|jpg)$")
 
 SPACE = {
-    "variables": [{"name": "a", "lower": 2, "upper": 29, "step": 0.5}, {"name": "b", "lower": 1, "upper": 20, "step": 0.5}, {"name": "t", "lower": -1, "upper": 1}],
+    "variables": [
+        {"name": "a", "lower": 2, "upper": 29, "step": 0.5},
+        {"name": "b", "lower": 1, "upper": 20, "step": 0.5},
+        {"name": "t", "lower": -1, "upper": 1},
+    ],
     "constraints": [{"terms": {"a": 1, "b": 1}, "upper": 20}, {"terms": {"b": 1, "a": -1}, "lower": -15, "upper": 12}],
-    "objectives": [{"name": "f1", "goal": "maximize", "reference": -0.06}, {"name": "f2", "goal": "minimize", "reference": 2}],
-    "initial": [[6, 6, 0], [4, 8, 0.25]], "sobol": 4, "evaluations": 14, "seed": 1,
+    "objectives": [
+        {"name": "f1", "goal": "maximize", "reference": -0.06},
+        {"name": "f2", "goal": "minimize", "reference": 2},
+    ],
+    "initial": [[6, 6, 0], [4, 8, 0.25]],
+    "sobol": 4,
+    "evaluations": 14,
+    "seed": 1,
 }
 
 
@@ -64,94 +85,143 @@ class Command:
         self.words = text.split() + (["--out", name] if out else [])
 
 
+COARSE = "--size 3 --element linear"  # 0.2 s a press
+DESIGNS = {
+    "baseline": "6,6,8,5,0",
+    "dome": "5,10,10,6,3",
+    "low": "9,1,8,3,2.5",
+    "high": "3,12.5,7,8,5",
+    "wide": "13.5,4,15,11.5,2",
+    "gaps": "10,8,4.5,4,7.5",
+}
+PRESSES = {
+    "quadratic": "--loads 1,5 --size 3",
+    "linear": f"--loads 1,2,5 {COARSE}",
+    "graded": "--loads 1 --material Sol",
+    "friction": f"--loads 1,2,5 {COARSE} --friction 0.5",
+    "quadratic_friction": "--loads 1,3 --size 3 --friction 0.5 --angle 15",
+    "tilt": f"--loads 1,2 {COARSE} --angle 30 --y 5.5",
+    "blunt": f"--loads 1,2 {COARSE} --diameter 30 --theta 5,10,10,6,3",
+    "sharp": f"--loads 0.5,1 {COARSE} --diameter 6 --y -11",
+    "newton": f"--loads 1,2 {COARSE} --law newton",
+    "vertex": f"--loads 1,2 {COARSE} --contact-points vertex --contact-stiffness 1e10",
+    "descent": f"--loads 1 {COARSE} --solver vbd",
+    "descent_friction": "--loads 1,2 --size 4 --element linear --solver vbd --friction 0.5 --sweeps 5 --angle 20",
+    "paper": "--loads 1,2 --size 3 --mode paper",
+    "too_much": "--loads 1,500 --size 4 --element linear",
+}
+TRACES = {
+    "clear": f"--material Sol --loads 1 {COARSE}",
+    "scattering": f"--material DS --loads 1,2 {COARSE}",
+    "gaps": f"--material DS --theta 5,10,10,6,3 --loads 1 {COARSE} --angle -30 --y 11",
+    "clear_gaps": f"--material Sol --theta 10,8,4.5,4,7.5 --loads 1 {COARSE}",
+    "quadratic": "--material DS --loads 1 --size 3",
+    "paper": "--loads 1 --size 3 --mode paper",
+}
+
+
+def design_commands():
+    for name, theta in DESIGNS.items():
+        yield Command(f"section_{name}", f"section --theta {theta} --json", out=True)
+        yield Command(f"mesh_{name}", f"mesh --theta {theta} --json --threads 1", out=True)
+        yield Command(f"fabricate_{name}", f"fabricate --theta {theta} --json", out=True)
+    yield Command("section_text", "section --theta 5,10,10,6,3")
+    yield Command("section_infeasible", "section --theta 2,6,8,5,0", code=3)
+    options = "--clearance 0.3 --plate 5 --wall 7 --gate 3 --vent 1.5"
+    yield Command("fabricate_options", f"fabricate --theta 5,10,10,6,3 --material Sol {options} --json", out=True)
+
+
+def physics_commands():
+    for name, options in PRESSES.items():
+        code = 4 if name == "too_much" else 0
+        yield Command(f"press_{name}", f"press {options} --json --threads 1", out=True, code=code)
+    yield Command("press_text", f"press --loads 1,2 {COARSE} --threads 1")
+    for name, options in TRACES.items():
+        yield Command(f"trace_{name}", f"trace {options} --json --threads 1", out=True)
+    yield Command("trace_text", f"trace --loads 1 {COARSE} --threads 1")
+    one = "--ray-error 100 --json --threads 1"
+    curved = "--ensemble curved --material Sol --theta 5,10,10,6,3"
+    yield Command("evaluate", f"evaluate --size 6 --element linear {one}", out=True)
+    yield Command("evaluate_curved", f"evaluate --size 6 --element linear {curved} {one}", out=True, long=True)
+    yield Command("evaluate_paper", f"evaluate --size 5 --mode paper --sweeps 1 {one}", out=True, long=True)
+    yield Command("study_solver", "study solver --loads 1 --size 4 --friction 0.3 --json --threads 1", out=True)
+
+
+def store_commands():
+    """On a store that is given: read, chosen from, shown, continued up to the next ask."""
+    yield Command("store_status", "campaign status --json --store store.db")
+    yield Command("store_status_text", "campaign status --store store.db")
+    yield Command("store_verify", "campaign verify --json --store store.db")
+    yield Command("store_export", "campaign export --json --store store.db")
+    yield Command("store_export_csv", "campaign export --csv --store store.db")
+    yield Command("store_select", "campaign select --seeds 2 --json --threads 1 --store store.db")
+    yield Command("store_report", "campaign report --threads 1 --store store.db --out store_report.html")
+    text = "campaign run --evaluations 99 --threads 1 --store store_next.db"
+    yield Command("store_next", text, stdin="stop at ask", code=130)
+
+
+def search_commands(has_store):
+    for source in ("default", "paper"):
+        text = f"optimize --space {source}_space.json --transcript optimize_{source}.jsonl"
+        yield Command(f"optimize_{source}", text, stdin="answers")
+    if has_store:
+        yield from store_commands()
+    run = "campaign run --ray-error 100 --threads 1 --json"
+    yield Command("campaign_one", f"{run} --evaluations 1 --store campaign_one.db")
+    yield Command("campaign", f"{run} --evaluations 4 --store campaign.db", long=True)
+    after = {"needs": ["campaign"], "long": True}
+    yield Command("campaign_export", "campaign export --csv --store campaign.db", **after)
+    yield Command("campaign_select", "campaign select --seeds 2 --json --threads 1 --store campaign.db", **after)
+    yield Command(
+        "campaign_report", "campaign report --threads 1 --store campaign.db --out campaign_report.html", **after
+    )
+    study = "--threads 1 --json --store"
+    yield Command("study_carrier", f"study carrier --designs 1 {study} study_carrier.db", out=True)
+    yield Command("study_void", f"study void --designs 2 {study} study_void.db", out=True, long=True)
+
+
+def lab_commands():
+    computed = "--json --threads 1 --cache cache"
+    for kind in ("recontact", "cycle", "imaging", "force", "hand"):
+        yield Command(f"lab_{kind}", f"lab {kind} --coarse --seed 1 {computed}", out=True)
+    yield Command("lab_two", f"lab force --coarse --seed 3 --joints 2 --noise 0.5 {computed}", out=True)
+    specimen = f"lab imaging --coarse --stiffness 1.15 --lamps 0.8 {computed}"
+    yield Command("lab_specimen", specimen, out=True, long=True)
+
+
+def sensing_commands():
+    """On logs of the lab."""
+
+    def of(log, name, text, out=True):
+        return Command(name, f"{text} --json", needs=[log], out=out)
+
+    for decoder in ("nearest", "linear", "gp", "bayes"):
+        yield of("lab_recontact", f"decode_{decoder}", f"decode lab_recontact --decoder {decoder}")
+    yield Command("decode_text", "decode lab_recontact", needs=["lab_recontact"])
+    yield of("lab_recontact", "metrics_recontact", "metrics lab_recontact")
+    yield of("lab_cycle", "metrics_cycle", "metrics lab_cycle --baseline lab_cycle")
+    yield of("lab_imaging", "metrics_imaging", "metrics lab_imaging")
+    for localizer in ("bayes", "peak"):
+        yield of("lab_force", f"locate_{localizer}", f"locate lab_force --localizer {localizer}")
+        yield of("lab_force", f"force_{localizer}", f"force lab_force --localizer {localizer}")
+    yield of("lab_two", "force_two", "force lab_two")
+    yield Command("force_text", "force lab_force", needs=["lab_force"])
+    yield of("lab_hand", "hand", "hand lab_hand")
+    yield of("lab_imaging", "calibrate", "calibrate lab_imaging --coarse --threads 1 --cache cache", out=False)
+    yield of("lab_force", "convert_force", "convert lab_force force.mcap", out=False)
+    yield of("lab_force", "convert_lz4", "convert lab_force force_lz4.mcap --compression lz4", out=False)
+    yield of("lab_cycle", "convert_raw", "convert lab_cycle cycle_raw.mcap --compression none --raw", out=False)
+    yield of("convert_force", "convert_back", "convert force.mcap convert_back", out=False)
+    yield of("convert_raw", "convert_raw_back", "convert cycle_raw.mcap convert_raw_back", out=False)
+    yield of("lab_recontact", "convert_recontact", "convert lab_recontact recontact.mcap", out=False)
+    yield of("convert_force", "locate_mcap", "locate force.mcap")
+    yield of("convert_lz4", "force_mcap", "force force_lz4.mcap")
+    yield of("convert_recontact", "decode_mcap", "decode recontact.mcap")
+
+
 def commands(has_store):
     """All commands, in the order in which they run. What a command writes lies in a folder or a file of its name."""
-    found = []
-
-    def add(name, text, **more):
-        found.append(Command(name, text, **more))
-
-    designs = {"baseline": "6,6,8,5,0", "dome": "5,10,10,6,3", "low": "9,1,8,3,2.5", "high": "3,12.5,7,8,5", "wide": "13.5,4,15,11.5,2", "gaps": "10,8,4.5,4,7.5"}
-    for name, theta in designs.items():
-        add(f"section_{name}", f"section --theta {theta} --json", out=True)
-        add(f"mesh_{name}", f"mesh --theta {theta} --json --threads 1", out=True)
-        add(f"fabricate_{name}", f"fabricate --theta {theta} --json", out=True)
-    add("section_text", "section --theta 5,10,10,6,3")
-    add("section_infeasible", "section --theta 2,6,8,5,0", code=3)
-    add("fabricate_options", "fabricate --theta 5,10,10,6,3 --material Sol --clearance 0.3 --plate 5 --wall 7 --gate 3 --vent 1.5 --json", out=True)
-
-    presses = {
-        "quadratic": "--loads 1,5 --size 3", "linear": "--loads 1,2,5 --size 3 --element linear", "graded": "--loads 1 --material Sol",
-        "friction": "--loads 1,2,5 --size 3 --element linear --friction 0.5", "quadratic_friction": "--loads 1,3 --size 3 --friction 0.5 --angle 15",
-        "tilt": "--loads 1,2 --size 3 --element linear --angle 30 --y 5.5", "blunt": "--loads 1,2 --size 3 --element linear --diameter 30 --theta 5,10,10,6,3",
-        "sharp": "--loads 0.5,1 --size 3 --element linear --diameter 6 --y -11", "newton": "--loads 1,2 --size 3 --element linear --law newton",
-        "vertex": "--loads 1,2 --size 3 --element linear --contact-points vertex --contact-stiffness 1e10", "descent": "--loads 1 --size 3 --element linear --solver vbd",
-        "descent_friction": "--loads 1,2 --size 4 --element linear --solver vbd --friction 0.5 --sweeps 5 --angle 20", "paper": "--loads 1,2 --size 3 --mode paper",
-        "too_much": "--loads 1,500 --size 4 --element linear",
-    }
-    for name, options in presses.items():
-        add(f"press_{name}", f"press {options} --json --threads 1", out=True, code=None)
-    add("press_text", "press --loads 1,2 --size 3 --element linear --threads 1")
-    traces = {
-        "clear": "--material Sol --loads 1 --size 3 --element linear", "scattering": "--material DS --loads 1,2 --size 3 --element linear",
-        "gaps": "--material DS --theta 5,10,10,6,3 --loads 1 --size 3 --element linear --angle -30 --y 11", "clear_gaps": "--material Sol --theta 10,8,4.5,4,7.5 --loads 1 --size 3 --element linear",
-        "quadratic": "--material DS --loads 1 --size 3", "paper": "--loads 1 --size 3 --mode paper",
-    }
-    for name, options in traces.items():
-        add(f"trace_{name}", f"trace {options} --json --threads 1", out=True)
-    add("trace_text", "trace --loads 1 --size 3 --element linear --threads 1")
-    add("evaluate", "evaluate --size 6 --element linear --ray-error 100 --json --threads 1", out=True)
-    add("evaluate_curved", "evaluate --size 6 --element linear --ray-error 100 --ensemble curved --material Sol --theta 5,10,10,6,3 --json --threads 1", out=True, long=True)
-    add("evaluate_paper", "evaluate --size 5 --mode paper --sweeps 1 --ray-error 100 --json --threads 1", out=True, long=True)
-    add("study_solver", "study solver --loads 1 --size 4 --friction 0.3 --json --threads 1", out=True)
-
-    for source in ("default", "paper"):
-        add(f"optimize_{source}", f"optimize --space {source}_space.json --transcript optimize_{source}.jsonl", stdin="tell")
-
-    if has_store:
-        add("store_status", "campaign status --json --store store.db")
-        add("store_status_text", "campaign status --store store.db")
-        add("store_verify", "campaign verify --json --store store.db")
-        add("store_export", "campaign export --json --store store.db")
-        add("store_export_csv", "campaign export --csv --store store.db")
-        add("store_select", "campaign select --seeds 2 --json --threads 1 --store store.db")
-        add("store_report", "campaign report --threads 1 --store store.db --out store_report.html")
-        add("store_next", "campaign run --evaluations 99 --threads 1 --store store_next.db", stdin="stop at ask", code=130)
-    add("campaign_one", "campaign run --evaluations 1 --ray-error 100 --threads 1 --json --store campaign_one.db")
-    add("campaign", "campaign run --evaluations 4 --ray-error 100 --threads 1 --json --store campaign.db", long=True)
-    add("campaign_export", "campaign export --csv --store campaign.db", needs=["campaign"], long=True)
-    add("campaign_select", "campaign select --seeds 2 --json --threads 1 --store campaign.db", needs=["campaign"], long=True)
-    add("campaign_report", "campaign report --threads 1 --store campaign.db --out campaign_report.html", needs=["campaign"], long=True)
-    add("study_carrier", "study carrier --designs 1 --threads 1 --json --store study_carrier.db", out=True)
-    add("study_void", "study void --designs 2 --threads 1 --json --store study_void.db", out=True, long=True)
-
-    for kind in ("recontact", "cycle", "imaging", "force", "hand"):
-        add(f"lab_{kind}", f"lab {kind} --coarse --seed 1 --json --threads 1 --cache cache", out=True)
-    add("lab_two", "lab force --coarse --seed 3 --joints 2 --noise 0.5 --json --threads 1 --cache cache", out=True)
-    add("lab_specimen", "lab imaging --coarse --stiffness 1.15 --lamps 0.8 --json --threads 1 --cache cache", out=True, long=True)
-    for decoder in ("nearest", "linear", "gp", "bayes"):
-        add(f"decode_{decoder}", f"decode lab_recontact --decoder {decoder} --json", needs=["lab_recontact"], out=True)
-    add("decode_text", "decode lab_recontact", needs=["lab_recontact"])
-    add("metrics_recontact", "metrics lab_recontact --json", needs=["lab_recontact"], out=True)
-    add("metrics_cycle", "metrics lab_cycle --baseline lab_cycle --json", needs=["lab_cycle"], out=True)
-    add("metrics_imaging", "metrics lab_imaging --json", needs=["lab_imaging"], out=True)
-    for localizer in ("bayes", "peak"):
-        add(f"locate_{localizer}", f"locate lab_force --localizer {localizer} --json", needs=["lab_force"], out=True)
-        add(f"force_{localizer}", f"force lab_force --localizer {localizer} --json", needs=["lab_force"], out=True)
-    add("force_two", "force lab_two --json", needs=["lab_two"], out=True)
-    add("force_text", "force lab_force", needs=["lab_force"])
-    add("hand", "hand lab_hand --json", needs=["lab_hand"], out=True)
-    add("calibrate", "calibrate lab_imaging --coarse --threads 1 --cache cache --json", needs=["lab_imaging"])
-    add("convert_force", "convert lab_force force.mcap --json", needs=["lab_force"])
-    add("convert_lz4", "convert lab_force force_lz4.mcap --compression lz4 --json", needs=["lab_force"])
-    add("convert_raw", "convert lab_cycle cycle_raw.mcap --compression none --raw --json", needs=["lab_cycle"])
-    add("convert_back", "convert force.mcap convert_back --json", needs=["convert_force"])
-    add("convert_raw_back", "convert cycle_raw.mcap convert_raw_back --json", needs=["convert_raw"])
-    add("convert_recontact", "convert lab_recontact recontact.mcap --json", needs=["lab_recontact"])
-    add("locate_mcap", "locate force.mcap --json", needs=["convert_force"], out=True)
-    add("force_mcap", "force force_lz4.mcap --json", needs=["convert_lz4"], out=True)
-    add("decode_mcap", "decode recontact.mcap --json", needs=["convert_recontact"], out=True)
-    return found
+    return [*design_commands(), *physics_commands(), *search_commands(has_store), *lab_commands(), *sensing_commands()]
 
 
 def chosen(all_commands, long, word):
@@ -173,19 +243,26 @@ def chosen(all_commands, long, word):
 def measure(x):
     """Objectives for ask and tell, by operations that every machine rounds alike."""
     a, b, t = x[0] / 20, x[1] / 20, x[2]
-    return [1 - (a - 0.3) * (a - 0.3) - (b - 0.4) * (b - 0.4) - 0.1 * t * t, (a - 0.7) * (a - 0.7) + (b - 0.1) * (b - 0.1) + 0.1 * (t - 0.5) * (t - 0.5)]
+    return [
+        1 - (a - 0.3) * (a - 0.3) - (b - 0.4) * (b - 0.4) - 0.1 * t * t,
+        (a - 0.7) * (a - 0.7) + (b - 0.1) * (b - 0.1) + 0.1 * (t - 0.5) * (t - 0.5),
+    ]
 
 
 def answer_asks(words, folder, errors):
     """Answers each ask of `lumo optimize`; the text that it wrote, and its exit code."""
-    process = subprocess.Popen(words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True)
+    process = subprocess.Popen(
+        words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
+    )
     lines = []
     for line in process.stdout:
         lines.append(line)
         message = json.loads(line)
         if "ask" not in message:
             break
-        process.stdin.write(json.dumps({"tell": {"id": message["ask"]["id"], "y": measure(message["ask"]["x"])}}) + "\n")
+        process.stdin.write(
+            json.dumps({"tell": {"id": message["ask"]["id"], "y": measure(message["ask"]["x"])}}) + "\n"
+        )
         process.stdin.flush()
     process.stdin.close()
     return "".join(lines) + process.stdout.read(), process.wait()
@@ -211,7 +288,7 @@ def stop_at_ask(words, folder, errors):
 def run_one(program, command, folder):
     words = [str(program), *command.words]
     with open(folder / f"{command.name}.stderr", "w", encoding="utf-8") as errors:
-        if command.stdin == "tell":
+        if command.stdin == "answers":
             text, code = answer_asks(words, folder, errors)
         elif command.stdin == "stop at ask":
             text, code = stop_at_ask(words, folder, errors)
@@ -233,8 +310,12 @@ def run_all(program, wanted, folder):
         code = run_one(program, command, folder)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-        print(f"[{number}/{len(wanted)}] {command.name}: exit code {code}, {spent:.1f} s of processor", file=sys.stderr, flush=True)
-        if command.code is not None and code != command.code:
+        print(
+            f"[{number}/{len(wanted)}] {command.name}: exit code {code}, {spent:.1f} s of processor",
+            file=sys.stderr,
+            flush=True,
+        )
+        if code != command.code:
             failed.append(command.name)
     return failed
 
@@ -321,7 +402,7 @@ def content(path):
     if name.endswith((".json", ".stdout")) and text.lstrip().startswith(("{", "[")):
         try:
             return json_lines(masked_json(json.loads(text)))
-        except ValueError:   # one JSON value a line, or none
+        except ValueError:  # one JSON value a line, or none
             pass
     if name.endswith(".csv") or "_csv" in name:
         return masked_csv(text)
@@ -331,7 +412,11 @@ def content(path):
 def files_of(folder):
     """Files that are compared. Standard error tells of progress; the rest of SQLite's files come and go."""
     skipped = re.compile(r"\.stderr$|\.db-(wal|shm|journal)$|^(store\.db|record\.json)$")
-    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file() and not skipped.search(p.relative_to(folder).as_posix()))
+    return sorted(
+        p.relative_to(folder).as_posix()
+        for p in folder.rglob("*")
+        if p.is_file() and not skipped.search(p.relative_to(folder).as_posix())
+    )
 
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -351,7 +436,15 @@ def difference(name, before, after, words_may_differ):
         return None
     if DIGESTED.search(name):
         return f"{name}: other bytes"
-    changed = sum(max(b - a, d - c) for tag, a, b, c, d in difflib.SequenceMatcher(None, before, after, False).get_opcodes() if tag != "equal") if len(before) + len(after) < 4000 else None
+    changed = (
+        sum(
+            max(b - a, d - c)
+            for tag, a, b, c, d in difflib.SequenceMatcher(None, before, after, False).get_opcodes()
+            if tag != "equal"
+        )
+        if len(before) + len(after) < 4000
+        else None
+    )
     for number, (a, b) in enumerate(zip(before, after), 1):
         if a != b:
             at = next((k for k, (x, y) in enumerate(zip(a, b)) if x != y), min(len(a), len(b)))
@@ -374,7 +467,9 @@ def compare(record, run, names, words_may_differ=False):
 
     before = {f for f in set(files_of(record)) | set(digests) if belongs(f)}
     after = {f for f in files_of(run) if belongs(f)}
-    found = [f"{f}: is no longer written" for f in sorted(before - after)] + [f"{f}: was not written before" for f in sorted(after - before)]
+    found = [f"{f}: is no longer written" for f in sorted(before - after)] + [
+        f"{f}: was not written before" for f in sorted(after - before)
+    ]
     for name in sorted(before & after):
         what = difference(name, recorded_content(record, name, digests), content(run / name), words_may_differ)
         if what:
@@ -402,7 +497,9 @@ def record(arguments):
     wanted = chosen(commands(arguments.make_store is not None), arguments.long, arguments.only)
     failed = run_all(arguments.program, wanted, folder)
     digests = keep(folder)
-    (folder / "record.json").write_text(json.dumps({"commands": [c.name for c in wanted], "digests": digests}, indent=1), encoding="utf-8")
+    (folder / "record.json").write_text(
+        json.dumps({"commands": [c.name for c in wanted], "digests": digests}, indent=1), encoding="utf-8"
+    )
     print(f"{len(wanted)} commands, {len(files_of(folder)) + len(digests)} files recorded in {folder}")
     return failed
 
@@ -420,7 +517,11 @@ def compare_again(arguments):
         names = None if not arguments.only else {c.name for c in wanted}
         found = compare(folder, run, names, arguments.words_may_differ)
     print("\n".join(found))
-    print(f"{len(found)} differences in what {len(wanted)} commands print and write" if found else f"no difference in what {len(wanted)} commands print and write")
+    print(
+        f"{len(found)} differences in what {len(wanted)} commands print and write"
+        if found
+        else f"no difference in what {len(wanted)} commands print and write"
+    )
     return found
 
 

@@ -1,7 +1,10 @@
-"""A reader of C++ for the checks: tokens with their lines, and the declarations of a file with their template heads, parameters and bodies.
+"""A reader of C++ for the checks: tokens with their lines, and declarations with their template heads, parameters
+and bodies.
 
-It knows no types, so that it reads a tree in seconds. It does not expand macros: what looks like a function, TEST_CASE("…") { … }, is one.
+It knows no types, so that it reads a tree in seconds. It does not expand macros: what looks like a function,
+TEST_CASE("…") { … }, is one.
 """
+
 import dataclasses
 import re
 
@@ -23,7 +26,7 @@ CONTROL = {"if", "for", "while", "switch", "catch", "else", "do", "try"}
 
 @dataclasses.dataclass(frozen=True)
 class Token:
-    kind: str   # raw, string, number, character, name or sign
+    kind: str  # raw, string, number, character, name or sign
     text: str
     line: int
 
@@ -36,24 +39,26 @@ class Token:
 @dataclasses.dataclass
 class Parameter:
     """Of a template head."""
+
     name: str
-    default: list   # tokens
+    default: list  # tokens
     line: int
 
 
 @dataclasses.dataclass
 class Declaration:
     """A function or a type, with its template heads, the outermost first."""
-    kind: str              # "function", "type" or "alias"
+
+    kind: str  # "function", "type" or "alias"
     name: str
-    line: int              # first line after template heads
+    line: int  # first line after template heads
     heads: list = dataclasses.field(default_factory=list)
-    qualifier: list = dataclasses.field(default_factory=list)    # tokens before the name: X<T> of X<T>::f
-    result: list = dataclasses.field(default_factory=list)       # tokens of a function before its name
-    parameters: list = dataclasses.field(default_factory=list)   # of a function, a list of tokens each
-    body: tuple | None = None                                    # first and last token of a function's body, indices
-    end: int = 0                                                 # line of the closing brace
-    inside: str = ""                                             # the class that it lies in
+    qualifier: list = dataclasses.field(default_factory=list)  # tokens before the name: X<T> of X<T>::f
+    result: list = dataclasses.field(default_factory=list)  # tokens of a function before its name
+    parameters: list = dataclasses.field(default_factory=list)  # of a function, a list of tokens each
+    body: tuple | None = None  # first and last token of a function's body, indices
+    end: int = 0  # line of the closing brace
+    inside: str = ""  # the class that it lies in
 
 
 def tokens(text):
@@ -71,7 +76,7 @@ def tokens(text):
 class Reader:
     def __init__(self, text):
         self.tokens = tokens(text)
-        self.partner = {}   # index of an opening sign → its closing one
+        self.partner = {}  # index of an opening sign → its closing one
         self.declarations = []
         open_signs = []
         for k, token in enumerate(self.tokens):
@@ -165,8 +170,14 @@ class Reader:
             named = [t for t in part[:equal] if t.kind == "name"]
             angles = [n for n, t in enumerate(part[:equal]) if t == ">"]
             last = part[equal - 1] if equal else None
-            is_named = last is not None and last.kind == "name" and last.text not in ("class", "typename", "auto") and (equal > 1 or len(named) > 1) and (not angles or angles[-1] < equal - 1)
-            found.append(Parameter(last.text if is_named else "", part[equal + 1:], part[0].line))
+            is_named = (
+                last is not None
+                and last.kind == "name"
+                and last.text not in ("class", "typename", "auto")
+                and (equal > 1 or len(named) > 1)
+                and (not angles or angles[-1] < equal - 1)
+            )
+            found.append(Parameter(last.text if is_named else "", part[equal + 1 :], part[0].line))
         if self._is(end, "requires"):
             end = self._constraint(end)
         return found, end
@@ -187,7 +198,9 @@ class Reader:
             heads.append(head)
         if self._is(at, "inline") and self._is(at + 1, "namespace"):
             at += 1
-        if self._is(at, "namespace") or (self._is(at, "extern") and at + 1 < end and self.tokens[at + 1].kind == "string"):
+        if self._is(at, "namespace") or (
+            self._is(at, "extern") and at + 1 < end and self.tokens[at + 1].kind == "string"
+        ):
             while at < end and not self._is(at, "{", ";"):
                 at += 1
             if self._is(at, "{"):
@@ -222,7 +235,11 @@ class Reader:
             elif self._is(at, "(") and bases:
                 at = self._over(at)
             elif self._is(at, "{"):
-                self.declarations.append(Declaration("type", name, self.tokens[begin].line, heads, end=self.tokens[self.partner.get(at, at)].line))
+                self.declarations.append(
+                    Declaration(
+                        "type", name, self.tokens[begin].line, heads, end=self.tokens[self.partner.get(at, at)].line
+                    )
+                )
                 self._scope(at + 1, self.partner.get(at, end), name)
                 return self._to_semicolon(self._over(at), end)
             elif self._is(at, ";"):
@@ -246,7 +263,13 @@ class Reader:
                 if self._is(at, "(") and self._is(at + 1, ")"):
                     at += 2
                 while at < end and not self._is(at, "("):
-                    at = self.over_angles(at) if self._is(at, "<") and self.tokens[at - 1].kind == "name" and self.tokens[at - 1].text != "operator" else at + 1
+                    at = (
+                        self.over_angles(at)
+                        if self._is(at, "<")
+                        and self.tokens[at - 1].kind == "name"
+                        and self.tokens[at - 1].text != "operator"
+                        else at + 1
+                    )
                 return self._parameters(begin, name_at, at, end, heads, inside)
             if self._is(at, "decltype", "alignas", "explicit", "noexcept", "__attribute__") and self._is(at + 1, "("):
                 at = self._over(at + 1)
@@ -256,7 +279,7 @@ class Reader:
                 at = self.over_angles(at)
             elif self._is(at, "("):
                 name_at = at - 1
-                if self._is(name_at, ">"):   # of a specialisation
+                if self._is(name_at, ">"):  # of a specialisation
                     while name_at > begin and not (self._is(name_at, "<") and self.over_angles(name_at) == at):
                         name_at -= 1
                     name_at -= 1
@@ -273,12 +296,23 @@ class Reader:
         if not self._is(at, "(") or name_at < begin:
             return self._to_semicolon(at, end)
         close = self.partner.get(at, end)
-        name = "".join(t.text for t in self.tokens[name_at:at] if name_at == at - 1 or self._is(name_at, "operator")) or self.tokens[name_at].text
+        name = (
+            "".join(t.text for t in self.tokens[name_at:at] if name_at == at - 1 or self._is(name_at, "operator"))
+            or self.tokens[name_at].text
+        )
         if self._is(name_at - 1, "~"):
             name, name_at = "~" + name, name_at - 1
         start = self._qualifier(begin, name_at)
-        function = Declaration("function", name, self.tokens[begin].line, heads, self.tokens[start:name_at], self.tokens[begin:start],
-                               [p for p in self.split(at + 1, close) if [t.text for t in p] != ["void"]], inside=inside)
+        function = Declaration(
+            "function",
+            name,
+            self.tokens[begin].line,
+            heads,
+            self.tokens[start:name_at],
+            self.tokens[begin:start],
+            [p for p in self.split(at + 1, close) if [t.text for t in p] != ["void"]],
+            inside=inside,
+        )
         at = close + 1
         while at < end:
             if self._is(at, "noexcept", "__attribute__") and self._is(at + 1, "("):
@@ -288,11 +322,17 @@ class Reader:
             elif self._is(at, "->"):
                 at += 1
                 while at < end and not self._is(at, "{", ";", "requires", "="):
-                    at = self._over(at) if self._is(at, "(", "[") else self.over_angles(at) if self._is(at, "<") else at + 1
+                    at = (
+                        self._over(at)
+                        if self._is(at, "(", "[")
+                        else self.over_angles(at) if self._is(at, "<") else at + 1
+                    )
             elif self._is(at, ":"):
                 at = self._initialisers(at + 1, end)
             elif self._is(at, "{"):
-                function.body, function.end = (at, self.partner.get(at, end)), self.tokens[min(self.partner.get(at, end), len(self.tokens) - 1)].line
+                function.body, function.end = (at, self.partner.get(at, end)), self.tokens[
+                    min(self.partner.get(at, end), len(self.tokens) - 1)
+                ].line
                 self.declarations.append(function)
                 return self._over(at)
             elif self._is(at, ";", "="):
@@ -300,7 +340,7 @@ class Reader:
                 return self._to_semicolon(at, end)
             elif self._is(at, "const", "volatile", "&", "&&", "override", "final", "noexcept", "try", "mutable"):
                 at += 1
-            else:   # no function: a variable with parentheses, a macro
+            else:  # no function: a variable with parentheses, a macro
                 return self._to_semicolon(at, end) if not self._is(at, "}") else at + 1
         return at
 
@@ -310,7 +350,9 @@ class Reader:
         while at - 1 > begin and self._is(at - 1, "::"):
             at -= 2
             if self._is(at, ">"):
-                while at > begin and not (self._is(at, "<") and self.over_angles(at) > at + 1 and self._is(self.over_angles(at), "::")):
+                while at > begin and not (
+                    self._is(at, "<") and self.over_angles(at) > at + 1 and self._is(self.over_angles(at), "::")
+                ):
                     at -= 1
                 at -= 1
         return at
@@ -336,7 +378,11 @@ class Reader:
             if not self._is(k, "[") or k not in self.partner:
                 continue
             before = self.tokens[k - 1]
-            if (before.kind in ("name", "number") and before.text not in ("return", "co_return", "else", "do", "case")) or before.text in (")", "]", ">") or before.kind in ("string", "raw"):
+            if (
+                (before.kind in ("name", "number") and before.text not in ("return", "co_return", "else", "do", "case"))
+                or before.text in (")", "]", ">")
+                or before.kind in ("string", "raw")
+            ):
                 continue
             at = self._over(k)
             if self._is(at, "<"):
@@ -345,7 +391,8 @@ class Reader:
                 yield self.tokens[k].line, self.split(at + 1, self.partner.get(at, end))
 
     def statements(self, begin, end):
-        """Each statement between two indices that ends at a semicolon, as tokens without what stands in brackets; those of nested blocks too."""
+        """Each statement between two indices that ends at a semicolon, those of nested blocks too: its tokens without
+        what stands in brackets."""
         yield from self._statements(begin, end, True)
 
     def _statements(self, begin, end, is_block):
@@ -357,7 +404,11 @@ class Reader:
                 yield from self._statements(at + 1, close, braces)
                 statement += [self.tokens[at], self.tokens[min(close, end - 1)]]
                 at = close + 1
-                goes_on = at < end and self.tokens[at].kind == "sign" and not self._is(at, "{", "}", "++", "--", "*", "~", "::")
+                goes_on = (
+                    at < end
+                    and self.tokens[at].kind == "sign"
+                    and not self._is(at, "{", "}", "++", "--", "*", "~", "::")
+                )
                 if braces and not goes_on:
                     statement = []
             elif self._is(at, ";"):

@@ -1,4 +1,5 @@
 """The checks must fail where they should: each planted fault is found, and clean code is left in peace."""
+
 import json
 import os
 import pathlib
@@ -92,7 +93,11 @@ class Checks(unittest.TestCase):
         seen = set()
         for room, others in check_includes.ROOMS.items():
             seen.add(room)
-            above = {o for o in others.split() if o not in seen and not o.startswith(room + "/") and not room.startswith(o + "/")}
+            above = {
+                o
+                for o in others.split()
+                if o not in seen and not o.startswith(room + "/") and not room.startswith(o + "/")
+            }
             self.assertEqual(above, set(), room)
 
     def test_unknown_folder(self):
@@ -105,8 +110,23 @@ class Checks(unittest.TestCase):
         self.one_fault(check_includes.check, "include each other")
 
     def test_vocabulary(self):
-        for line in ["double h_fp;", "double h_ep = 1;", "double w_s;", "double h_s_m;", "auto w_v = 0;", "// above the stem", "int stem_top;", "int on_stem;",
-                     "struct StemFace {};", "int void_roof;", "int has_void;", "bool no_void;", "// light in a lateral void", "// leaves into a void", "// the voids"]:
+        for line in [
+            "double h_fp;",
+            "double h_ep = 1;",
+            "double w_s;",
+            "double h_s_m;",
+            "auto w_v = 0;",
+            "// above the stem",
+            "int stem_top;",
+            "int on_stem;",
+            "struct StemFace {};",
+            "int void_roof;",
+            "int has_void;",
+            "bool no_void;",
+            "// light in a lateral void",
+            "// leaves into a void",
+            "// the voids",
+        ]:
             with self.subTest(line):
                 self.plant("optics/bad.hpp", line + "\n")
                 self.one_fault(check_vocabulary.check, "belongs to fabrication or morphology")
@@ -117,7 +137,11 @@ class Checks(unittest.TestCase):
         (self.root / "mesh/b.hpp").unlink()
         faults, total = check_headers.check(compiler, folders)
         self.assertEqual((faults, total), ([], 1))
-        for name, text in [("forgets an include", "#pragma once\nstd::string s();\n"), ("lacks a guard", "struct S {};\n"), ("warns", "#pragma once\ninline int f(int x) { int y; return x; }\n")]:
+        for name, text in [
+            ("forgets an include", "#pragma once\nstd::string s();\n"),
+            ("lacks a guard", "struct S {};\n"),
+            ("warns", "#pragma once\ninline int f(int x) { int y; return x; }\n"),
+        ]:
             with self.subTest(name):
                 self.plant("core/bad.hpp", text)
                 faults, _ = check_headers.check(compiler, folders)
@@ -141,14 +165,25 @@ class Checks(unittest.TestCase):
             self.plant("mesh/b.hpp", f"#pragma once\nnamespace lumo {{\n{text}\n}}\n")
             return check_names.check("clang-tidy", rules, [self.folder.name])[0]
 
-        good = """struct HeldState { double force_N; double stiffness_N_per_m3; double torque_constant_Nm_per_A; double J_contact; };
+        good = """struct HeldState { double force_N; double stiffness_N_per_m3; };
+                  struct Motor { double torque_constant_Nm_per_A; double J_contact; };
                   enum class Kind { voltage_V, held_state };
-                  class Sum { double total_N_ = 0.0; double parts_ = 0.0; public: double total_N() const { return total_N_ + parts_; } };
+                  class Sum { double total_N_ = 0.0; double parts_ = 0.0;
+                  public: double total_N() const { return total_N_ + parts_; } };
                   constexpr double operator""_kPa(long double value) { return 1e3 * double(value); }
                   template <class Shape_> struct Held { using Shape = Shape_; };"""
         self.assertEqual(faults(good), [])
-        for text in ["struct held_state {};", "struct S { double forceN; };", "class C { double total = 0.0; };", "inline void doIt() {}", "inline int f(int Count) { return Count; }",
-                     "enum class Kind { Held };", "namespace Inner { struct S {}; }", "using held = int;", "template <class shape> struct S {};"]:
+        for text in [
+            "struct held_state {};",
+            "struct S { double forceN; };",
+            "class C { double total = 0.0; };",
+            "inline void doIt() {}",
+            "inline int f(int Count) { return Count; }",
+            "enum class Kind { Held };",
+            "namespace Inner { struct S {}; }",
+            "using held = int;",
+            "template <class shape> struct S {};",
+        ]:
             with self.subTest(text):
                 self.assertEqual(len(faults(text)), 1)
 
@@ -159,6 +194,7 @@ class Checks(unittest.TestCase):
         self.assertEqual(len(faults), 1)
         self.assertIn("evaluate used: instantiates 1031 functions, recorded are 1000", faults[0])
         self.assertIn("no count", check_cost.compare({"observe used": {"functions": 1}}, recorded)[0])
+
 
 class House(unittest.TestCase):
     """Faults that check_house.py must find, and code that it must leave in peace."""
@@ -202,20 +238,38 @@ class House(unittest.TestCase):
 
     def test_functions(self):
         body = "{\n" + 58 * "  g();\n" + "}\n"
-        heads = ["void f() ", "template <class T>\n  requires std::same_as<T, int> && (sizeof(T) == 4)\nauto f(T x) -> decltype(x) ", "struct S {\n  S() : a_(1), b_{2} ", "X<T>::X(int a) : a_{a}, X<int>(b) ",
-                 "bool operator<(const S& a, const S& b) ", "int S::operator()(int a) const noexcept(true) ", 'TEST_CASE("a", "[b]") ', "namespace lumo {\nstatic constexpr std::vector<int> f(std::array<int, (3 > 2)> a = {}) "]
+        heads = [
+            "void f() ",
+            "template <class T>\n  requires std::same_as<T, int> && (sizeof(T) == 4)\nauto f(T x) -> decltype(x) ",
+            "struct S {\n  S() : a_(1), b_{2} ",
+            "X<T>::X(int a) : a_{a}, X<int>(b) ",
+            "bool operator<(const S& a, const S& b) ",
+            "int S::operator()(int a) const noexcept(true) ",
+            'TEST_CASE("a", "[b]") ',
+            "namespace lumo {\nstatic constexpr std::vector<int> f(std::array<int, (3 > 2)> a = {}) ",
+        ]
         for head in heads:
             end = "};\n" if "struct S {\n" in head else "}\n" if "namespace" in head else ""
             with self.subTest(head):
                 self.assertEqual(self.faults("functions", head + body + end), [])
                 longer = body.replace("  g();\n", "  g();\n  // one more\n", 1)
                 self.assertEqual(len(self.faults("functions", head + longer + end)), 1)
-        self.fails("functions", "struct S {\n  void f() {\n" + 60 * "\n" + "  }\n};\n", "function f is too long (62 lines, 60)", line=2)
+        self.fails(
+            "functions",
+            "struct S {\n  void f() {\n" + 60 * "\n" + "  }\n};\n",
+            "function f is too long (62 lines, 60)",
+            line=2,
+        )
 
     def test_parameters(self):
-        self.passes("void f(std::map<int, int> a, int b, int c, int d, int e, std::function<void(int, int)> f = {1, 2});\n")
-        for text in ["void f(int a, int b, int c, int d, int e, int f, int g);\n", "struct S {\n  S(int a, int b, int c, int d, int e, int f, int g) : a_(a) {}\n};\n",
-                     "auto f() {\n  return [&](int a, int b, int c, int d, int e, int f, int g) mutable { return a; };\n}\n"]:
+        self.passes(
+            "void f(std::map<int, int> a, int b, int c, int d, int e, std::function<void(int, int)> f = {1, 2});\n"
+        )
+        for text in [
+            "void f(int a, int b, int c, int d, int e, int f, int g);\n",
+            "struct S {\n  S(int a, int b, int c, int d, int e, int f, int g) : a_(a) {}\n};\n",
+            "auto f() {\n  return [&](int a, int b, int c, int d, int e, int f, int g) mutable { return a; };\n}\n",
+        ]:
             self.fails("parameters", text, "(7 parameters, 6)", line=1 if text.startswith("void") else 2)
 
     def test_rooms(self):
@@ -231,14 +285,30 @@ class House(unittest.TestCase):
     def test_details(self):
         self.passes("int f() { return detail::g(); }\n")
         for folder in ["examples", "tests", "benchmarks"]:
-            for text in ["int f() { return lumo::detail::g(); }\n", "int f() { return detail::g(); }\n", "using namespace lumo::sense::detail;\n", '#include "lumo/optics/detail/x.hpp"\n']:
+            for text in [
+                "int f() { return lumo::detail::g(); }\n",
+                "int f() { return detail::g(); }\n",
+                "using namespace lumo::sense::detail;\n",
+                '#include "lumo/optics/detail/x.hpp"\n',
+            ]:
                 self.fails("details", text, "outside", f"{folder}/a.cpp")
             self.plant(f"{folder}/a.cpp", "int f() { return nlohmann::detail::g(); }  // detail::\n")
 
     def test_words(self):
         self.passes('// To ask and tell.\nauto c = "study readings";  // how to read; dearth\n')
-        for text in ["// what is " + "told\n", "// it tells " + "which\n", "// dearer to compile\n", "// Nothing where it fails.\n", "double Firmness = 1;\n", "int touch_down();\n", "struct Lanes;\n", "Draws draws(1);\n",
-                     "int carrier_exchange;\n", "bool border() const;\n", "// other readings\n"]:
+        for text in [
+            "// what is " + "told\n",
+            "// it tells " + "which\n",
+            "// dearer to compile\n",
+            "// Nothing where it fails.\n",
+            "double Firmness = 1;\n",
+            "int touch_down();\n",
+            "struct Lanes;\n",
+            "Draws draws(1);\n",
+            "int carrier_exchange;\n",
+            "bool border() const;\n",
+            "// other readings\n",
+        ]:
             self.fails("words", text, "write ")
         self.passes("\n")
         for name in ["docs/a.md", "README.md", "tests/a.py"]:
@@ -248,25 +318,63 @@ class House(unittest.TestCase):
         self.passes("\n")
 
     def test_comma_chains(self):
-        self.passes("void f() {\n  double a = 1, b = 2;\n  for (int i = 0, j = 1; i < j; ++i, ++j) g(a = 1, b = 2);\n  std::pair<int, int> c = h({.x = 1, .y = 2}), *d = &c;\n  auto [x, y] = c;\n}\n")
-        for text in ["a = 1, b = 2;", "if (a) a.x = 1, b[2] = 3;", "for (;;) i++, j += 2;", "g([&](int c) { c = 1, *b = 2; });", "case 1: a = 1, b = 2;"]:
+        self.passes(
+            "void f() {\n"
+            "  double a = 1, b = 2;\n"
+            "  for (int i = 0, j = 1; i < j; ++i, ++j) g(a = 1, b = 2);\n"
+            "  std::pair<int, int> c = h({.x = 1, .y = 2}), *d = &c;\n"
+            "  auto [x, y] = c;\n"
+            "}\n"
+        )
+        for text in [
+            "a = 1, b = 2;",
+            "if (a) a.x = 1, b[2] = 3;",
+            "for (;;) i++, j += 2;",
+            "g([&](int c) { c = 1, *b = 2; });",
+            "case 1: a = 1, b = 2;",
+        ]:
             self.fails("comma chains", "void f() {\n  " + text + "\n}\n", "chained", line=2)
 
     def test_phantom_parameters(self):
-        self.passes("template <class T, class S = double> S f(const T& x);\ndouble y = f<int, float>(1);\ntemplate <int N> double g(std::span<double, N> v);\n"
-                    "template <class T> struct X { template <class U> X(U u) : u_(u) {} T get() const; };\ntemplate <class T> T X<T>::get() const { return {}; }\ntemplate <class To> To cast(double x);\n"
-                    "auto z = cast<int>(2.0) + s.template turn<3>();\nstruct S { template <int K> int turn() const; template <class T> operator T() const; };\n")
-        for text in ["template <class = void>\nvoid f();\n", "template <class Vec3 = Vec3>\nVec3 f(int a);\n", "template <class VectorXd = Eigen::VectorXd>\nvoid f(const VectorXd& x);\n",
-                     "template <class T>\nint f();\n", "template <class T>\nint f(typename T::type x);\n", "template <class M, int>\nvoid f(M);\n", "template <class T = void>\nstruct S {};\n",
-                     "template <class T = int>\nclass ModelOf {};\n"]:
+        self.passes(
+            "template <class T, class S = double> S f(const T& x);\n"
+            "double y = f<int, float>(1);\n"
+            "template <int N> double g(std::span<double, N> v);\n"
+            "template <class T> struct X { template <class U> X(U u) : u_(u) {} T get() const; };\n"
+            "template <class T> T X<T>::get() const { return {}; }\n"
+            "template <class To> To cast(double x);\n"
+            "auto z = cast<int>(2.0) + s.template turn<3>();\n"
+            "struct S { template <int K> int turn() const; template <class T> operator T() const; };\n"
+        )
+        for text in [
+            "template <class = void>\nvoid f();\n",
+            "template <class Vec3 = Vec3>\nVec3 f(int a);\n",
+            "template <class VectorXd = Eigen::VectorXd>\nvoid f(const VectorXd& x);\n",
+            "template <class T>\nint f();\n",
+            "template <class T>\nint f(typename T::type x);\n",
+            "template <class M, int>\nvoid f(M);\n",
+            "template <class T = void>\nstruct S {};\n",
+            "template <class T = int>\nclass ModelOf {};\n",
+        ]:
             self.fails("phantom parameters", text, "", line=2 if "ModelOf" in text else 1)
         for text in ["void f(In<double> x);\n", "using Vec = Dependent<Vec3, T>;\n", "using Model = ModelOf<>;\n"]:
             self.fails("phantom parameters", text, "hides a type")
 
     def test_reader(self):
-        reader = cpp.Reader('/* { */ const char* s = R"x({ "a" )x";  // {\n#define F(x) { \\\n {\nnamespace a::b {\nenum class E : int { x, y };\nclass C final : public B<(1 > 0)> {\n public:\n  explicit(true) C(int);\n'
-                            '  ~C() {}\n  int f() const& { return 1\'000; }\n  X x{1};\n};\n}\nint main() {}\n')
-        self.assertEqual([(d.kind, d.name) for d in reader.declarations], [("type", "C"), ("function", "C"), ("function", "~C"), ("function", "f"), ("function", "main")])
+        reader = cpp.Reader(
+            '/* { */ const char* s = R"x({ "a" )x";  // {\n'
+            '#define F(x) { \\\n {\n'
+            'namespace a::b {\n'
+            'enum class E : int { x, y };\n'
+            'class C final : public B<(1 > 0)> {\n'
+            ' public:\n'
+            '  explicit(true) C(int);\n'
+            '  ~C() {}\n  int f() const& { return 1\'000; }\n  X x{1};\n};\n}\nint main() {}\n'
+        )
+        self.assertEqual(
+            [(d.kind, d.name) for d in reader.declarations],
+            [("type", "C"), ("function", "C"), ("function", "~C"), ("function", "f"), ("function", "main")],
+        )
         self.assertEqual([d.line for d in reader.declarations], [6, 8, 9, 10, 14])
 
 
@@ -301,7 +409,9 @@ class Bits(unittest.TestCase):
             (root / "press.exit").write_text("0\n")
             (root / "press" / "press.csv").write_text(f"load_N,seconds\n1,{seconds}\n")
             (root / "press" / "frame.png").write_bytes(b"pixels")
-        (self.record / "record.json").write_text(json.dumps({"commands": ["press"], "digests": compare_bits.keep(self.record)}))
+        (self.record / "record.json").write_text(
+            json.dumps({"commands": ["press"], "digests": compare_bits.keep(self.record)})
+        )
 
     def differences(self, **options):
         return compare_bits.compare(self.record, self.run_folder, None, **options)
@@ -310,8 +420,17 @@ class Bits(unittest.TestCase):
         self.assertEqual(self.differences(), [])
 
     def test_each_difference_is_found(self):
-        for name, text, words in [("press.stdout", '{"depth_mm": [1.25, 2.5000000000000004], "seconds": 1}', "depth_mm[1] = 2.5000000000000004"), ("press.exit", "4\n", "+ 4"), ("press/press.csv", "load_N,seconds\n2,1\n", "+ 2"),
-                                  ("press/frame.png", "pixelz", "other bytes"), ("press/more.csv", "a\n", "was not written before")]:
+        for name, text, words in [
+            (
+                "press.stdout",
+                '{"depth_mm": [1.25, 2.5000000000000004], "seconds": 1}',
+                "depth_mm[1] = 2.5000000000000004",
+            ),
+            ("press.exit", "4\n", "+ 4"),
+            ("press/press.csv", "load_N,seconds\n2,1\n", "+ 2"),
+            ("press/frame.png", "pixelz", "other bytes"),
+            ("press/more.csv", "a\n", "was not written before"),
+        ]:
             with self.subTest(name):
                 path = self.run_folder / name
                 before = path.read_bytes() if path.exists() else None
