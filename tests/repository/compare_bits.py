@@ -374,6 +374,7 @@ def sqlite_lines(path):
     """Each field of each row but what is masked; JSON in a field by its own fields."""
     lines = []
     with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as db:
+        db.text_factory = lambda b: b.decode("utf-8", "replace")  # stores may hold words that are no UTF-8
         for (table,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall():
             if table in MASKED_TABLES:
                 continue
