@@ -54,7 +54,7 @@ Result Locate::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
   const UnloadedReference unloaded = unloaded_reference(s.profiles, s.stretch, log);
-  const auto estimates = with_localizer(localizer, s, unloaded, [&](const auto& l) { return lumo::locate(s.profiles, unloaded, l); });
+  const auto estimates = with_localizer(localizer, s, unloaded, [&](const auto& l) { return lumo::sense::locate(s.profiles, unloaded, l); });
   const LogTruth truth = truth_of(s.log);
   const LocationScore score = location_score(estimates, truth, from_N.value_or(default_from_N), seen);
   std::string table = "stamp_ns,contacts,y_mm,y_sigma_mm,probability,true_y_mm,true_force_N\n";
