@@ -217,9 +217,9 @@ TEST_CASE("mechanics: vertex block descent", "[mechanics]") {
   using Model = DescentModel<StableNeoHookean, VertexContact, LinearTet>;
   const VertexContact contact{.stiffness_N_per_m3 = 1e9, .friction = 0.5};
   const Serial serial;
-  const auto time_step = [&](const std::string& name, bool lanes) {
+  const auto time_step = [&](const std::string& name, bool packs) {
     DescentConfig config;
-    config.lanes = lanes;
+    config.packs = packs;
     const Model model(pad.body, mesh, {}, StableNeoHookean{}, contact, {}, config);
     const Touch touch = first_touch(pad.body, mesh, pad.ball);
     Descent<Model, Sphere, Serial> descent(model, pad.ball.indenter, touch, pad.ball.direction(), config, serial);

@@ -102,7 +102,7 @@ GROUPS = [
         ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
         ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
         ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
-        ("VertexLanes<Soft>* s;", "VertexLanes<NeoHookean>* s;", "DilatationalMaterial"),
+        ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
     ]),
     (LIGHT, [
         ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),

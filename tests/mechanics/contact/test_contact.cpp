@@ -25,8 +25,8 @@ TEST_CASE("contact laws push, harder the deeper, as the derivatives of their ene
   test::check_contact_laws(SDFContact{1e11, 0.5});
   test::check_contact_laws(VertexContact{1e9});
   const SDFContact soft{1e10};
-  CHECK(Firmness<SDFContact>{&soft, 0.5}.respond(-1e-6).pressure == 0.5 * soft.respond(-1e-6).pressure);
-  CHECK_THROWS_AS(validate(Firmness<SDFContact>{&soft, 0.0}), InvalidArgument);
+  CHECK(ScaledContact<SDFContact>{&soft, 0.5}.respond(-1e-6).pressure == 0.5 * soft.respond(-1e-6).pressure);
+  CHECK_THROWS_AS(validate(ScaledContact<SDFContact>{&soft, 0.0}), InvalidArgument);
 }
 
 namespace {

@@ -76,7 +76,7 @@ inline void validate(const SDFContact& c) {
 static_assert(ContactHandler<SDFContact>);
 
 /// A contact law with all its pressures multiplied by a factor.
-template <class Contact> struct Firmness {
+template <class Contact> struct ScaledContact {
   const Contact* law;
   double factor;
   double stiffness_N_per_m3 = factor * law->stiffness_N_per_m3;
@@ -89,11 +89,11 @@ template <class Contact> struct Firmness {
   }
 };
 
-template <class Contact> void validate(const Firmness<Contact>& c) {
+template <class Contact> void validate(const ScaledContact<Contact>& c) {
   validate(*c.law);
   require_in_range("factor on contact pressures", c.factor, 1e-6, 1e6, "");
 }
 
-static_assert(ContactHandler<Firmness<SDFContact>>);
+static_assert(ContactHandler<ScaledContact<SDFContact>>);
 
 }  // namespace lumo

@@ -188,7 +188,7 @@ void for_contact_points(const ContactSurface& surface, const Positions& x, const
 }  // namespace detail
 
 /// Gaps [m] that the contact law sees at each surface point, face by face; see QuasiStatic.
-using SeenGaps = std::vector<std::vector<double>>;
+using SurfaceGaps = std::vector<std::vector<double>>;
 
 /// Adds the contact energy and forces; `force` (3 × nodes) receives ∂energy/∂x. With `seen` gaps γ the pressure is
 /// linearised about them, p(γ) + p'(γ)(g − γ), so that points keep pulling or stay free until the next step says
@@ -196,7 +196,7 @@ using SeenGaps = std::vector<std::vector<double>>;
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_forces(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
                                const Positions& x, std::type_identity_t<Positions>* force,
-                               const SeenGaps* seen = nullptr, const Friction* friction = nullptr) {
+                               const SurfaceGaps* seen = nullptr, const Friction* friction = nullptr) {
   ContactSums sums;
   detail::for_contact_points(
       surface, x, rigid, seen, [&](std::size_t f, std::size_t k, const SurfacePoint& p, const Vec3d& at) {
@@ -221,7 +221,7 @@ ContactSums add_contact_forces(const ContactSurface& surface, const Contact& con
 template <ContactHandler Contact, class Tool, class Friction = detail::NoFriction>
 ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& contact, const Moving<Tool>& rigid,
                                 const Positions& x, const Equations& eq, double* values,
-                                std::type_identity_t<Eigen::VectorXd>* coupling, const SeenGaps* seen = nullptr,
+                                std::type_identity_t<Eigen::VectorXd>* coupling, const SurfaceGaps* seen = nullptr,
                                 const Friction* friction = nullptr) {
   ContactSums sums;
   const std::size_t nodes = std::size_t(surface.nodes_per_face());
@@ -270,9 +270,9 @@ ContactSums add_contact_tangent(const ContactSurface& surface, const Contact& co
 /// Gaps at all surface points, carried on by the displacement dx and the advance ds along the slope that they have at
 /// the positions `linear` with the rigid thing at `then`.
 template <class Tool>
-SeenGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x,
+SurfaceGaps predicted_gaps(const ContactSurface& surface, const Moving<Tool>& now, const Positions& x,
                         const Moving<Tool>& then, const Positions& linear, const Positions& dx, double ds) {
-  SeenGaps gaps(surface.size());
+  SurfaceGaps gaps(surface.size());
   for (std::size_t f = 0; f < surface.size(); ++f)
     for (const SurfacePoint& p : surface.points(f))
       gaps[f].push_back(

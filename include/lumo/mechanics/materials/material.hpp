@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/simd.hpp"
+#include "lumo/mechanics/solvers/simd.hpp"
 #include "lumo/core/types.hpp"
 
 #include <Eigen/LU>
@@ -38,8 +38,8 @@ template <class T> struct DilatationSample {
 /// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many
 /// elements at once.
 template <class M>
-concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const Lanes& J) {
-  { m.dilatation(J) } -> std::same_as<DilatationSample<Lanes>>;
+concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const SimdPack& J) {
+  { m.dilatation(J) } -> std::same_as<DilatationSample<SimdPack>>;
 };
 
 /// Derivative of det F by F: the cofactor matrix.

@@ -34,7 +34,7 @@ struct DescentConfig {
   double detection_m = 1e-3;          ///< points nearer than this at a step's start are watched during the step
   double max_advance_m = 20e-3;       ///< a load that is not met by then is given up
   double time_limit_s = 1e9;          ///< per scenario, wall clock
-  bool lanes = true;                  ///< eight vertices of a color at once, where material and element allow it
+  bool packs = true;                  ///< eight vertices of a color at once, where material and element allow it
   VertexColors colors = {};           ///< empty: color_vertices
 };
 
@@ -66,21 +66,21 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   VertexColors colors;       ///< of the nodes that move
   bool resists_inversion;    ///< the material's energy has no bound where J ≤ 0
 
-  struct NoLanes {};
-  static auto lanes_type() {
+  struct NoPacks {};
+  static auto packs_type() {
     if constexpr (batched)
-      return std::optional<VertexLanes<Material>>();
+      return std::optional<VertexPacks<Material>>();
     else
-      return std::optional<NoLanes>();
+      return std::optional<NoPacks>();
   }
   static auto start_type() {
     if constexpr (batched)
-      return typename VertexLanes<Material>::Start();
+      return typename VertexPacks<Material>::Start();
     else
-      return NoLanes();
+      return NoPacks();
   }
-  using LanesStart = decltype(start_type());
-  decltype(lanes_type()) lanes;
+  using PacksStart = decltype(start_type());
+  decltype(packs_type()) packs;
 
   /// Throws InvalidArgument when the given colors are none.
   DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law,
@@ -107,7 +107,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
         if (moves[std::size_t(v)]) colors.back().push_back(v);
     }
     if constexpr (batched)
-      if (config.lanes) lanes.emplace(sector.mesh, elasticity, colors);
+      if (config.packs) packs.emplace(sector.mesh, elasticity, colors);
   }
   DescentModel(const DescentModel&) = delete;  // elements and surfaces point into the sector's mesh
   DescentModel& operator=(const DescentModel&) = delete;

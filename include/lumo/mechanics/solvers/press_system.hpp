@@ -63,11 +63,11 @@ template <class Model, Indenter Tool> struct PressSystem {
   const Tool& tool;
   Vec3d origin;  ///< of the indenter at first touch
   Vec3d direction;
-  double firmness = 1.0;  ///< factor on all contact pressures; 1 but on the way to equilibrium
+  double penalty_scale = 1.0;  ///< factor on all contact pressures; 1 but on the way to equilibrium
   const FrictionHistory* touch_friction = nullptr;  ///< with the indenter
   const FrictionHistory* rest_friction = nullptr;   ///< with the carrier
 
-  Firmness<decltype(Model::contact)> contact() const { return {&model.contact, firmness}; }
+  ScaledContact<decltype(Model::contact)> contact() const { return {&model.contact, penalty_scale}; }
   Moving<Tool> indenter(double advance) const { return {&tool, origin + advance * direction, direction}; }
   Moving<Carrier> support() const { return {&model.carrier, Vec3d::Zero(), Vec3d::UnitZ()}; }
 
@@ -80,9 +80,9 @@ template <class Model, Indenter Tool> struct PressSystem {
   }
 
   /// What the stiff parts of the energy, volume and contact, are linearised about; see QuasiStatic.
-  struct Seen {
+  struct LinearisationPoint {
     std::vector<double> ratios;
-    SeenGaps touch, rest;
+    SurfaceGaps touch, rest;
   };
   /// A configuration of pad and indenter.
   struct Place {
@@ -90,7 +90,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double advance = 0.0;
   };
   /// Values at `now`, carried on by (dx, ds) along the slopes at `linear`.
-  Seen predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
+  LinearisationPoint predicted(const Place& now, const Place& linear, const Positions& dx, double ds) const {
     return {model.solid.predicted_ratios(now.x, linear.x, dx),
             predicted_gaps(model.touchable, indenter(now.advance), now.x, indenter(linear.advance), linear.x, dx, ds),
             predicted_gaps(model.resting, support(), now.x, support(), linear.x, dx, 0.0)};
@@ -98,7 +98,7 @@ template <class Model, Indenter Tool> struct PressSystem {
 
   /// Out-of-balance forces on the free equations and, last, on the indenter: push − load.
   Eigen::VectorXd residual(const Positions& x, double advance, double load, const Equations& eq,
-                           const Seen* seen = nullptr) const {
+                           const LinearisationPoint* seen = nullptr) const {
     Positions f = Positions::Zero(3, x.cols());
     model.solid.add_forces(x, f, seen ? &seen->ratios : nullptr);
     const ContactSums touch = add_contact_forces(model.touchable, contact(), indenter(advance), x, &f,
@@ -119,7 +119,7 @@ template <class Model, Indenter Tool> struct PressSystem {
     double stiffness = 0.0;
   };
   void tangent(const Positions& x, double advance, std::size_t first, std::size_t last, Tangent& t,
-               const Seen* seen = nullptr) const {
+               const LinearisationPoint* seen = nullptr) const {
     t.matrix.resize(last - first);
     std::vector<const Equations*> systems;
     std::vector<double*> values;

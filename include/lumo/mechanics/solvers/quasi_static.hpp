@@ -92,8 +92,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     for (int cuts = 0; load_ != load;) {
       const double next = load_ == 0.0 ? first : stride_end(load, stride),
                    tolerance = next == load ? config_.residual_tolerance : on_the_way;
-      const Status s = load_ == 0.0 ? touch_down(next, tolerance)
-                                    : approach(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
+      const Status s = load_ == 0.0 ? first_load(next, tolerance)
+                                    : load_step(next, tolerance, touched_area() * std::pow(next / load_, 0.6));
       if (s == Status::converged) {
         load_ = next;
         touched_.settle(model_.touchable, model_.contact, system_.indenter(now_.advance), now_.x);
@@ -155,19 +155,19 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   // From first touch. A softer contact forgives a wrong guess of its extent.
-  Status touch_down(double load, double tolerance) {
-    system_.firmness = 0.1;
-    const Status s = approach(load, loose, hertz_area(load));
+  Status first_load(double load, double tolerance) {
+    system_.penalty_scale = 0.1;
+    const Status s = load_step(load, loose, hertz_area(load));
     if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
-    const double softer = std::exchange(system_.firmness, 1.0);
-    return s == Status::converged ? approach(load, tolerance, 0.0, softer) : s;
+    const double softer = std::exchange(system_.penalty_scale, 1.0);
+    return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
 
   // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a
   // contact `softer` times as firm.
-  Status approach(double load, double tolerance, double area, double softer = 1.0) {
+  Status load_step(double load, double tolerance, double area, double softer = 1.0) {
     auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
-    for (SeenGaps* gaps : {&seen.touch, &seen.rest})
+    for (SurfaceGaps* gaps : {&seen.touch, &seen.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
     touch_nearest(seen.touch, area);
@@ -193,7 +193,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
-        if (!border()) return Status::not_positive_definite;
+        if (!schur_complement()) return Status::not_positive_definite;
         factored_ = now_;
         steps_.clear();
       }
@@ -205,14 +205,14 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be
   // undone, but it is no pressure yet that could bend the tangent.
   static constexpr double just_touching = -1e-15;
-  static void enter(SeenGaps& gaps, const SeenGaps& before) {
+  static void enter(SurfaceGaps& gaps, const SurfaceGaps& before) {
     for (std::size_t f = 0; f < gaps.size(); ++f)
       for (std::size_t k = 0; k < gaps[f].size(); ++k)
         if (gaps[f][k] < 0.0 && before[f][k] >= 0.0) gaps[f][k] = just_touching;
   }
 
   // Brings the points with the smallest gaps into contact until `area` [m²] is.
-  void touch_nearest(SeenGaps& gaps, double area) const {
+  void touch_nearest(SurfaceGaps& gaps, double area) const {
     struct Point {
       double gap, area_m2;
       auto operator<=>(const Point&) const = default;
@@ -229,7 +229,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (g >= 0.0 && g <= last) g = just_touching;
   }
 
-  bool border() {
+  bool schur_complement() {
     response_ = linear_.front().solve(tangent_.coupling);
     schur_ = tangent_.stiffness - tangent_.coupling.dot(response_);
     return std::isfinite(schur_) && schur_ > 0.0;
@@ -246,7 +246,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
   // is predicted for it. What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::Seen& seen) {
+  Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& seen) {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];

@@ -64,7 +64,7 @@ template <class Model, Indenter Tool, Executor E> class Descent {
         touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
     if constexpr (Model::batched)
-      if (model.lanes) points_.resize(std::size_t(x_.cols())), lanes_start_.resize(model.lanes->slots()), place_all();
+      if (model.packs) points_.resize(std::size_t(x_.cols())), packs_start_.resize(model.packs->slots()), place_all();
   }
 
   /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth:
@@ -105,17 +105,17 @@ template <class Model, Indenter Tool, Executor E> class Descent {
  private:
   double rate() const { return config_.viscosity_Pa_s / config_.time_step_s; }
 
-  // Tells the lanes where a vertex is.
+  // Tells the packs where a vertex is.
   void place(int v) {
     if constexpr (Model::batched)
-      if (model_.lanes) points_[std::size_t(v)] = {Lanes::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
+      if (model_.packs) points_[std::size_t(v)] = {SimdPack::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
   }
   void place_all() {
     for (int v = 0; v < int(x_.cols()); ++v) place(v);
   }
   void remember() {
     if constexpr (Model::batched)
-      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.lanes->remember(batch, points_, lanes_start_); });
+      if (rate() > 0.0) for_batches([&](const auto& batch) { model_.packs->remember(batch, points_, packs_start_); });
   }
 
   // Where inertia alone would carry the vertices, and where the sweeps begin.
@@ -141,8 +141,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
 
   template <class Visit> void for_batches(Visit&& visit) const {
     if constexpr (Model::batched)
-      if (model_.lanes)
-        for (const auto& batches : model_.lanes->batches())
+      if (model_.packs)
+        for (const auto& batches : model_.packs->batches())
           over(batches.size(), [&](std::size_t k) { visit(batches[k]); });
   }
   template <class Visit> void over(std::size_t count, Visit&& visit) const {
@@ -153,19 +153,19 @@ template <class Model, Indenter Tool, Executor E> class Descent {
 
   void sweep() {
     if constexpr (Model::batched)
-      if (model_.lanes) {
+      if (model_.packs) {
         for_batches([&](const auto& batch) {
-          std::array<VertexBlock, Lanes::width> blocks;
-          model_.lanes->add(batch, points_, lanes_start_, rate(), blocks);
-          std::array<Vec3d, Lanes::width> steps;
+          std::array<VertexBlock, SimdPack::width> blocks;
+          model_.packs->add(batch, points_, packs_start_, rate(), blocks);
+          std::array<Vec3d, SimdPack::width> steps;
           steps.fill(Vec3d::Zero());
-          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+          for (std::size_t lane = 0; lane < SimdPack::width; ++lane)
             if (batch.moves[lane]) steps[lane] = step_of(batch.vertex[lane], blocks[lane]);
           if (model_.resists_inversion) {
-            const auto part = model_.lanes->feasible_parts(batch, points_, steps);
-            for (std::size_t lane = 0; lane < Lanes::width; ++lane) steps[lane] *= part[lane];
+            const auto part = model_.packs->feasible_parts(batch, points_, steps);
+            for (std::size_t lane = 0; lane < SimdPack::width; ++lane) steps[lane] *= part[lane];
           }
-          for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+          for (std::size_t lane = 0; lane < SimdPack::width; ++lane)
             if (batch.moves[lane]) x_.col(batch.vertex[lane]) += steps[lane], place(batch.vertex[lane]);
         });
         return;
@@ -210,8 +210,8 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   Positions x_, start_, target_, velocity_, last_velocity_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
-  std::vector<Lanes::Point> points_;  // x_ for the lanes
-  typename Model::LanesStart lanes_start_;
+  std::vector<SimdPack::Point> points_;  // x_ for the packs
+  typename Model::PacksStart packs_start_;
 };
 
 template <Executor E>
