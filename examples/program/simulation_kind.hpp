@@ -21,9 +21,9 @@ AnySimulation any(Simulation simulation) {
 }
 
 /// All laws and contacts with one element and one solver.
-template <class Element, class Method>
-AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Method>& solver) {
-  const auto with = [&](auto material, auto contact) { return any(Simulator<decltype(material), decltype(contact), Element, Method>{material, contact, {}, solver}); };
+template <class Element, class Solver>
+AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solver) {
+  const auto with = [&](auto material, auto contact) { return any(Simulator<decltype(material), decltype(contact), Element, Solver>{material, contact, {}, solver}); };
   const auto touching = [&](auto material) {
     if (m.points == Mechanics::Points::vertex) return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
     return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction});

@@ -3,6 +3,6 @@
 
 namespace lumo::program {
 
-AnySimulation kinds::quasi_static_linear(const Mechanics& m, const Silicone& s) { return of_kind<LinearTet, Cholmod>(m, s, {}); }
+AnySimulation kinds::quasi_static_linear(const Mechanics& m, const Silicone& s) { return of_kind<LinearTet, QuasiStatic<Cholmod>>(m, s, {}); }
 
 }  // namespace lumo::program

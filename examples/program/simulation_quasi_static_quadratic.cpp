@@ -3,6 +3,6 @@
 
 namespace lumo::program {
 
-AnySimulation kinds::quasi_static_quadratic(const Mechanics& m, const Silicone& s) { return of_kind<QuadraticTet, Cholmod>(m, s, {}); }
+AnySimulation kinds::quasi_static_quadratic(const Mechanics& m, const Silicone& s) { return of_kind<QuadraticTet, QuasiStatic<Cholmod>>(m, s, {}); }
 
 }  // namespace lumo::program

@@ -234,7 +234,7 @@ TEST_CASE("a body that nothing holds rests until it is touched, and then its mom
   config.time_step_s = 1e-4;  // sweeps carry a stiff body's own motion slowly where inertia is small beside stiffness
   config.sweeps = 300;
   config.viscosity_Pa_s = 1.0;
-  const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {}, {1e9}, {}, config);
+  const DescentModel<StableNeoHookean, SDFContact, LinearTet> model(body, mesh, {}, {{}, {1e9}, {}}, config);
   const Sphere sphere{10e-3};
   const Touch touch{Vec3d(4e-3, 3e-3, test::small_size.z() + 5e-3), Vec3d(4e-3, 3e-3, test::small_size.z())};
   Descent<std::decay_t<decltype(model)>, Sphere, Serial> descent(model, sphere, touch, -Vec3d::UnitZ(), config,

@@ -130,7 +130,9 @@ inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
       double f = 0.0, fx = 0.0, fxx = 0.0;
       for (std::size_t i = 0; i < 4; ++i) {
         const double c = at(cell[0] + int(i) - 1, cell[1] + int(j) - 1, cell[2] + int(k) - 1);
-        f += w[0][i] * c, fx += dw[0][i] * c, fxx += ddw[0][i] * c;
+        f += w[0][i] * c;
+        fx += dw[0][i] * c;
+        fxx += ddw[0][i] * c;
       }
       d.distance += w[1][j] * w[2][k] * f;
       d.gradient += Vec3d(w[1][j] * w[2][k] * fx, dw[1][j] * w[2][k] * f, w[1][j] * dw[2][k] * f);
@@ -141,7 +143,7 @@ inline DistanceSample DistanceGrid::spline(const Vec3d& p) const {
       d.hessian(2, 0) += w[1][j] * dw[2][k] * fx;
       d.hessian(2, 1) += dw[1][j] * dw[2][k] * f;
     }
-  d.hessian.template triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
+  d.hessian.triangularView<Eigen::StrictlyUpper>() = d.hessian.transpose();
   return d;
 }
 

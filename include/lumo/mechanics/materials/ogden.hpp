@@ -10,7 +10,8 @@ namespace lumo {
 
 /// Ogden solid, W = Σ μ_p/α_p (λ̄₁^α_p + λ̄₂^α_p + λ̄₃^α_p − 3) + κ/4 (J² − 1 − 2 ln J), λ̄ᵢ = J^(−1/3) λᵢ the principal
 /// stretches without the volume change. Shear modulus ½ Σ μ_p α_p; +∞ where J ≤ 0. Source: Ogden 1972. A term with μ_p
-/// = 0 is none. The default is Dragon Skin of the paper at small strain.
+/// = 0 is none. Distortion is for doubles: principal stretches come from an iteration. The default is Dragon Skin of
+/// the paper at small strain.
 struct Ogden {
   struct Term {
     double mu = 0.0;     ///< [Pa], of the sign of alpha
@@ -28,7 +29,7 @@ struct Ogden {
   double distortion_energy(const Mat3d& F) const;
   Mat3d distortion_stress(const Mat3d& F) const;
   Mat9d distortion_tangent(const Mat3d& F) const;
-  VolumetricSample volumetric(double J) const { return convex_volumetric(bulk, J); }
+  template <class S> VolumetricSample<S> volumetric(const S& J) const { return convex_volumetric(bulk, J); }
 
  private:
   // Principal stretches l, with F = U diag(l) Vᵀ, and gᵢ = lᵢ ∂W/∂lᵢ.
@@ -116,8 +117,10 @@ inline Mat9d Ogden::distortion_tangent(const Mat3d& F) const {
     }
   Mat9d frame;  // vec(U X Vᵀ) = frame · vec(X)
   for (int j = 0; j < 3; ++j)
-    for (int l = 0; l < 3; ++l) frame.template block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
+    for (int l = 0; l < 3; ++l) frame.block<3, 3>(3 * j, 3 * l) = p.V(j, l) * p.U;
   return frame * local * frame.transpose();
 }
+
+static_assert(HyperelasticMaterial<Ogden>);
 
 }  // namespace lumo

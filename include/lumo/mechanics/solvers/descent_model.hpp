@@ -3,6 +3,7 @@
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/contact/contact_surface.hpp"
 #include "lumo/mechanics/elements/lumped_mass.hpp"
+#include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mechanics/solvers/vertex_colors.hpp"
 #include "lumo/mechanics/solvers/vertex_packs.hpp"
@@ -83,19 +84,19 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   decltype(packs_type()) packs;
 
   /// Throws InvalidArgument when the given colors are none.
-  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes, const Material& material, const Contact& law,
-               const Element& element, const DescentConfig& config)
+  DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,
+               const PressPhysics<Material, Contact, Element>& physics, const DescentConfig& config)
       : sector(sector_of(mesh, planes)),
-        contact(law),
-        elasticity(sector.mesh, material, element),
+        contact(physics.contact),
+        elasticity(sector.mesh, physics.material, physics.element),
         touchable(
-            sector.mesh, body, [](const Patch& p) { return p.contactable; }, law),
+            sector.mesh, body, [](const Patch& p) { return p.contactable; }, contact),
         resting(
-            sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, law),
+            sector.mesh, body, [](const Patch& p) { return p.meets_carrier; }, contact),
         carrier{body.carrier},
         mass(lumped_masses<Element>(sector.mesh, config.density_kg_per_m3)),
         moves(sector.mesh.nodes.size(), 1),
-        resists_inversion(!std::isfinite(energy_density(material, Mat3d(-Mat3d::Identity())))) {
+        resists_inversion(!std::isfinite(energy_density(physics.material, Mat3d(-Mat3d::Identity())))) {
     for (const BoundaryFace& f : sector.mesh.faces)
       if (body.patches[std::size_t(f.patch)].bonded)
         for (int k = 0; k < sector.mesh.nodes_per_face(); ++k) moves[std::size_t(f.nodes[std::size_t(k)])] = 0;

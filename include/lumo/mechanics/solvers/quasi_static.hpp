@@ -1,8 +1,6 @@
 #pragma once
 
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/mechanics/contact/contact_set.hpp"
-#include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mechanics/solvers/press_system.hpp"
 #include "lumo/mechanics/solvers/secant_pairs.hpp"
 
@@ -54,10 +52,10 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
   Config config = {};
 
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
-                                                           const Material& material, const Contact& contact,
-                                                           const Element& element) const {
-    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element);
+  std::unique_ptr<Model<Material, Contact, Element>> model(
+      const Body& body, const TetMesh& mesh, Symmetry planes,
+      const PressPhysics<Material, Contact, Element>& physics) const {
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 
   /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no
@@ -103,8 +101,10 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
       if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
-      now_ = start, touched_ = touched_before, rested_ = rested_before,
-      load_ = from;  // what was reached loosely on the way may be what led astray
+      now_ = start;  // what was reached loosely on the way may be what led astray
+      touched_ = touched_before;
+      rested_ = rested_before;
+      load_ = from;
       first /= 4.0;
       stride = std::sqrt(stride);
       on_the_way = close;
@@ -155,25 +155,29 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   // From first touch. A softer contact forgives a wrong guess of its extent.
+  static constexpr double first_penalty_scale = 0.1;
   Status first_load(double load, double tolerance) {
-    system_.penalty_scale = 0.1;
+    system_.penalty_scale = first_penalty_scale;
     const Status s = load_step(load, loose, hertz_area(load));
-    if (touched_.coefficient > 0.0) system_.touch_friction = &touched_, system_.rest_friction = &rested_;
+    if (touched_.coefficient > 0.0) {
+      system_.touch_friction = &touched_;
+      system_.rest_friction = &rested_;
+    }
     const double softer = std::exchange(system_.penalty_scale, 1.0);
     return s == Status::converged ? load_step(load, tolerance, 0.0, softer) : s;
   }
 
-  // Equilibrium at a load, from contact on at least `area`. Pressures are kept when overlaps so far were those of a
-  // contact `softer` times as firm.
+  // Equilibrium at a load, from contact on at least `area`. Overlaps so far were those of a contact with `softer` times
+  // the penalty stiffness; pressures are kept.
   Status load_step(double load, double tolerance, double area, double softer = 1.0) {
-    auto seen = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
-    for (SurfaceGaps* gaps : {&seen.touch, &seen.rest})
+    auto about = system_.predicted(now_, now_, Positions::Zero(3, now_.x.cols()), 0.0);
+    for (SurfaceGaps* gaps : {&about.touch, &about.rest})
       for (std::vector<double>& face : *gaps)
         for (double& g : face) g = g < 0.0 ? softer * g : g;
-    touch_nearest(seen.touch, area);
+    touch_nearest(about.touch, area);
     Eigen::VectorXd before;  // residual at the start of the last step; none before the first factor
     for (const int stop = iterations + config_.stride_iterations;;) {
-      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &seen);
+      Eigen::VectorXd r = system_.residual(now_.x, now_.advance, load, eq_, &about);
       const double unbalanced = r.norm();
       const bool nearly_there = unbalanced < settled * load;
       if (!std::isfinite(unbalanced)) return Status::non_finite;
@@ -189,7 +193,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         if (iterations >= std::min(stop, config_.max_iterations)) return Status::max_iterations;
         ++iterations;
         touched_.turning = rested_.turning = nearly_there ? 1.0 : 0.0;
-        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &seen);
+        system_.tangent(now_.x, now_.advance, 0, 1, tangent_, &about);
         const FactorStatus f = linear_.front().factorize(tangent_.matrix.front());
         if (f != FactorStatus::positive_definite)
           return f == FactorStatus::non_finite ? Status::non_finite : Status::not_positive_definite;
@@ -197,7 +201,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         factored_ = now_;
         steps_.clear();
       }
-      if (const Status s = step(r, seen); s != Status::converged) return s;
+      if (const Status s = step(r, about); s != Status::converged) return s;
       before = std::move(r);
     }
   }
@@ -223,7 +227,10 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
         points.push_back({gaps[f][k], model_.touchable.points(f)[k].area_m2});
     std::sort(points.begin(), points.end());
     double last = 0.0;
-    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) area -= points[k].area_m2, last = points[k].gap;
+    for (std::size_t k = 0; k < points.size() && area > 0.0; ++k) {
+      area -= points[k].area_m2;
+      last = points[k].gap;
+    }
     for (std::vector<double>& face : gaps)
       for (double& g : face)
         if (g >= 0.0 && g <= last) g = just_touching;
@@ -246,7 +253,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
   // is predicted for it. What refuses even the shortest step says why there is none.
-  Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& seen) {
+  Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& about) {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
     const double ds = d[eq_.count];
@@ -262,9 +269,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
       if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
-      enter(next.touch, seen.touch);
-      enter(next.rest, seen.rest);
-      seen = std::move(next);
+      enter(next.touch, about.touch);
+      enter(next.rest, about.rest);
+      about = std::move(next);
       now_.x = trial;
       now_.advance += t * ds;
       last_step_ = t * d;

@@ -45,7 +45,7 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
         out.block += w * contracted(material_.distortion_tangent(f), g);
         dilation += w * c;
         if (!element_.mean_dilatation) {
-          const VolumetricSample u = material_.volumetric(f.determinant());
+          const VolumetricSample<double> u = material_.volumetric(f.determinant());
           out.force -= w * u.stress * c;
           out.block +=
               w * u.stiffness * c * c.transpose();  // the second derivative of J vanishes on a node's own block
@@ -58,7 +58,7 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
         }
       }
       if (element_.mean_dilatation) {
-        const VolumetricSample u = material_.volumetric(changed / volume);
+        const VolumetricSample<double> u = material_.volumetric(changed / volume);
         out.force -= u.stress * dilation;
         out.block += u.stiffness / volume * dilation * dilation.transpose();
       }
@@ -110,10 +110,8 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
 
   // Σ gₖ A(i + 3k, j + 3l) gₗ
   static Mat3d contracted(const Mat9d& A, const Vec3d& g) {
-    Eigen::Matrix<double, 9, 3> right =
-        A.template leftCols<3>() * g[0] + A.template middleCols<3>(3) * g[1] + A.template rightCols<3>() * g[2];
-    return right.template topRows<3>() * g[0] + right.template middleRows<3>(3) * g[1] +
-           right.template bottomRows<3>() * g[2];
+    Eigen::Matrix<double, 9, 3> right = A.leftCols<3>() * g[0] + A.middleCols<3>(3) * g[1] + A.rightCols<3>() * g[2];
+    return right.topRows<3>() * g[0] + right.middleRows<3>(3) * g[1] + right.bottomRows<3>() * g[2];
   }
 
   const TetMesh* mesh_;

@@ -4,7 +4,6 @@
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/mechanics/contact/carrier.hpp"
 #include "lumo/mechanics/solvers/descent_model.hpp"
-#include "lumo/mechanics/solvers/press_solver.hpp"
 #include "lumo/mechanics/solvers/step_contacts.hpp"
 
 #include <Eigen/Eigenvalues>
@@ -30,11 +29,11 @@ template <Executor E = Serial> struct BlockDescent {
 
   /// Throws InvalidArgument for settings out of range and for colors that are none.
   template <class Material, class Contact, class Element>
-  std::unique_ptr<Model<Material, Contact, Element>> model(const Body& body, const TetMesh& mesh, Symmetry planes,
-                                                           const Material& material, const Contact& contact,
-                                                           const Element& element) const {
+  std::unique_ptr<Model<Material, Contact, Element>> model(
+      const Body& body, const TetMesh& mesh, Symmetry planes,
+      const PressPhysics<Material, Contact, Element>& physics) const {
     validate(config);
-    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, material, contact, element, config);
+    return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics, config);
   }
 
   /// States after each load's hold. A load that is not met within `max_advance_m` ends as max_iterations; a step
@@ -64,11 +63,15 @@ template <class Model, Indenter Tool, Executor E> class Descent {
         touching_(model.touchable, model.contact),
         resting_(model.resting, model.contact) {
     if constexpr (Model::batched)
-      if (model.packs) points_.resize(std::size_t(x_.cols())), packs_start_.resize(model.packs->slots()), place_all();
+      if (model.packs) {
+        points_.resize(std::size_t(x_.cols()));
+        packs_start_.resize(model.packs->slots());
+        place_all();
+      }
   }
 
-  /// One time step, at whose start the indenter moves on by `by` [m]. False where it ends in what is no place on earth:
-  /// then all is as it was before.
+  /// One time step, at whose start the indenter moves on by `by` [m]. False when it ends without sound positions; then
+  /// all is as it was before.
   bool step(double by) {
     advance_ += by;
     const double dt = config_.time_step_s, stick = config_.slip_speed_m_per_s * dt;
@@ -80,9 +83,9 @@ template <class Model, Indenter Tool, Executor E> class Descent {
                    stick);
     resting_.find(start_, {&model_.carrier, Vec3d::Zero(), Vec3d::UnitZ()}, Vec3d::Zero(), config_.detection_m, stick);
     for (int k = 0; k < config_.sweeps; ++k) sweep();
-    // A kilometre off, a pad is as lost as with NaN, and its forces are about to overflow.
-    if (!(x_.array().abs() < 1e3).all()) {
-      x_ = start_, advance_ -= by;
+    if (!(x_.array().abs() < lost_m).all()) {
+      x_ = start_;
+      advance_ -= by;
       place_all();
       return false;
     }
@@ -103,9 +106,12 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   double advance() const { return advance_; }
 
  private:
+  // That far off, a pad is as lost as with NaN, and its forces are about to overflow.
+  static constexpr double lost_m = 1e3;
+
   double rate() const { return config_.viscosity_Pa_s / config_.time_step_s; }
 
-  // Tells the packs where a vertex is.
+  // Copies a vertex's position for the packs.
   void place(int v) {
     if constexpr (Model::batched)
       if (model_.packs) points_[std::size_t(v)] = {SimdPack::Point::Register{x_(0, v), x_(1, v), x_(2, v), 0.0}};
@@ -131,7 +137,10 @@ template <class Model, Indenter Tool, Executor E> class Descent {
     // A law without an energy inside out must not begin there.
     if (model_.resists_inversion && config_.predictor != Predictor::position) {
       const double floor = 0.2 * model_.elasticity.smallest_J(start_);
-      for (int k = 0; k < 10 && !(model_.elasticity.smallest_J(x_) > floor); ++k) ahead *= 0.5, x_ = start_ + ahead;
+      for (int k = 0; k < 10 && !(model_.elasticity.smallest_J(x_) > floor); ++k) {
+        ahead *= 0.5;
+        x_ = start_ + ahead;
+      }
       if (!(model_.elasticity.smallest_J(x_) > floor)) x_ = start_;
     }
   }
@@ -166,7 +175,10 @@ template <class Model, Indenter Tool, Executor E> class Descent {
             for (std::size_t lane = 0; lane < SimdPack::width; ++lane) steps[lane] *= part[lane];
           }
           for (std::size_t lane = 0; lane < SimdPack::width; ++lane)
-            if (batch.moves[lane]) x_.col(batch.vertex[lane]) += steps[lane], place(batch.vertex[lane]);
+            if (batch.moves[lane]) {
+              x_.col(batch.vertex[lane]) += steps[lane];
+              place(batch.vertex[lane]);
+            }
         });
         return;
       }

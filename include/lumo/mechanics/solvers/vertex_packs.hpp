@@ -1,5 +1,6 @@
 #pragma once
 
+#include "lumo/mechanics/solvers/simd.hpp"
 #include "lumo/mechanics/solvers/vertex_block.hpp"
 #include "lumo/mechanics/solvers/vertex_colors.hpp"
 
@@ -8,6 +9,13 @@
 #include <vector>
 
 namespace lumo {
+
+/// A solid of the form W = μ/2 (I_C − 3) + h(J), whose P = μ F + h'(J) cof F is cheap enough to be taken for many
+/// elements at once.
+template <class M>
+concept DilatationalMaterial = HyperelasticMaterial<M> && requires(const M& m, const SimdPack& J) {
+  { m.dilatation(J) } -> std::same_as<DilatationSample<SimdPack>>;
+};
 
 /// Elastic and viscous forces and blocks of eight vertices of one color at once, on linear tetrahedra of a dilatational
 /// solid. What a vertex's tetrahedra need lies in the order of use; vertices with as many tetrahedra go together. A
@@ -52,8 +60,8 @@ template <DilatationalMaterial Material> class VertexPacks {
   // d, f), (a₂, −c−d, −f), γ = −a₀−a₁−a₂, and γ c f = 1/(6 V).
   struct Slot {
     Vector a;
-    SimdPack c, d, f;                               // [1/m]
-    SimdPack volume;                                // [m³]; 0 where a vertex has no further tetrahedron
+    SimdPack c, d, f;                            // [1/m]
+    SimdPack volume;                             // [m³]; 0 where a vertex has no further tetrahedron
     std::array<std::array<int, width>, 3> node;  // right-handed as seen from the vertex
   };
   // A tetrahedron as it is now.
@@ -177,7 +185,7 @@ void VertexPacks<Material>::add(const Batch& batch, const Places& x, const Start
   for (std::size_t k = batch.first; k < batch.first + batch.count; ++k) {
     // Neighbours are scattered over the mesh: those of the slot after next are sent for.
     for (const auto& nodes : slots_[std::min(k + 2, slots_.size() - 1)].node)
-      for (int n : nodes) __builtin_prefetch(&x[std::size_t(n)]);
+      for (int n : nodes) SimdPack::prefetch(x[std::size_t(n)]);
     const Slot& s = slots_[k];
     const Shape now = shape(self, s, x);
     const DilatationSample<SimdPack> h = material_.dilatation(now.J);
