@@ -218,8 +218,10 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
   std::vector<Vec3d> nodes;
   const auto renumber = [&](int& n) {
     if (n < 0) return;
-    if (number[std::size_t(n)] < 0)
-      number[std::size_t(n)] = int(corners++), nodes.push_back(linear.nodes[std::size_t(n)]);
+    if (number[std::size_t(n)] < 0) {
+      number[std::size_t(n)] = int(corners++);
+      nodes.push_back(linear.nodes[std::size_t(n)]);
+    }
     n = number[std::size_t(n)];
   };
   for (auto& t : linear.tets)
@@ -228,7 +230,8 @@ TEST_CASE("linear tetrahedra are offered, and lock") {
     for (int& n : face.nodes) renumber(n);
   linear.nodes = nodes;
   linear.symmetry = {};
-  linear.mirror_x.clear(), linear.mirror_y.clear();
+  linear.mirror_x.clear();
+  linear.mirror_y.clear();
   const Simulator<NeoHookean, SDFContact, LinearTet, QuasiStatic<Cholmod>> sim;
   const MechanicalState state = sim.press(f.body, linear, s).front();
   CHECK(state.status == Status::converged);

@@ -137,8 +137,10 @@ TEST_CASE("contact at vertices has the friction too, and the law's bounds") {
     REQUIRE(s.status == Status::converged);
     REQUIRE_FALSE(s.friction_N.empty());
     double most = 0.0, total = 0.0;
-    for (std::size_t n = 0; n < s.friction_N.size(); ++n)
-      total += s.friction_N[n].norm(), most = std::max(most, s.friction_N[n].norm());
+    for (std::size_t n = 0; n < s.friction_N.size(); ++n) {
+      total += s.friction_N[n].norm();
+      most = std::max(most, s.friction_N[n].norm());
+    }
     CHECK(most > 0.0);
     CHECK(total <= 0.5 * s.force_N / std::cos(20 * pi / 180) * 1.1);
   }

@@ -51,7 +51,8 @@ template <class Material> void check_vertex_blocks(const Material& material) {
       const double h = 1e-8;
       for (int c = 0; c < 3; ++c) {
         Positions up = x, down = x;
-        up(c, v) += h, down(c, v) -= h;
+        up(c, v) += h;
+        down(c, v) -= h;
         VertexBlock fu, fd;
         vertices.add(v, up, start, 0.0, fu);
         vertices.add(v, down, start, 0.0, fd);
@@ -123,7 +124,8 @@ TEST_CASE("viscous forces are the slope of the dissipation and vanish in rigid m
     for (int c = 0; c < 3; ++c) {
       const double h = 1e-8;
       Positions up = x, down = x;
-      up(c, v) += h, down(c, v) -= h;
+      up(c, v) += h;
+      down(c, v) -= h;
       CHECK((dissipation(up) - dissipation(down)) / (2 * h) == Approx((without.force - with.force)[c]).margin(1e-6));
     }
     VertexBlock rigid, still;

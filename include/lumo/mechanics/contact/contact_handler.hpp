@@ -24,8 +24,7 @@ concept ContactHandler = requires(const C& contact, double gap) {
   validate(contact);
 };
 
-/// Where a contact law is asked: at many points inside all faces, or at the mesh's nodes, each with its share of the
-/// area.
+/// Where a contact law acts: at many points inside all faces, or at the mesh's nodes, each with its share of the area.
 enum class ContactPoints { surface, vertices };
 
 template <ContactHandler Contact> constexpr ContactPoints contact_points() {

@@ -127,8 +127,11 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
       const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
       if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
       const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power,
-          gs += k * other.power * square;
+      w += k;
+      g += k * other.power;
+      s += k * square;
+      gg += k * other.power * other.power;
+      gs += k * other.power * square;
     }
     const double spread = gg - g * g / w;
     const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;

@@ -37,7 +37,7 @@ class ContactSurface {
       if (chosen(body.patches[std::size_t(f.patch)])) add(f);
   }
 
-  /// The same with the points that a contact law wants.
+  /// The same with the points at which a contact law acts.
   template <class Choose, ContactHandler Contact>
   ContactSurface(const TetMesh& mesh, const Body& body, Choose chosen, const Contact& law)
       : ContactSurface(mesh, body, chosen) {
@@ -164,7 +164,7 @@ using SurfaceGaps = std::vector<std::vector<double>>;
 
 namespace detail {
 
-// What a contact without friction would answer.
+// The answer of a contact without friction.
 struct NoFriction {
   struct Answer {
     Vec3d traction;

@@ -43,6 +43,10 @@ class DistanceGrid {
   double at(int i, int j, int k) const { return const_cast<DistanceGrid*>(this)->at(i, j, k); }
   Vec3d node(int i, int j, int k) const { return origin_ + h_ * Vec3d(i, j, k); }
 
+  static const TriangleSurface& checked(const TriangleSurface& surface) {
+    validate_surface(surface);
+    return surface;
+  }
   void fill();
   void filter();
   void measure();
@@ -58,7 +62,7 @@ class DistanceGrid {
 };
 
 inline DistanceGrid::DistanceGrid(const TriangleSurface& surface, int cells)
-    : surface_((validate_surface(surface), surface)), exact_(surface_) {
+    : surface_(checked(surface)), exact_(surface_) {
   if (cells < 8 || cells > 256)
     throw InvalidArgument(message("cells of a distance grid are ", cells, ", must lie in [8, 256]"));
   Eigen::AlignedBox3d box;

@@ -206,8 +206,8 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     }
   }
 
-  // Points that have just come into contact overlap, or gape, by what the last step did not know of; that is to be
-  // undone, but it is no pressure yet that could bend the tangent.
+  // Points that have just come into contact overlap, or gape, by the error of the last step. The next step undoes it;
+  // it must not enter the tangent as pressure.
   static constexpr double just_touching = -1e-15;
   static void enter(SurfaceGaps& gaps, const SurfaceGaps& before) {
     for (std::size_t f = 0; f < gaps.size(); ++f)
@@ -252,7 +252,9 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
   }
 
   // A full step unless the indenter would jump, an element would be turned inside out, or lose most of the volume that
-  // is predicted for it. What refuses even the shortest step says why there is none.
+  // is predicted for it. The status names what refuses even the shortest step.
+  static constexpr double least_volume = 0.2;  // of an element: of its present one, and by the prediction
+  static constexpr int halvings = 20;
   Status step(const Eigen::VectorXd& r, typename System::LinearisationPoint& about) {
     const Eigen::VectorXd d = -steps_.solve(r, [&](const Eigen::VectorXd& rest) { return solve_factored(rest); });
     if (!d.allFinite()) return Status::non_finite;
@@ -262,13 +264,13 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
     Positions dx = Positions::Zero(3, now_.x.cols());
     System::move(dx, eq_, d, 1.0);
     Status refusal = Status::inverted;
-    for (int k = 0; k < 20; ++k, t *= 0.5) {
+    for (int k = 0; k < halvings; ++k, t *= 0.5) {
       const Positions trial = now_.x + t * dx;
       refusal = Status::inverted;
-      if (!(model_.solid.smallest_J(trial) > 0.2 * now)) continue;
+      if (!(model_.solid.smallest_J(trial) > least_volume * now)) continue;
       refusal = Status::line_search;
       auto next = system_.predicted(now_, factored_, t * dx, t * ds);
-      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > 0.2)) continue;
+      if (!(*std::min_element(next.ratios.begin(), next.ratios.end()) > least_volume)) continue;
       enter(next.touch, about.touch);
       enter(next.rest, about.rest);
       about = std::move(next);

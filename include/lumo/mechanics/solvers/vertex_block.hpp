@@ -12,6 +12,9 @@ struct VertexBlock {
   Mat3d block{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};  ///< [N/m]
 };
 
+/// Part of det F that a vertex's step must leave.
+inline constexpr double least_J_kept = 0.1;
+
 /// Elastic and viscous force and stiffness of single nodes, for any material and element.
 /// Viscosity is absolute, on the rate of C = FᵀF since the step's start: force −η ∂/∂x ½ ∫ |Ċ|² dt, as Newton 1.8 has
 /// it.
@@ -65,15 +68,15 @@ template <HyperelasticMaterial Material, TetElement Element> class VertexElastic
     }
   }
 
-  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above a tenth of what it is (det F is
-  /// linear in one node).
+  /// Largest part t ≤ 1 of a step of node v that leaves every det F about it above `least_J_kept` of its value (det F
+  /// is linear in one node).
   double feasible_part(int v, const Positions& x, const Vec3d& step) const {
     double t = 1.0;
     for (const Incidence& in : at_[std::size_t(v)])
       for (int q = 0; q < Element::points; ++q) {
         const Mat3d f = deformation(in.tet, q, x);
         const double slope = (cofactor(f) * gradient(in.tet, q).col(in.place)).dot(step), J = f.determinant();
-        if (J + t * slope < 0.1 * J) t = -0.9 * J / slope;
+        if (J + t * slope < least_J_kept * J) t = (least_J_kept - 1.0) * J / slope;
       }
     return t;
   }

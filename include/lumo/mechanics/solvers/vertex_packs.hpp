@@ -163,7 +163,8 @@ std::array<double, VertexPacks<Material>::width> VertexPacks<Material>::feasible
     const Shape now = shape(self, slots_[k], x);
     const SimdPack slope = dot(now.area, step);
     for (std::size_t lane = 0; lane < width; ++lane)
-      if (now.J[lane] + part[lane] * slope[lane] < 0.1 * now.J[lane]) part[lane] = -0.9 * now.J[lane] / slope[lane];
+      if (now.J[lane] + part[lane] * slope[lane] < least_J_kept * now.J[lane])
+        part[lane] = (least_J_kept - 1.0) * now.J[lane] / slope[lane];
   }
   return part;
 }
