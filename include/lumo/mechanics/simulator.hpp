@@ -63,7 +63,44 @@ class PreparedBody {
 
   /// States at the scenario's loads, on the whole mesh. Where body and scenario are symmetric the quasi-static solver
   /// takes only a half or a quarter; fields that break the symmetry are still tested for stability.
-  template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const;
+  template <Indenter Tool> std::vector<MechanicalState> press(const Scenario<Tool>& scenario) const {
+    validate(scenario);
+    const Touch touch = first_touch(body_, *mesh_, scenario);
+    // A fixed area per vertex knows no halves of vertices.
+    const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
+    const Symmetry contact = symmetry_of(scenario),
+                   planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
+    const Model& sector_model = model(planes);
+    std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
+    const ContactSurface surface(
+        *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
+    for (MechanicalState& s : states) {
+      s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
+      if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
+      const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
+      Positions x = positions_of(*mesh_);
+      for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
+      const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};
+      ContactField c = contact_field(*mesh_, surface, maker_.contact, rigid, x);
+      const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
+      s.force_N = sums.push_N + s.friction_push_N;
+      s.penetration_m = sums.penetration_m;
+      s.contact_area_m2 = contact_area(surface, c.field, x);
+      s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
+      s.contact_field = std::move(c.field);
+      s.pressure_Pa = std::move(c.pressure_Pa);
+      // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
+      // any force.
+      const double wanted = s.status == Status::held ? s.force_N : s.load_N;
+      s.residual_N =
+          out_of_balance(body_, *mesh_, physics(), rigid, {wanted, s.displacement, {s.friction_N, s.friction_push_N}});
+      if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N))
+        s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
+      if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
+      s.certified = s.status == Status::converged;
+    }
+    return states;
+  }
 
   const TetMesh& mesh() const { return *mesh_; }
 
@@ -85,48 +122,5 @@ class PreparedBody {
   std::shared_ptr<const TetMesh> mesh_;
   std::shared_ptr<std::array<Slot, 4>> slots_ = std::make_shared<std::array<Slot, 4>>();
 };
-
-template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element, class Solver>
-requires PressSolver<Solver, Material, Contact, Element>
-template <Indenter Tool>
-std::vector<MechanicalState> PreparedBody<Material, Contact, Element, Solver>::press(
-    const Scenario<Tool>& scenario) const {
-  validate(scenario);
-  const Touch touch = first_touch(body_, *mesh_, scenario);
-  // A fixed area per vertex knows no halves of vertices.
-  const bool fold = Solver::uses_symmetry && area_per_vertex(maker_.contact) == 0.0;
-  const Symmetry contact = symmetry_of(scenario),
-                 planes{fold && mesh_->symmetry.x && contact.x, fold && mesh_->symmetry.y && contact.y};
-  const Model& sector_model = model(planes);
-  std::vector<MechanicalState> states = maker_.solver.run(sector_model, scenario, touch);
-  const ContactSurface surface(
-      *mesh_, body_, [](const Patch& p) { return p.contactable; }, maker_.contact);
-  for (MechanicalState& s : states) {
-    s.displacement = unfold(*mesh_, sector_model.sector, s.displacement);
-    if (!s.friction_N.empty()) s.friction_N = unfold(*mesh_, sector_model.sector, s.friction_N);
-    const Vec3d origin = touch.origin + s.depth_m * scenario.direction();
-    Positions x = positions_of(*mesh_);
-    for (std::size_t k = 0; k < s.displacement.size(); ++k) x.col(Eigen::Index(k)) += s.displacement[k];
-    const Moving<Tool> rigid{&scenario.indenter, origin, scenario.direction()};
-    ContactField c = contact_field(*mesh_, surface, maker_.contact, rigid, x);
-    const ContactSums sums = add_contact_forces(surface, maker_.contact, rigid, x, nullptr);
-    s.force_N = sums.push_N + s.friction_push_N;
-    s.penetration_m = sums.penetration_m;
-    s.contact_area_m2 = contact_area(surface, c.field, x);
-    s.reference_area_m2 = contact_area(surface, c.field, positions_of(*mesh_));
-    s.contact_field = std::move(c.field);
-    s.pressure_Pa = std::move(c.pressure_Pa);
-    // Certified on the whole mesh by the independent routine, whatever the solver reports. A held indenter bears
-    // any force.
-    const double wanted = s.status == Status::held ? s.force_N : s.load_N;
-    s.residual_N =
-        out_of_balance(body_, *mesh_, physics(), rigid, {wanted, s.displacement, {s.friction_N, s.friction_push_N}});
-    if (s.status == Status::converged && !(s.residual_N <= 1e-6 * s.load_N))
-      s.status = std::isfinite(s.residual_N) ? Status::max_iterations : Status::non_finite;
-    if (std::isnan(s.residual_N)) s.residual_N = std::numeric_limits<double>::infinity();
-    s.certified = s.status == Status::converged;
-  }
-  return states;
-}
 
 }  // namespace lumo
