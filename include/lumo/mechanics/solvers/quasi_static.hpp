@@ -18,8 +18,8 @@ struct QuasiStaticConfig {
   int max_iterations = 200;          ///< factorisations per load
   int stride_iterations = 40;        ///< factorisations before a stride is cut
   double chord_contraction = 0.02;   ///< a kept factor must shrink the residual by this factor per step
-  double late_contraction =
-      0.8;  ///< by this one, when the residual is below 1 % of the load: a step costs a tenth of a factor
+  /// By this one, when the residual is below 1 % of the load: a step costs a tenth of a factor.
+  double late_contraction = 0.8;
   double load_stride = 1.6;   ///< loads in between are at most this factor apart
   double max_advance = 0.2;   ///< largest advance in one step, in radii of the indenter's contact
   double time_limit_s = 1e9;  ///< per scenario, wall clock
@@ -58,8 +58,8 @@ template <LinearSolver Linear = EigenCholesky> struct QuasiStatic {
     return std::make_unique<Model<Material, Contact, Element>>(body, mesh, planes, physics);
   }
 
-  /// States at the scenario's loads, displacements on the sector's nodes; after the first that is not converged no
-  /// further one is tried (it carries the reason).
+  /// States at the scenario's loads, displacements on the sector's nodes, up to the first that is not converged; its
+  /// status is the reason.
   template <class SomeModel, Indenter Tool>
   std::vector<MechanicalState> run(const SomeModel& model, const Scenario<Tool>& scenario, const Touch& touch) const;
 };
@@ -100,7 +100,7 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
       }
       const bool lost = s == Status::not_positive_definite || s == Status::inverted || s == Status::line_search ||
                         s == Status::max_iterations;
-      if (!lost || ++cuts > 5 || iterations >= config_.max_iterations) return s;
+      if (!lost || ++cuts > most_cuts || iterations >= config_.max_iterations) return s;
       now_ = start;  // what was reached loosely on the way may be what led astray
       touched_ = touched_before;
       rested_ = rested_before;
@@ -120,11 +120,11 @@ template <class Model, Indenter Tool> class QuasiStaticRun {
 
  private:
   using System = PressSystem<Model, Tool>;
-  static constexpr double
-      loose = 0.3,
-      close = 1e-3;  ///< residual over load at which a stride on the way may end, at first and after a loss
-  static constexpr double settled =
-      1e-2;  ///< residual over load below which points seldom come and go, or change between sticking and sliding
+  // Residual over load at which a stride on the way may end, at first and after a loss.
+  static constexpr double loose = 0.3, close = 1e-3;
+  // Residual over load below which points seldom come and go, or change between sticking and sliding.
+  static constexpr double settled = 1e-2;
+  static constexpr int most_cuts = 5;  // of the strides to one load
 
   /// Hertz's load for a contact half as wide as the indenter, on a half-space that keeps its volume.
   double largest_first_load() const {
