@@ -16,7 +16,7 @@ int main() {
   ensemble.diameters_m = {10.0_mm, 30.0_mm};
   ensemble.places_m = {0.0_mm, 11.0_mm};
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   const Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};

@@ -21,7 +21,7 @@ int main(int argc, char** argv) {
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
 
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{
       {}, {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}}, {}};  // before the store: the mesher forks

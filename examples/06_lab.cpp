@@ -30,7 +30,7 @@ int main(int argc, char** argv) {
   const SideSight sight;
   const PadGrid grid{.load_N = {2.0, 5.0, 10.0, 15.0}, .spacing_m = 13.0_mm, .places = 3, .tilt_place_m = {13.0_mm}};
   using Light = Tracer<BeerLambert, SideSight, Embree>;
-  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+  using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
   Pipeline<TetgenMesher, Simulation, Light> pipeline{{},
                                                      {NeoHookean{.mu = card.mu_Pa, .lambda = card.lambda_Pa}},
                                                      Light({.rays_per_emitter = 1 << 14, .exit_rays = 1 << 17}, sight)};

@@ -27,7 +27,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 /// Presses each scenario once and remembers its states, so that both settings light the same equilibria.
 struct RememberedPresses {

@@ -24,7 +24,7 @@ using namespace lumo;
 namespace {
 
 using Light = Tracer<BeerLambert, ExitPower, Embree>;
-using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, Cholmod>;
+using Simulation = Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>;
 
 struct Setting {
   double mesh = 1.0;  // factor on all wanted edge lengths

@@ -65,7 +65,7 @@ TEST_CASE("a user's emitter sends all of its power, as densely as it draws direc
   CHECK(image.as<own::LensedLed>() != nullptr);
 }
 
-TEST_CASE("a user's objective is the ratio that it names, and nothing where there is none") {
+TEST_CASE("a user's objective is the ratio that it names, and nullopt if there is none") {
   const auto scenario = [](double size, double noise) {
     ScenarioRecord s;
     StateRecord state;
@@ -115,7 +115,7 @@ TEST_CASE("a user's camera gives each picture once, ends, and fails on what is n
 }
 
 TEST_CASE("a user's actuator gives each sample once, ends, and fails on what is no sample") {
-  std::istringstream message("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
+  std::istringstream text("0 0.1 0.2 0.3\n0.001 0.4 0.5 0.6\n"), broken("0 0.1 0.2 0.3\n0.001 x\n0.002 0 0 0\n");
   own::TextActuator actuator(text), bad(broken);
   CHECK(actuator.next()->effort[0] == 0.3);
   const auto second = actuator.next();

@@ -24,10 +24,10 @@ AnySimulation any(Simulation simulation) {
 }
 
 /// All laws and contacts with one element and one solver.
-template <class Element, class Method>
-AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Method>& solver) {
+template <class Element, class Solver>
+AnySimulation of_kind(const Mechanics& m, const Silicone& s, const Solver& solver) {
   const auto with = [&](auto material, auto contact) {
-    return any(Simulator<decltype(material), decltype(contact), Element, Method>{material, contact, {}, solver});
+    return any(Simulator<decltype(material), decltype(contact), Element, Solver>{material, contact, {}, solver});
   };
   const auto touching = [&](auto material) {
     if (m.points == Mechanics::Points::vertex) return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
@@ -42,8 +42,8 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Meth
 AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   const bool linear = m.element == Mechanics::Element::linear;
   if (m.solver == Mechanics::Solver::quasi_static)
-    return linear ? of_kind<LinearTet, Cholmod>(m, s, {}) : of_kind<QuadraticTet, Cholmod>(m, s, {});
-  const SolverOf<VertexBlockDescent> descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
+    return linear ? of_kind<LinearTet, QuasiStatic<Cholmod>>(m, s, {}) : of_kind<QuadraticTet, QuasiStatic<Cholmod>>(m, s, {});
+  const VertexBlockDescent descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
   return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent) : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
 }
 

@@ -31,7 +31,7 @@ int main(int argc, char** argv) {
   FingerOptions coarse;
   coarse.mesh.contact_edge = coarse.mesh.coarsest_edge = 6.0_mm;
   const Silicone card = dragon_skin();
-  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, Cholmod> simulator{
+  const Simulator<own::Demiray, own::SoftSkin, QuadraticTet, QuasiStatic<Cholmod>> simulator{
       {.mu = card.mu_Pa, .b = 1.0, .lambda = card.lambda_Pa}, {.thickness_m = 50e-6}};
   using Light = Tracer<BeerLambert, ExitPower, Embree>;
   Pipeline<TetgenMesher, decltype(simulator), Light> pipeline{

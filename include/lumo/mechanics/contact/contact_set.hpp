@@ -86,6 +86,17 @@ template <class Visit> void for_sub_triangles(const ContactSurface& surface, con
     }
 }
 
+// The fit of the edge of contact. Lengths are in spacings of the nodes.
+struct EdgeFit {
+  static constexpr double triangle = 2.3;  // 4/√3: edge² over the area of an equilateral triangle
+  static constexpr double lattice = 1.15;  // 2/√3: spacing² over the area of a node of such triangles
+  static constexpr double reach = 4.0;     // of what is looked at
+  static constexpr double nearest = 0.25;  // nearer, the kink inside a facet disturbs the gap
+  static constexpr double farthest = 2.0;  // farther, the fit has to reach too far
+  static constexpr double slope_reach2 = 16.0, circle_reach2 = 12.0;  // squared reach of the weights
+  static constexpr double least_slope2 = 0.25;                        // of the mean: the fit may not fall below
+};
+
 // A point of the edge of contact with the direction in which the gap opens there.
 struct EdgeSample {
   Vec3d point;
@@ -115,25 +126,27 @@ inline std::vector<EdgeSample> edge_of_contact(const ContactSurface& surface, co
     const Vec3d gradient =
         ((power[1] - power[0]) * e2.cross(normal) + (power[2] - power[0]) * normal.cross(e1)) / normal.squaredNorm();
     const Free f{(a + b + c) / 3.0, gradient.normalized(), (power[0] + power[1] + power[2]) / 3.0, gradient.norm(),
-                 std::sqrt(2.3 * area)};
-    if (f.slope > 0.0 && f.power < 4.0 * f.spacing * f.slope) free.push_back(f);
+                 std::sqrt(EdgeFit::triangle * area)};
+    if (f.slope > 0.0 && f.power < EdgeFit::reach * f.spacing * f.slope) free.push_back(f);
   });
   std::vector<EdgeSample> samples;
   for (const Free& f : free) {
-    // Too near, the kink inside a facet disturbs the gap; too far, the fit has to reach too far.
-    if (f.power < 0.25 * f.spacing * f.slope || f.power > 2.0 * f.spacing * f.slope) continue;
+    if (f.power < EdgeFit::nearest * f.spacing * f.slope || f.power > EdgeFit::farthest * f.spacing * f.slope) continue;
     double w = 0.0, g = 0.0, s = 0.0, gg = 0.0, gs = 0.0;
     for (const Free& other : free) {
-      const double t = (other.middle - f.middle).squaredNorm() / (16.0 * f.spacing * f.spacing);
-      if (t >= 1.0 || other.power < 0.25 * other.spacing * other.slope) continue;
+      const double t = (other.middle - f.middle).squaredNorm() / (EdgeFit::slope_reach2 * f.spacing * f.spacing);
+      if (t >= 1.0 || other.power < EdgeFit::nearest * other.spacing * other.slope) continue;
       const double k = std::pow(1.0 - t, 2), square = other.slope * other.slope;
-      w += k, g += k * other.power, s += k * square, gg += k * other.power * other.power,
-          gs += k * other.power * square;
+      w += k;
+      g += k * other.power;
+      s += k * square;
+      gg += k * other.power * other.power;
+      gs += k * other.power * square;
     }
     const double spread = gg - g * g / w;
     const double bend = spread > 1e-9 * gg ? (gs - g * s / w) / spread : 0.0;
-    const double start = std::max((s - bend * g) / w, 0.25 * s / w),
-                 here = std::max(start + bend * f.power, 0.25 * s / w);
+    const double start = std::max((s - bend * g) / w, EdgeFit::least_slope2 * s / w),
+                 here = std::max(start + bend * f.power, EdgeFit::least_slope2 * s / w);
     samples.push_back(
         {f.middle - 2.0 * f.power / (std::sqrt(start) + std::sqrt(here)) * f.outward, f.outward, f.spacing});
   }
@@ -147,7 +160,7 @@ inline std::optional<double> distance_to_edge(const std::vector<EdgeSample>& sam
   Vec3d sum_p = Vec3d::Zero(), sum_n = Vec3d::Zero();
   for (const EdgeSample& s : samples) {
     const Vec3d d = s.point - p;
-    const double t = d.squaredNorm() / (12.0 * s.spacing * s.spacing);
+    const double t = d.squaredNorm() / (EdgeFit::circle_reach2 * s.spacing * s.spacing);
     if (t >= 1.0) continue;
     const double k = std::pow(1.0 - t, 4);
     w += k;
@@ -191,7 +204,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
   for (std::size_t k = 0; k < n; ++k) {
     if (area[k] <= 0.0) continue;
     c.pressure_Pa[k] /= area[k];
-    spacing[k] = std::sqrt(1.15 * area[k]);
+    spacing[k] = std::sqrt(detail::EdgeFit::lattice * area[k]);
     gap[k] = rigid.distance(x.col(Eigen::Index(k)));
   }
   // Nodes that hang free by less than the overlap at other points of their facets are in contact.
