@@ -49,7 +49,7 @@ template <class Scene> double total_length(const Scene& scene, const std::vector
 template <TransparentMedium Medium, Intersector Backend> struct Steps {
   using Scene = decltype(Backend{}.build({}));
   using Path = PathTracer<Scene, Medium, ExitPower>;
-  using Gather = ExitGather<Scene, Medium, ExitPower>;
+  using Gather = NextEventGather<Scene, Medium, ExitPower>;
   static constexpr Symmetry symmetry{true, true};
 
   const PressedPad& pad = pressed_pad();
@@ -77,7 +77,7 @@ template <TransparentMedium Medium, Intersector Backend> struct Steps {
     return path.accounts().take();
   }
   Tally spread() {
-    ExitBeams beams(path);
+    Splatting beams(path);
     for (const RayPattern::Beam& beam : pattern.beams()) beams.run(beam, OwenSobol{5});
     return path.accounts().take();
   }

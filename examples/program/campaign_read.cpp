@@ -19,7 +19,7 @@ std::string line(const StoredTrial& t) {
 }  // namespace
 
 std::string campaign_status(const Options& o) {
-  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
+  const StoredCampaign c = read_campaign(SqliteJournal(o.store), o.store);
   double seconds = 0.0;
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");
@@ -48,7 +48,7 @@ std::string campaign_status(const Options& o) {
 }
 
 std::string campaign_verify(const Options& o) {
-  const SqliteLog log(o.store);
+  const SqliteJournal log(o.store);
   log.verify();
   const StoredCampaign c = read_campaign(log, o.store);
   if (o.json) return Json{{"store", o.store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
@@ -56,7 +56,7 @@ std::string campaign_verify(const Options& o) {
 }
 
 std::string campaign_export(const Options& o) {
-  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
+  const StoredCampaign c = read_campaign(SqliteJournal(o.store), o.store);
   if (o.json) {
     Json rows = Json::array();
     for (const StoredTrial& t : c.trials)

@@ -84,7 +84,7 @@ std::string campaign_report(const Options& o, Progress& progress) {
   Json campaigns = Json::array();
   std::string title = "lumo campaign";
   for (const std::string& store : o.stores) {
-    const StoredCampaign campaign = read_campaign(SqliteLog(store), store);
+    const StoredCampaign campaign = read_campaign(SqliteJournal(store), store);
     title += (campaigns.empty() ? ": " : "; ") + campaign_name(campaign.problem);
     campaigns.push_back(campaign_model(campaign, store));
   }

@@ -76,7 +76,7 @@ std::string percent(double v) { return std::isfinite(v) ? (v > 0 ? "+" : "") + c
 }  // namespace
 
 std::string campaign_select(const Options& o, Progress& progress) {
-  const StoredCampaign c = read_campaign(SqliteLog(o.store), o.store);
+  const StoredCampaign c = read_campaign(SqliteJournal(o.store), o.store);
   if (!c.selected) throw InputError("store '" + o.store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
   const StoredTrial& t = c.trials[*c.selected];
   const int evaluated = c.count("evaluated");

@@ -105,7 +105,7 @@ Json run_notes(const Options& o) {
 /// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
 /// the design is taken for one of the machine.
 template <class Work>
-Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
+TrialResult recorded(Json record, Json notes, Progress& progress, const Work& work) {
   const Stopwatch watch;
   std::string stage = "start";
   const ProgressReport shown = progress.watched() ? shown_in(progress) : ProgressReport{};
@@ -113,12 +113,12 @@ Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) 
     stage = now;
     if (shown) shown(now, done, total);
   };
-  Verdict verdict;
+  TrialResult verdict;
   const auto fail = [&](bool retry, const char* why) { verdict = {{}, retry, stage + ": " + why, "", ""}; };
   try {
     verdict = work(record, notes, report);
   } catch (const MeshError& e) {
-    verdict = verdict_of(e);
+    verdict = trial_result(e);
   } catch (const std::bad_alloc&) {
     fail(true, "out of memory");
   } catch (const InvalidArgument& e) {
@@ -211,7 +211,7 @@ TraceResult make_trace(const Options& o, Progress& progress) {
 
 Evaluation make_evaluation(const Options& o, Progress& progress) {
   const auto pipeline = pipeline_for(o);
-  return evaluate(FingerDesign::from(o.theta_mm), silicone(o.material), contacts(o.ensemble), pipeline, finger_options(o.mechanics), TbbExecutor{o.threads},
+  return evaluate({FingerDesign::from(o.theta_mm), silicone(o.material), finger_options(o.mechanics)}, contacts(o.ensemble), pipeline, TbbExecutor{o.threads},
                   shown_in(progress));
 }
 
@@ -273,10 +273,10 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
   return [o, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e =
-          evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{o.threads}, report_stage);
+          evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)}, contacts(o.ensemble), *pipeline, TbbExecutor{o.threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
-      return verdict_of(e, o.mechanics.holds());
+      return trial_result(e, o.mechanics.holds());
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(o), progress, work);
   };
@@ -285,13 +285,13 @@ Evaluator campaign_evaluator(const Options& o, Progress& progress) {
 Evaluator study_evaluator(const Options& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
   return [o, study, ensemble, &progress, pipeline = std::make_shared<decltype(pipeline_for(o))>(pipeline_for(o))](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
-      Verdict verdict;
+      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline, TbbExecutor{o.threads}, report_stage);
+      TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
         record["variants"].push_back(json(v));
         notes["seconds"][std::string(to_string(v.twin))] = json(v.observations.seconds);
-        verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
+        verdict.retry = verdict.retry || is_machine_limit(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
       if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
@@ -312,25 +312,25 @@ Evaluator readings_evaluator(const Options& o, const std::vector<Scenario<Sphere
   }
   return [o, contacts, edges, &progress, pipeline = std::make_shared<decltype(usual_tools)>(std::move(usual_tools))](const Design& x) {
     const auto work = [&](Json& record, Json&, const ProgressReport& report_stage) {
-      const auto tools_for = [&](const FingerReading& reading) {
+      const auto tools_for = [&](const FingerAssumptions& reading) {
         auto tools = *pipeline;
         Mechanics mechanics;
         mechanics.friction = reading.friction;
         tools.simulator = simulation(mechanics, reading.silicone);
         return tools;
       };
-      const std::vector<Departure> rows = departures();
-      FingerReading usual{silicone(o.material), {}};
+      const std::vector<AssumptionVariant> rows = assumption_variants();
+      FingerAssumptions usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
       for (std::size_t k = 0; k < results.size(); ++k) {
         const std::string& why = results[k].why;
         record["readings"].push_back({{"reading", k == 0 ? "lumo's own" : rows[k - 1].name()}, {"why", why.empty() ? Json(nullptr) : Json(why)}});
         append(record["readings"].back(), objectives(results[k].evaluation));
       }
-      Verdict verdict = verdict_of(results.front().evaluation);
+      TrialResult verdict = trial_result(results.front().evaluation);
       for (std::size_t k = 1; k < results.size(); ++k)
-        if (of_the_machine(results[k].evaluation.observations.scenarios)) verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + results[k].why, "", ""};
+        if (is_machine_limit(results[k].evaluation.observations.scenarios)) verdict = {{}, true, rows[k - 1].quantity + " " + rows[k - 1].value + ", " + results[k].why, "", ""};
       return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o), progress, work);

@@ -37,7 +37,7 @@ std::string pad_responses_key(const Options& options);
 
 /// Evaluates designs for a campaign over the options' material and ensemble; what goes wrong is in the verdict. Make it before a store is
 /// opened, for the mesher forks.
-using Evaluator = std::function<Verdict(const Design& theta_mm)>;
+using Evaluator = std::function<TrialResult(const Design& theta_mm)>;
 Evaluator campaign_evaluator(const Options& options, Progress& progress);
 
 /// The same for a study: the value is the design's J_contact, and the record tells that of its variants, too.

@@ -2,7 +2,7 @@
 
 #include "program/mechanics.hpp"
 
-#include "lumo/pipeline/ray_refinement.hpp"
+#include "lumo/pipeline/lighting.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/fabrication/casting_options.hpp"
 

@@ -19,7 +19,7 @@ namespace {
 
 constexpr double weak_ranking = 0.8;   // Kendall's τ below which conclusions hang on the reading
 
-std::vector<Scenario<Sphere>> pressed_contacts(const Options& o) { return o.all_contacts ? contacts(o.ensemble).scenarios() : readings_contacts(); }
+std::vector<Scenario<Sphere>> pressed_contacts(const Options& o) { return o.all_contacts ? contacts(o.ensemble).scenarios() : assumption_contacts(); }
 std::string_view contacts_name(const Options& o) { return o.all_contacts ? name(o.ensemble) : "few"; }
 std::string contacts_text(const Options& o) { return o.all_contacts ? std::string(name(o.ensemble)) + " contacts" : "10 and 30 mm at y = 0 (0°, 30°) and 5.5 mm (0°)"; }
 std::string contact_name(double diameter_mm, double angle_deg) { return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, "; }
@@ -45,7 +45,7 @@ std::string problem_text(const Options& o, const Problem& p) {
   }
   j["coarse"] = o.coarse;
   j["readings"] = Json::array();
-  for (const Departure& d : departures()) j["readings"].push_back(d.name());
+  for (const AssumptionVariant& d : assumption_variants()) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
   j["sobol"] = p.sobol;
   j["seed"] = o.seed;
@@ -53,11 +53,11 @@ std::string problem_text(const Options& o, const Problem& p) {
 }
 
 /// Reading `r` of each design; 0 is lumo's own.
-std::vector<ReadingScore> scores(const std::vector<StudyRow>& rows, std::size_t r) {
-  std::vector<ReadingScore> list;
+std::vector<AssumptionScore> scores(const std::vector<StudyRow>& rows, std::size_t r) {
+  std::vector<AssumptionScore> list;
   for (const StudyRow& row : rows) {
     const Json& j = row.record.at("readings").at(r);
-    ReadingScore s{estimate(j, "J_contact"), estimate(j, "J_obs"), "", ""};
+    AssumptionScore s{estimate(j, "J_contact"), estimate(j, "J_obs"), "", ""};
     if (const Json& w = j.at("worst_contact"); w.is_object()) s.worst_contact = contact_name(w.at("diameter_mm"), w.at("angle_deg")) + "y " + short_number(w.at("y_mm")) + " mm";
     if (const Json& w = j.at("worst_observation"); w.is_object())
       s.worst_observation = contact_name(w.at("diameter_mm"), w.at("angle_deg")) + short_number(w.at("load_N")) + " N, y " + short_number(w.at("y_mm")[0]) + " and " + short_number(w.at("y_mm")[1]) + " mm";
@@ -67,19 +67,19 @@ std::vector<ReadingScore> scores(const std::vector<StudyRow>& rows, std::size_t 
 }
 
 struct Effect {
-  Departure departure;
-  ReadingEffect effect;
+  AssumptionVariant departure;
+  AssumptionEffect effect;
 };
 
 std::vector<Effect> effects(const std::vector<StudyRow>& rows) {
-  const std::vector<ReadingScore> usual = scores(rows, 0);
+  const std::vector<AssumptionScore> usual = scores(rows, 0);
   std::vector<Effect> list;
-  for (const Departure& d : departures()) list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
+  for (const AssumptionVariant& d : assumption_variants()) list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
   return list;
 }
 
 /// Largest medians first, what has none last.
-void sort_by(std::vector<Effect>& list, std::optional<PairedSummary> ReadingEffect::*which) {
+void sort_by(std::vector<Effect>& list, std::optional<PairedSummary> AssumptionEffect::*which) {
   const auto size = [&](const Effect& e) { return e.effect.*which ? std::abs((e.effect.*which)->median) : -1.0; };
   std::stable_sort(list.begin(), list.end(), [&](const Effect& a, const Effect& b) { return size(a) > size(b); });
 }
@@ -94,10 +94,10 @@ std::string shown(const std::optional<double>& tau) { return tau ? cell(*tau, 2)
 
 std::string choice(const std::vector<StudyRow>& rows, const std::optional<std::size_t>& k) { return k ? joined(rows[*k].theta_mm) : "-"; }
 
-std::string designs(const ReadingEffect& e) { return std::to_string(e.compared) + (e.lost > 0 ? " (" + std::to_string(e.lost) + " lost)" : ""); }
+std::string designs(const AssumptionEffect& e) { return std::to_string(e.compared) + (e.lost > 0 ? " (" + std::to_string(e.lost) + " lost)" : ""); }
 
 std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
-  sort_by(list, &ReadingEffect::J_obs);
+  sort_by(list, &AssumptionEffect::J_obs);
   const std::vector<int> widths = {-32, 11, 30, 24, 5, 7, 9, 9};
   const auto line = [&](const std::vector<std::string>& cells) {
     std::string text;
@@ -147,8 +147,8 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   return text;
 }
 
-std::string picture(const Options& o, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
-                    std::optional<double> ReadingEffect::*tau) {
+std::string picture(const Options& o, std::vector<Effect> list, std::optional<PairedSummary> AssumptionEffect::*which, const std::string& title, const std::string& axis, double unit,
+                    std::optional<double> AssumptionEffect::*tau) {
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
@@ -195,8 +195,8 @@ std::string study_readings(const Options& o, Output& files, Progress& progress) 
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
     files.add("study_readings_J_contact.svg",
-              picture(o, list, &ReadingEffect::J_contact, "What other readings change in J_contact", "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
-    files.add("study_readings_J_obs.svg", picture(o, list, &ReadingEffect::J_obs, "What other readings change in J_obs", "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
+              picture(o, list, &AssumptionEffect::J_contact, "What other readings change in J_contact", "ΔJ_contact [–]", 1.0, &AssumptionEffect::tau_contact));
+    files.add("study_readings_J_obs.svg", picture(o, list, &AssumptionEffect::J_obs, "What other readings change in J_obs", "ΔJ_obs [% of J_obs]", 100.0, &AssumptionEffect::tau_obs));
   }
   return o.json ? whole(o, rows, list) : table(rows, list);
 }

@@ -174,7 +174,7 @@ TEST_CASE("failures are never scored, only those of the machine are asked again,
     o.fail(retry->id, true, "killed");
   }
   run(o);
-  CHECK(o.told() == 24);
+  CHECK(o.observed() == 24);
   for (const Trial& t : o.trials())
     if (t.id > 4) CHECK((t.x != bad->x && t.x != unlucky->x));
   CHECK(o.trials()[0].why == "no mesh");
@@ -313,7 +313,7 @@ TEST_CASE("an exhausted lattice is a clear end", "[optimizer]") {
   o.tell(held->id, {held->x[0], held->x[1]});
   CHECK_FALSE(o.ask());
   CHECK(o.status() == OptimizerStatus::exhausted);
-  CHECK(o.told() == 6);
+  CHECK(o.observed() == 6);
 }
 
 TEST_CASE("no more is asked than is wanted", "[optimizer]") {
@@ -359,7 +359,7 @@ TEST_CASE("extreme scales, constants and repeats do not break a run", "[optimize
       for (double& v : y) v *= scale;
       o.tell(t->id, y);
     }
-    CHECK(o.told() == 16);
+    CHECK(o.observed() == 16);
     CHECK(std::isfinite(o.hypervolume()));
   }
 }
@@ -376,13 +376,13 @@ TEST_CASE("one or three objectives, Matern and sampled acquisition, composite su
   p.objectives = {{"f", true, -5.0}, {"g", false, 5.0}, {"h", true, -5.0}};
   Optimizer<RbfKernel, LogNehvi, FreshCandidates> three(p, {.acquisition = {.draws = 4}, .source = {.count = 32}});
   while (auto t = three.ask()) three.tell(t->id, {measure(t->x)[0], measure(t->x)[1], t->x[2]});
-  CHECK(three.told() == 14);
+  CHECK(three.observed() == 14);
 
   p.objectives = {{"f", true, -5.0}, {"g", false, 5.0}};
   using Composite = Optimizer<RbfKernel, QLogNehvi, FreshCandidates, MinimumOverTerms>;
   Composite composite(p, {.acquisition = {.draws = 16}, .source = {.count = 32}, .reduction = {{2, 1}}});
   while (auto t = composite.ask()) composite.tell(t->id, {measure(t->x)[0], 0.9 - t->x[2], measure(t->x)[1]});
-  CHECK(composite.told() == 14);
+  CHECK(composite.observed() == 14);
   for (const Outcome& o : composite.front()) {
     const auto& out = composite.trials()[std::size_t(o.id)].outputs;
     CHECK(o.objectives == std::vector<double>{std::min(out[0], out[1]), out[2]});

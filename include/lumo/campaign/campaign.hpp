@@ -16,7 +16,7 @@
 namespace lumo {
 
 /// What became of one evaluation.
-struct Verdict {
+struct TrialResult {
   std::vector<double> outputs;  ///< empty: it failed
   bool retry = false;           ///< failed for a reason of the machine, not of the design
   std::string why;              ///< stage and scenario of the failure
@@ -37,9 +37,9 @@ template <class O> class CampaignState {
   explicit CampaignState(O optimizer) : optimizer_(std::move(optimizer)) {}
 
   /// Takes in what is new. Throws StoreError for entries that no campaign of this problem wrote.
-  void read(const std::vector<LogEntry>& entries);
+  void read(const std::vector<JournalEntry>& entries);
   /// The next trial, as the entry that announces it.
-  std::optional<LogEntry> ask(const std::vector<LogEntry>& entries);
+  std::optional<JournalEntry> ask(const std::vector<JournalEntry>& entries);
 
   const O& optimizer() const { return optimizer_; }
   /// Number of the entry that announced a trial, and of the one that answered it.
@@ -73,15 +73,15 @@ struct CampaignConfig {
 
 /// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues
 /// what the log holds; several processes may work on one log. Each entry depends only on those before it, so a campaign
-/// in one process has the same log, to the bit, after any number of crashes. `evaluate(design)` gives a Verdict;
+/// in one process has the same log, to the bit, after any number of crashes. `evaluate(design)` gives a TrialResult;
 /// `watch(state, id, verdict)` sees each as it was kept. Throws StoreError and CampaignError.
-template <CampaignLog Log, class O, class Evaluate, class Watch>
+template <Journal Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
                              const CampaignConfig& config = {});
 
-template <class O> void CampaignState<O>::read(const std::vector<LogEntry>& entries) {
+template <class O> void CampaignState<O>::read(const std::vector<JournalEntry>& entries) {
   for (; known_ < entries.size(); ++known_) {
-    const LogEntry& e = entries[known_];
+    const JournalEntry& e = entries[known_];
     try {
       const TrialEntry t = parse_trial(e);
       if (t.kind == TrialEntry::Kind::ask) {
@@ -104,7 +104,7 @@ template <class O> void CampaignState<O>::read(const std::vector<LogEntry>& entr
   }
 }
 
-template <class O> std::optional<LogEntry> CampaignState<O>::ask(const std::vector<LogEntry>& entries) {
+template <class O> std::optional<JournalEntry> CampaignState<O>::ask(const std::vector<JournalEntry>& entries) {
   read(entries);
   O next = optimizer_;
   const std::optional<Trial> trial = next.ask();
@@ -120,7 +120,7 @@ template <class O> auto CampaignState<O>::designs() const -> Tally {
     return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is));
   };
   const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
-  return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::told; })};
+  return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::observed; })};
 }
 
 template <class O> auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
@@ -139,7 +139,7 @@ template <class O> std::string CampaignState<O>::last_failure() const {
 }
 
 /// A trial for this process: one whose worker died, or a new one. `state` has read the log.
-template <CampaignLog Log, class O> std::optional<int> take(Log& log, CampaignState<O>& state) {
+template <Journal Log, class O> std::optional<int> take(Log& log, CampaignState<O>& state) {
   const auto claimed = [&](int id) {
     if (!log.claim(state.asked(id))) return false;
     state.read(log.entries());  // who had it may have answered and ended since the last look
@@ -147,7 +147,7 @@ template <CampaignLog Log, class O> std::optional<int> take(Log& log, CampaignSt
   };
   for (std::size_t k = 0; k < state.optimizer().trials().size(); ++k)
     if (state.optimizer().trials()[k].state == Trial::State::pending && claimed(int(k))) return int(k);
-  const auto entry = log.append([&](const std::vector<LogEntry>& entries) { return state.ask(entries); });
+  const auto entry = log.append([&](const std::vector<JournalEntry>& entries) { return state.ask(entries); });
   if (!entry) return std::nullopt;
   state.read(log.entries());
   const int id = parse_trial(*entry).id;
@@ -156,7 +156,7 @@ template <CampaignLog Log, class O> std::optional<int> take(Log& log, CampaignSt
 
 /// Outputs that the optimiser does not take (too few, too many, not finite) are a failure of the design: as an answer
 /// they would end the log.
-template <class O> Verdict acceptable(O probe, int id, Verdict verdict) {
+template <class O> TrialResult acceptable(O probe, int id, TrialResult verdict) {
   if (verdict.outputs.empty()) return verdict;
   try {
     probe.tell(id, verdict.outputs);
@@ -168,7 +168,7 @@ template <class O> Verdict acceptable(O probe, int id, Verdict verdict) {
   return verdict;
 }
 
-template <CampaignLog Log, class O, class Evaluate, class Watch>
+template <Journal Log, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
                              const CampaignConfig& config) {
   CampaignState<O> state(optimizer);
@@ -186,12 +186,12 @@ OptimizerStatus run_campaign(Log& log, const O& optimizer, const Evaluate& evalu
       pause_for(config.poll_s);
       continue;
     }
-    Verdict verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
-    const auto answer = log.append([&](const std::vector<LogEntry>& entries) -> std::optional<LogEntry> {
+    TrialResult verdict = evaluate(state.optimizer().trials()[std::size_t(*id)].x);
+    const auto answer = log.append([&](const std::vector<JournalEntry>& entries) -> std::optional<JournalEntry> {
       state.read(entries);
       if (state.answered(*id)) return std::nullopt;
       verdict = acceptable(state.optimizer(), *id, std::move(verdict));
-      LogEntry e =
+      JournalEntry e =
           verdict.outputs.empty() ? fail_entry(*id, verdict.retry, verdict.why) : tell_entry(*id, verdict.outputs);
       e.record = verdict.record;
       e.notes = verdict.notes;

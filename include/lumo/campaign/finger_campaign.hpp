@@ -44,29 +44,29 @@ inline std::string failure_of(const Evaluation& e, bool accept_held = false) {
 }
 
 /// Was it the machine's limits, not the body's, that ended a solve?
-inline bool of_the_machine(const std::vector<ScenarioRecord>& scenarios) {
+inline bool is_machine_limit(const std::vector<ScenarioRecord>& scenarios) {
   return std::any_of(scenarios.begin(), scenarios.end(),
                      [](const ScenarioRecord& s) { return s.status == Status::time_limit; });
 }
 /// The same of a body that was left without a mesh.
-inline bool of_the_machine(const MeshError& e) {
+inline bool is_machine_limit(const MeshError& e) {
   return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory;
 }
 
 /// What a campaign keeps of an evaluation; what the machine ended may be tried again.
-inline Verdict verdict_of(const Evaluation& e, bool accept_held = false) {
-  Verdict v;
+inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
+  TrialResult v;
   v.why = failure_of(e, accept_held);
   if (v.why.empty()) v.outputs = {e.J_contact->value, e.J_obs->value};
-  v.retry = of_the_machine(e.observations.scenarios);
+  v.retry = is_machine_limit(e.observations.scenarios);
   return v;
 }
 
 /// The same of a mesh that could not be made.
-inline Verdict verdict_of(const MeshError& e) {
-  Verdict v;
+inline TrialResult trial_result(const MeshError& e) {
+  TrialResult v;
   v.why = message("mesh: ", e.what());
-  v.retry = of_the_machine(e);
+  v.retry = is_machine_limit(e);
   return v;
 }
 

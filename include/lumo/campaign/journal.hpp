@@ -14,7 +14,7 @@ namespace lumo {
 
 /// One entry of a campaign's log. Entries are only ever added; `notes` is what may differ between two runs of the same
 /// campaign (times, process numbers), everything else is the same to the last bit.
-struct LogEntry {
+struct JournalEntry {
   std::int64_t number = 0;  ///< from 0, without gaps
   std::string kind;         ///< what happened
   std::string content;      ///< what a resumed campaign needs of it
@@ -43,31 +43,31 @@ class StoreError : public Error {
 /// processes never append at once; `next` sees all entries, without their records, and nothing is added between its
 /// look and its entry.
 template <class L>
-concept CampaignLog = requires(L& log, const L& view,
-                               std::function<std::optional<LogEntry>(const std::vector<LogEntry>&)> next,
+concept Journal = requires(L& log, const L& view,
+                               std::function<std::optional<JournalEntry>(const std::vector<JournalEntry>&)> next,
                                std::int64_t number) {
-  { view.entries() } -> std::same_as<std::vector<LogEntry>>;
+  { view.entries() } -> std::same_as<std::vector<JournalEntry>>;
   { view.record(number) } -> std::same_as<std::string>;
-  { log.append(next) } -> std::same_as<std::optional<LogEntry>>;
+  { log.append(next) } -> std::same_as<std::optional<JournalEntry>>;
   { log.claim(number) } -> std::same_as<bool>;
 };
 
 /// A log that lives as long as its process.
-class MemoryLog {
+class MemoryJournal {
  public:
-  explicit MemoryLog(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
+  explicit MemoryJournal(std::string problem) { entries_.push_back({0, "problem", std::move(problem), "", ""}); }
 
   /// All entries, without their records.
-  std::vector<LogEntry> entries() const {
-    std::vector<LogEntry> list = entries_;
-    for (LogEntry& e : list) e.record.clear();
+  std::vector<JournalEntry> entries() const {
+    std::vector<JournalEntry> list = entries_;
+    for (JournalEntry& e : list) e.record.clear();
     return list;
   }
   std::string record(std::int64_t number) const { return entries_.at(std::size_t(number)).record; }
 
   /// Adds what `next` makes of the entries so far, if anything; returns it with its number.
-  template <class Next> std::optional<LogEntry> append(Next&& next) {
-    std::optional<LogEntry> entry = next(entries());
+  template <class Next> std::optional<JournalEntry> append(Next&& next) {
+    std::optional<JournalEntry> entry = next(entries());
     if (!entry) return std::nullopt;
     entry->number = std::int64_t(entries_.size());
     entries_.push_back(*entry);
@@ -78,9 +78,9 @@ class MemoryLog {
   bool claim(std::int64_t) { return true; }
 
  private:
-  std::vector<LogEntry> entries_;
+  std::vector<JournalEntry> entries_;
 };
 
-static_assert(CampaignLog<MemoryLog>);
+static_assert(Journal<MemoryJournal>);
 
 }  // namespace lumo

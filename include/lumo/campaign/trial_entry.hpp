@@ -33,18 +33,18 @@ inline std::string trial_text(int id, const std::vector<double>& values) {
   return s;
 }
 
-inline LogEntry ask_entry(int id, const std::vector<double>& design) {
+inline JournalEntry ask_entry(int id, const std::vector<double>& design) {
   return {0, "ask", trial_text(id, design), "", ""};
 }
-inline LogEntry tell_entry(int id, const std::vector<double>& outputs) {
+inline JournalEntry tell_entry(int id, const std::vector<double>& outputs) {
   return {0, "tell", trial_text(id, outputs), "", ""};
 }
-inline LogEntry fail_entry(int id, bool retry, const std::string& why) {
+inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
   return {0, "fail", std::to_string(id) + (retry ? " retry " : " final ") + why, "", ""};
 }
 
 /// Throws StoreError for an entry that is none of these.
-inline TrialEntry parse_trial(const LogEntry& entry) {
+inline TrialEntry parse_trial(const JournalEntry& entry) {
   const auto refuse = [&] {
     throw StoreError(StoreError::Reason::corrupt,
                      message("entry ", entry.number, " is no trial: ", entry.kind, ' ', entry.content));

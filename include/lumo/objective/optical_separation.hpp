@@ -41,8 +41,8 @@ inline Eigen::MatrixXd response_change(const Response& loaded, const Response& u
 
 /// Distance of two response changes and its standard error from paired replicates. The square of the distance is the
 /// mean over pairs of *different* replicates of the scalar product of their differences (a U-statistic, Hoeffding
-/// 1948): unlike the square of the mean difference it is not raised by noise. Where noise makes it negative the
-/// distance is 0. The error is that of the larger of distance and noise.
+/// 1948): noise does not raise it, unlike the square of the mean difference. The distance is 0 if noise makes the
+/// square negative. The error is that of the larger of distance and noise.
 inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 /// May these two states be compared: same tool, angle and load, other place?
@@ -53,11 +53,11 @@ inline bool comparable(const ObservedState& a, const ObservedState& b) {
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
 /// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
-/// Ascending; empty: done, or nothing can be compared. A pure function, so that a campaign that retraces them
+/// Ascending; empty if done, or if nothing can be compared. A pure function: a campaign that retraces these states
 /// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02);
 
-/// Empty when no two states can be compared. Cost: all pairs.
+/// nullopt if no two states can be compared. Cost: all pairs.
 inline std::optional<Separation> optical_separation(const std::vector<ObservedState>& states,
                                                     const OpticalError& error = {});
 
@@ -70,8 +70,8 @@ inline Estimate response_distance(const Eigen::MatrixXd& a, const Eigen::MatrixX
   const double noise2 = off.squaredNorm() / (n * (n - 1.0)), square = mean.squaredNorm() - noise2;
   const double distance = std::sqrt(std::max(0.0, square)), scale = std::sqrt(std::max(square, noise2));
   if (scale == 0.0) return {0.0, 0.0};
-  // To first order the distance moves with the replicates' components along the mean difference; where there is little
-  // but noise that overstates the error somewhat, since the mean difference is noise, too.
+  // The distance moves, to first order, with the replicates' components along the mean difference. This overstates the
+  // error somewhat if the mean difference is mostly noise.
   return {distance, std::sqrt((off * mean.transpose()).squaredNorm() / (n * (n - 1.0))) / scale};
 }
 

@@ -192,10 +192,10 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
   EnergyLedger& sum = response.ledger;
   PathTracer path(surface, scene, medium, outer_index, readout_, channels, nodes, exits, symmetry,
                   {config_.roulette_below, config_.scattered_below, config_.max_events});
-  ExitBeams beams(path);
+  Splatting beams(path);
   struct Color {
     RayPattern pattern;
-    ExitGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
+    NextEventGather<std::remove_const_t<decltype(scene)>, Medium, Readout> gather;
   };
   std::vector<Color> light;
   for (int c = 0; c < colors; ++c) {
@@ -233,7 +233,7 @@ Response Tracer<Medium, Readout, Backend>::trace(const Body& body, const TetMesh
       }
       totals.push_back(path.accounts().take());
     }
-    CarrierTransport transport(nodes.size(), channels);
+    RadiosityTransport transport(nodes.size(), channels);
     for (std::size_t k = 0; k < carrier.size(); ++k)
       for (std::uint32_t i = 0; i < carrier[k].count; ++i) {
         FaceSet::Sample x = carrier.sample(k, surface, sequence(1), i);

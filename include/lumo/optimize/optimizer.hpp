@@ -65,7 +65,7 @@ class Optimizer {
 
   const Problem& problem() const { return log_.problem(); }
   const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
-  int told() const { return log_.count(Trial::State::told); }
+  int told() const { return log_.count(Trial::State::observed); }
   int pending() const { return log_.count(Trial::State::pending); }
 
   /// Told trials that no other dominates, from the best in the first objective on.
@@ -94,7 +94,7 @@ class Optimizer {
   std::optional<Design> chosen();
 
   Config config_;
-  TrialLog log_;
+  Trials log_;
   bool exhausted_ = false;
   std::vector<GaussianProcess<Kernel>> models_;
   int modelled_ = 0;  ///< told trials that the models know
@@ -115,7 +115,7 @@ requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::vector<Outcome>
 const {
   std::vector<int> ids;
   for (const Trial& t : trials())
-    if (t.state == Trial::State::told) ids.push_back(t.id);
+    if (t.state == Trial::State::observed) ids.push_back(t.id);
   const Eigen::MatrixXd y = objectives();
   std::vector<Outcome> out;
   for (const Eigen::Index i : pareto_front(y)) {
@@ -151,9 +151,9 @@ template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Evidence Optimizer<K, A, S, R>::evidence()
 const {
   Evidence e;
-  e.x = log_.designs(Trial::State::told);
+  e.x = log_.designs(Trial::State::observed);
   e.pending = log_.designs(Trial::State::pending);
-  e.outputs = log_.told_outputs();
+  e.outputs = log_.observed_outputs();
   for (int j = 0; j < int(problem().objectives.size()); ++j) {
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
@@ -181,7 +181,7 @@ const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Eigen::MatrixXd Optimizer<K, A, S, R>::objectives()
 const {
-  Eigen::MatrixXd y = log_.told_outputs();
+  Eigen::MatrixXd y = log_.observed_outputs();
   for (Eigen::Index k = 0; k < y.rows(); ++k)
     y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
   return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))

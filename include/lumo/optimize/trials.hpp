@@ -16,10 +16,10 @@ namespace lumo {
 
 /// The trials of one optimisation: what was asked, told and failed, and what is next where no model is needed. All that
 /// an optimiser knows is here, so that restoring the trials restores the optimiser.
-class TrialLog {
+class Trials {
  public:
   /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
-  TrialLog(Problem problem, int outputs, int retries)
+  Trials(Problem problem, int outputs, int retries)
       : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
     DesignSet known;
@@ -48,7 +48,7 @@ class TrialLog {
   /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
   Eigen::MatrixXd designs(Trial::State state) const;
   /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
-  Eigen::MatrixXd told_outputs() const;
+  Eigen::MatrixXd observed_outputs() const;
 
  private:
   Trial& pending(int id);
@@ -64,15 +64,15 @@ class TrialLog {
 };
 
 /// By a later trial of its design.
-inline bool TrialLog::superseded(const Trial& trial) const {
+inline bool Trials::superseded(const Trial& trial) const {
   return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
 }
 
-inline bool TrialLog::tries_left(const Trial& trial) const {
+inline bool Trials::tries_left(const Trial& trial) const {
   return std::count_if(trials_.begin(), trials_.end(), [&](const Trial& t) { return t.x == trial.x; }) <= retries_;
 }
 
-inline std::optional<Design> TrialLog::scheduled() const {
+inline std::optional<Design> Trials::scheduled() const {
   for (const Trial& t : trials_)
     if (t.state == Trial::State::failed && t.retry && !superseded(t) && tries_left(t)) return t.x;
   for (const Design& x : starts_)
@@ -80,7 +80,7 @@ inline std::optional<Design> TrialLog::scheduled() const {
   return std::nullopt;
 }
 
-inline const Trial& TrialLog::open(int id, std::type_identity_t<Design> x) {
+inline const Trial& Trials::open(int id, std::type_identity_t<Design> x) {
   if (id != int(trials_.size()))
     throw InvalidArgument(
         message("trial has id ", id, ", must have ", trials_.size(), ", the number of trials before it"));
@@ -95,15 +95,15 @@ inline const Trial& TrialLog::open(int id, std::type_identity_t<Design> x) {
   return trials_.back();
 }
 
-inline Trial& TrialLog::pending(int id) {
+inline Trial& Trials::pending(int id) {
   if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
   Trial& trial = trials_[std::size_t(id)];
-  if (trial.state == Trial::State::told) throw InvalidArgument(message("trial ", id, " was told before"));
+  if (trial.state == Trial::State::observed) throw InvalidArgument(message("trial ", id, " was told before"));
   if (trial.state == Trial::State::failed) throw InvalidArgument(message("trial ", id, " failed before"));
   return trial;
 }
 
-inline void TrialLog::tell(int id, std::vector<double> outputs) {
+inline void Trials::tell(int id, std::vector<double> outputs) {
   Trial& trial = pending(id);
   if (int(outputs.size()) != outputs_)
     throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
@@ -111,17 +111,17 @@ inline void TrialLog::tell(int id, std::vector<double> outputs) {
     if (!(std::abs(y) <= 1e150))
       throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
   trial.outputs = std::move(outputs);
-  trial.state = Trial::State::told;
+  trial.state = Trial::State::observed;
 }
 
-inline void TrialLog::fail(int id, bool retry, std::string why) {
+inline void Trials::fail(int id, bool retry, std::string why) {
   Trial& trial = pending(id);
   trial.state = Trial::State::failed;
   trial.retry = retry;
   trial.why = std::move(why);
 }
 
-inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
+inline Eigen::MatrixXd Trials::designs(Trial::State state) const {
   Eigen::MatrixXd x(Eigen::Index(sampler_.dimensions()), count(state));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
@@ -130,11 +130,11 @@ inline Eigen::MatrixXd TrialLog::designs(Trial::State state) const {
   return x.leftCols(column);
 }
 
-inline Eigen::MatrixXd TrialLog::told_outputs() const {
-  Eigen::MatrixXd y(outputs_, count(Trial::State::told));
+inline Eigen::MatrixXd Trials::observed_outputs() const {
+  Eigen::MatrixXd y(outputs_, count(Trial::State::observed));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == Trial::State::told) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
+    if (t.state == Trial::State::observed) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
   return y;
 }
 

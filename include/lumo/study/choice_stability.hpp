@@ -22,7 +22,7 @@ std::vector<std::optional<Design>> choices_over_seeds(const Problem& problem, co
                                                       const E& executor, const Watch& watch) {
   std::vector<const Trial*> told;
   for (const Trial& t : trials)
-    if (t.state == Trial::State::told) told.push_back(&t);
+    if (t.state == Trial::State::observed) told.push_back(&t);
   if (told.size() < 2)
     throw InvalidArgument(message("a model of the results needs at least 2 told trials, has ", told.size()));
 

@@ -17,7 +17,7 @@ namespace lumo {
 struct Tally {
   EnergyLedger ledger;
   std::vector<double> direct;    ///< part of the channels: direct light, but not what `gathered` has
-  std::vector<double> gathered;  ///< part of the channels that ExitGather finds with less noise
+  std::vector<double> gathered;  ///< part of the channels that NextEventGather finds with less noise
   std::vector<std::pair<int, double>> arrived;
 };
 
@@ -55,7 +55,7 @@ template <ExitReadout Readout> class LightAccounts {
   void book_exit(int channel, double power) {
     (seen(channel) ? ledger.channels[std::size_t(channel)] : ledger.elsewhere) += power;
   }
-  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: ExitGather finds it, too.
+  /// Books an exit of all images. `is_direct`: refracted out at most; `is_gathered`: NextEventGather finds it, too.
   void book_exit(const Exit& e, bool is_direct, bool is_gathered) {
     for (unsigned image : images_) {
       const int c = channel(e, image);

@@ -23,9 +23,9 @@ namespace lumo {
 /// for Fresnel and extinction: Clausius 1864; Veach, thesis, 1997, ch. 5), scattered in the medium or not. A readout
 /// behind openings is gathered from ways through them; then direct light is not. Points lie fixed in the undeformed
 /// body: no sample crosses the border of a region that moves with it, so states differ smoothly.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class ExitGather {
+template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class NextEventGather {
  public:
-  ExitGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene,
+  NextEventGather(const std::vector<Emitter>& emitters, const OpticalScene& surface, const Scene& scene,
              const Medium& medium, double outer_index, const Readout& readout, int channels, const LightNodes& nodes,
              const FaceSet& exits, Symmetry symmetry, PathTracer<Scene, Medium, Readout>& path)
       : surface_(surface),

@@ -35,7 +35,7 @@ struct PathLimits {
 /// The medium is a state of the ray, never inferred from counted hits.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class PathTracer {
  public:
-  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light ExitGather finds, if it came straight
+  /// `nodes`: collect what falls on Lambertian faces. `exits`: faces whose light NextEventGather finds, if it came straight
   /// from an emitter or a face.
   PathTracer(const OpticalScene& surface, const Scene& scene, const Medium& medium, double outer_index,
              const Readout& readout, int channels, const LightNodes& nodes, const FaceSet& exits, Symmetry symmetry,
@@ -51,7 +51,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
 
   /// Traces `ray`, which starts in the body, or (`inside` false) in the air, as a path of the mirror image `mirror`.
   /// `from_emitter`: not from a Lambertian face. `log`: takes the exits of light from emitters that no gathering finds,
-  /// instead of the channels. `gathers_direct`: ExitGather finds the emitter's direct light.
+  /// instead of the channels. `gathers_direct`: NextEventGather finds the emitter's direct light.
   void run(const PrimaryRay& ray, const Vec3d& mirror, double power_W, bool from_emitter, bool inside = true,
            std::vector<Exit>* log = nullptr, bool gathers_direct = true) {
     ++rays;

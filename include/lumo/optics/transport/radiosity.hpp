@@ -23,9 +23,9 @@ inline void add_scaled(EnergyLedger& sum, const EnergyLedger& part, double facto
 }
 
 /// Where one watt from each node of Lambertian faces goes.
-class CarrierTransport {
+class RadiosityTransport {
  public:
-  CarrierTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
+  RadiosityTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {
     for (Tally& t : sums_) t.gathered.assign(std::size_t(channels), 0.0), t.ledger.channels = t.gathered;
   }
   /// Adds what became of a ray of one watt that stands for the area `area_m2` about a point with these shares of the
@@ -55,7 +55,7 @@ class CarrierTransport {
 /// bounces cost no rays. Sends on what arrived at the nodes, bounce after bounce, until less than 1e-13 of the emitted
 /// power is under way. `total`: the emitters' own tally, completed here. Returns what each node sent [W]. Jacobi
 /// iteration of the radiosity equation p = e + Tᵀ(albedo·p); it ends because every factor is at most 1.
-inline std::vector<double> exchange(const LightNodes& nodes, const CarrierTransport& transport, Tally& total) {
+inline std::vector<double> exchange(const LightNodes& nodes, const RadiosityTransport& transport, Tally& total) {
   std::vector<double> now(nodes.size(), 0.0), next(nodes.size(), 0.0), sent(nodes.size(), 0.0);
   for (const auto& [k, power] : total.arrived) now[std::size_t(k)] += power;
   EnergyLedger& ledger = total.ledger;

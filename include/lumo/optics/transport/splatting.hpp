@@ -19,9 +19,9 @@ namespace lumo {
 /// neighbours go the same way, their power is spread over the triangle of their exits, linearly, and cut exactly at the
 /// borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours go another way are booked where they are. All power
 /// is kept; what spreading changes falls with the square of the grid's spacing.
-template <class Path> class ExitBeams {
+template <class Path> class Splatting {
  public:
-  explicit ExitBeams(Path& path) : path_(path) {}
+  explicit Splatting(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
   /// come in pairs opposite each other about the middle; places and shifts are a net. With more rays there are more
