@@ -197,13 +197,13 @@ TEST_CASE("Entries that no campaign wrote are refused") {
                                                                             {"tell", "0 1 1"},
                                                                             {"fail", "0 maybe x"},
                                                                             {"fail", "x final y"},
-                                                                            {"told", "0 1"},
+                                                                            {"problem", "0 1"},
                                                                             {"ask", "7 1 1 1"},
                                                                             {"ask", "0 1 1 nan"},
                                                                             {"ask", "-1 1 1 1"},
                                                                             {"ask", ""}}) {
     MemoryJournal log("p");
-    log.append([&](const auto&) { return std::optional(JournalEntry{0, entry.first, entry.second, "", ""}); });
+    log.append([&](const auto&) { return std::optional(JournalEntry{0, journal_kind(entry.first).value(), entry.second, "", ""}); });
     INFO(entry.first << ' ' << entry.second);
     CHECK_THROWS_AS(state_of(log, 20), StoreError);
   }
@@ -281,7 +281,7 @@ TEST_CASE("Three processes on one store, of which some are killed: each design o
       run_campaign(
           log, Cheap(cheap_problem(40)),
           [&](const Design& x) {
-            std::ofstream(journal, std::ios::app) << trial_text(int(getpid()), x) + '\n';  // in one write
+            std::ofstream(journal, std::ios::app) << ask_entry(int(getpid()), x).content + '\n';  // in one write
             std::this_thread::sleep_for(std::chrono::milliseconds(5));
             return cheap(x);
           },

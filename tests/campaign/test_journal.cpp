@@ -20,7 +20,7 @@ namespace {
 
 /// What entry k of the test campaign must be.
 JournalEntry entry(std::size_t k) {
-  return {std::int64_t(k), "done", "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)),
+  return {std::int64_t(k), JournalEntry::Kind::tell, "x = " + std::to_string(k * k), std::string(700, char('a' + k % 26)),
           "took " + std::string(60, char('0' + k % 10)) + " s"};
 }
 
@@ -54,7 +54,7 @@ int in_child(const std::function<void()>& work) {
 
 }  // namespace
 
-TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryJournal, SqliteJournal) {
+TEMPLATE_TEST_CASE("A journal gives back what was put in, in order", "", MemoryJournal, SqliteJournal) {
   const TemporaryFolder folder;
   TestType log = [&] {
     if constexpr (std::is_same_v<TestType, MemoryJournal>)
@@ -65,7 +65,7 @@ TEMPLATE_TEST_CASE("A log gives back what was put in, in order", "", MemoryJourn
   fill(log, 5);
   const auto list = log.entries();
   REQUIRE(list.size() == 6);
-  CHECK(list[0].kind == "problem");
+  CHECK(list[0].kind == JournalEntry::Kind::problem);
   CHECK(list[0].content == "problem 1");
   for (std::size_t k = 1; k < list.size(); ++k) {
     CHECK(list[k].number == std::int64_t(k));
@@ -178,7 +178,7 @@ TEST_CASE("Where SQLite itself finds damage, the first entry that cannot be read
     if (good[from] != 0x0d) continue;  // no leaf of a table
     const auto holds = [&](std::size_t k) {
       return good.substr(from, page)
-                 .find(k == 0 ? "problemp" : "done" + entry(k).content + entry(k).record.substr(0, 20)) !=
+                 .find(k == 0 ? "problemp" : "tell" + entry(k).content + entry(k).record.substr(0, 20)) !=
              std::string::npos;
     };
     std::size_t first = 0;

@@ -18,7 +18,7 @@
 
 namespace lumo {
 
-/// A campaign's log in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
+/// A campaign's journal in one SQLite file: durable (synchronous=FULL), safe under kill -9 and with several processes.
 /// Each entry carries a digest that includes the one before, and the file says how many there are, because SQLite
 /// itself does not notice a flipped bit. All members throw StoreError. Not to be used after a fork.
 class SqliteJournal {
@@ -38,7 +38,7 @@ class SqliteJournal {
   /// Takes over the work that an entry announces unless another living process on this machine has it.
   bool claim(std::int64_t number);
 
-  /// Digest of the last entry: of the whole log.
+  /// Digest of the last entry: of the whole journal.
   std::string digest() const;
   /// Of an entry and those before it; of entry 0: of the problem.
   std::string digest(std::int64_t number) const;
@@ -143,7 +143,7 @@ inline void SqliteJournal::create(const std::string& problem) const {
   run("CREATE TABLE worker(number INTEGER PRIMARY KEY, process TEXT NOT NULL) STRICT");
   run(message("PRAGMA application_id=", application).c_str());
   run(message("PRAGMA user_version=", format).c_str());
-  insert({0, "problem", problem, "", ""}, "");
+  insert({0, JournalEntry::Kind::problem, problem, "", ""}, "");
 }
 
 inline std::vector<JournalEntry> SqliteJournal::entries() const {
@@ -169,9 +169,11 @@ inline std::vector<JournalEntry> SqliteJournal::entries() const {
     }
   };
   while (next()) {
-    JournalEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
+    const auto kind = journal_kind(text(s, 1));
+    JournalEntry e{sqlite3_column_int64(s.get(), 0), kind.value_or(JournalEntry::Kind::problem), text(s, 2), text(s, 3),
+                   text(s, 4)};
     const std::string found = text(s, 5);
-    if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
+    if (!kind || e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
     before = found;
     whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
@@ -241,7 +243,11 @@ inline void SqliteJournal::insert(const JournalEntry& e, const std::string& befo
   const std::string digest = digest_of(e, before);
   const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
   sqlite3_bind_int64(s.get(), 1, e.number);
-  bind(s, 2, e.kind), bind(s, 3, e.content), bind(s, 4, e.record), bind(s, 5, e.notes), bind(s, 6, digest);
+  bind(s, 2, to_string(e.kind));
+  bind(s, 3, e.content);
+  bind(s, 4, e.record);
+  bind(s, 5, e.notes);
+  bind(s, 6, digest);
   step(s);
   const Statement head = prepare("INSERT OR REPLACE INTO head VALUES(0, ?, ?)");
   sqlite3_bind_int64(head.get(), 1, e.number);
@@ -288,7 +294,7 @@ inline std::string SqliteJournal::text(const Statement& s, int column) {
 
 inline std::string SqliteJournal::digest_of(const JournalEntry& e, const std::string& before) {
   std::string all = before;
-  for (const std::string& part : {std::to_string(e.number), e.kind, e.content, e.record})
+  for (const std::string& part : {std::to_string(e.number), to_string(e.kind), e.content, e.record})
     all += std::to_string(part.size()) + ':' + part;
   const XXH128_hash_t h = XXH3_128bits(all.data(), all.size());
   char hex[33];
