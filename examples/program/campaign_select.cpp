@@ -37,7 +37,7 @@ Stability stability_of(const Options& o, const StoredCampaign& c, Progress& prog
   const int evaluations = c.count("evaluated");
   const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
     return choices_over_seeds(
-        optimizer.problem(), c.asked, o.seeds, evaluations, [](const Problem& problem) { return O(problem); }, TbbExecutor{o.threads}, [&] { progress.step(); });
+        optimizer.problem(), c.asked, {int(o.seeds), evaluations}, [](const Problem& problem) { return O(problem); }, TbbExecutor{o.threads}, [&] { progress.step(); });
   });
   Stability s;
   std::map<Design, int> count;

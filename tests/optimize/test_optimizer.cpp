@@ -125,7 +125,7 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
     o.tell(t->id, measure(t->x));
   }
   const auto pool = DesignSampler(o.problem().space).fresh(64, 9, {});
-  const Eigen::MatrixXd x = columns(pool, 3);
+  const Eigen::MatrixXd x = design_columns(pool, 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd exact =
         LogNehvi{.draws = 256, .noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 1)(x);
@@ -142,7 +142,8 @@ TEST_CASE("closed form and sampling agree on what a design promises", "[optimize
   }
 }
 
-TEST_CASE("what a design promises is told however far the reference point lies from the outcomes", "[optimizer]") {
+TEST_CASE("the acquisition distinguishes designs however far the reference point lies from the outcomes",
+          "[optimizer]") {
   const double far = 1e11;  // of spreads of the order of 0.3
   Problem p = problem(60);
   p.objectives[0].reference = -far;
@@ -152,7 +153,7 @@ TEST_CASE("what a design promises is told however far the reference point lies f
     const auto t = o.ask();
     o.tell(t->id, measure(t->x));
   }
-  const Eigen::MatrixXd x = columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
+  const Eigen::MatrixXd x = design_columns(DesignSampler(p.space).fresh(64, 9, {}), 3);
   for (const bool noisy : {true, false}) {
     const Eigen::VectorXd promise = QLogNehvi{.noisy = noisy}.prepare(o.models(), EachOutput{}, o.evidence(), 2)(x);
     CHECK(promise.allFinite());
@@ -254,20 +255,20 @@ TEST_CASE("what the machine failed at is tried three times and teaches nothing a
   const auto search = [](bool hungry) {
     Optimizer<> o(problem(16));
     Design starved;
-    std::vector<Design> told;
+    std::vector<Design> answered;
     while (const auto t = o.ask()) {
       if (hungry && starved.empty()) starved = t->x;
       if (t->x == starved) {
         o.fail(t->id, true, "killed");
       } else {
         o.tell(t->id, measure(t->x));
-        told.push_back(t->x);
+        answered.push_back(t->x);
       }
     }
     CHECK(std::count_if(o.trials().begin(), o.trials().end(), [&](const Trial& t) { return t.x == starved; }) ==
           (hungry ? 3 : 0));
-    CHECK(std::find(told.begin(), told.end(), starved) == told.end());
-    return told;
+    CHECK(std::find(answered.begin(), answered.end(), starved) == answered.end());
+    return answered;
   };
   const auto fed = search(false), hungry = search(true);
   REQUIRE(hungry.size() == 16);

@@ -155,14 +155,14 @@ TEST_CASE("Searches that see the whole lattice all make the same choice, that of
   trials.push_back({21, {1.0}, Trial::State::failed, {}, false, "left out"});
   std::atomic<int> watched = 0;
   const auto make = [](const Problem& problem) { return Optimizer<>(problem); };
-  const auto choices = choices_over_seeds(p, trials, 5, 21, make, TbbExecutor{2}, [&] { ++watched; });
+  const auto choices = choices_over_seeds(p, trials, {5, 21}, make, TbbExecutor{2}, [&] { ++watched; });
   CHECK(watched == 5);
   REQUIRE(choices.size() == 5);
   for (const auto& c : choices) {
     REQUIRE(c);
     CHECK((*c)[0] == trials[*balanced_choice(all)].x[0]);
   }
-  CHECK(choices_over_seeds(p, trials, 5, 6, make, Serial{}, [] {}) ==
-        choices_over_seeds(p, trials, 5, 6, make, TbbExecutor{2}, [] {}));
-  CHECK_THROWS_AS(choices_over_seeds(p, {trials[0], trials[21]}, 5, 6, make, Serial{}, [] {}), InvalidArgument);
+  CHECK(choices_over_seeds(p, trials, {5, 6}, make, Serial{}, [] {}) ==
+        choices_over_seeds(p, trials, {5, 6}, make, TbbExecutor{2}, [] {}));
+  CHECK_THROWS_AS(choices_over_seeds(p, {trials[0], trials[21]}, {5, 6}, make, Serial{}, [] {}), InvalidArgument);
 }

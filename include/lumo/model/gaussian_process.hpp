@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// What a Gaussian process learns from: inputs d × n inside [lower, upper], finite outputs n.
+/// Data of a Gaussian process: inputs d × n inside [lower, upper], finite outputs n.
 struct TrainingData {
   Eigen::MatrixXd x;
   Eigen::VectorXd y;
@@ -29,11 +29,14 @@ struct JitteredFactor {
   double jitter = 0.0;
 };
 
-/// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nothing when even that
+inline constexpr double largest_jitter = 2e-4;  ///< above 1e-4, whatever rounding did on the way there
+constexpr double next_jitter(double jitter) { return jitter == 0.0 ? 1e-12 : 10.0 * jitter; }
+
+/// Adds 0, 10⁻¹², 10⁻¹¹ … 10⁻⁴ times the largest variance until the matrix is positive definite; nullopt if even that
 /// is too little.
 inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& covariance) {
   const double top = covariance.size() ? covariance.diagonal().maxCoeff() : 0.0;
-  for (double jitter = 0.0; jitter <= 2e-4; jitter = jitter == 0.0 ? 1e-12 : 10.0 * jitter) {
+  for (double jitter = 0.0; jitter <= largest_jitter; jitter = next_jitter(jitter)) {
     Eigen::MatrixXd a = covariance;
     a.diagonal().array() += jitter * top;
     const Eigen::LLT<Eigen::MatrixXd> factor(a);
@@ -44,8 +47,8 @@ inline std::optional<JitteredFactor> jittered_factor(const Eigen::MatrixXd& cova
 }
 
 /// Gaussian process regression with a constant mean, one length scale per input and homoscedastic noise. Inputs are
-/// normalised by their bounds and outputs standardised (n − 1) inside; everything is told in the units of the data.
-/// Equal inputs and constant outputs are fine.
+/// normalised by their bounds and outputs standardised (n − 1) inside; results are in the units of the data.
+/// Equal inputs and constant outputs are allowed.
 template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
  public:
   struct Config {
@@ -61,7 +64,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// fit, values that are not finite, or no observations.
   static GaussianProcess fit(const TrainingData& data, const Config& config = {});
 
-  /// With given hyper-parameters. Throws as fit(), and when no bounded jitter makes the covariance positive definite.
+  /// With given hyper-parameters. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
   GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {});
 
   const Hyperparameters& hyperparameters() const { return hyperparameters_; }
@@ -79,10 +82,10 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   Eigen::VectorXd mean(const Eigen::MatrixXd& x) const;
   /// Posterior covariance of the latent function between two sets of points.
   Eigen::MatrixXd covariance(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) const;
-  /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. Empty when
+  /// Joint samples at the columns of `x`: points × samples, from standard normal numbers of the same shape. nullopt if
   /// the covariance cannot be factorised.
   std::optional<Eigen::MatrixXd> sample(const Eigen::MatrixXd& x, const Eigen::MatrixXd& normals) const;
-  /// What each observation would be predicted as without it, with its noise, from the fitted hyper-parameters.
+  /// Prediction of each observation without it, with its noise, from the fitted hyper-parameters.
   /// Source: Rasmussen & Williams 2006, eq. 5.12.
   Prediction leave_one_out() const;
 
@@ -142,8 +145,8 @@ GaussianProcess<Kernel>::GaussianProcess(const TrainingData& data, const Config&
   inverse_width_ = (data.upper - data.lower).unaryExpr([](double w) { return w > 0.0 ? 1.0 / w : 0.0; });
   x_ = normalized(data.x);
 
-  const double size = std::max(data.y.cwiseAbs().maxCoeff(),
-                               std::numeric_limits<double>::min());  // so that squares neither overflow nor vanish
+  // Scaled so that squares neither overflow nor vanish.
+  const double size = std::max(data.y.cwiseAbs().maxCoeff(), std::numeric_limits<double>::min());
   const Eigen::VectorXd scaled = data.y / size;
   const double mean = scaled.mean();
   const double deviation = n > 1 ? std::sqrt((scaled.array() - mean).square().sum() / double(n - 1)) : 0.0;
@@ -179,8 +182,8 @@ template <CovarianceKernel Kernel> void GaussianProcess<Kernel>::condition(const
   hyperparameters_ = h;
   Eigen::MatrixXd covariance = correlation(x_, x_);
   covariance.diagonal().array() += h.noise;
-  for (jitter_ = 0.0;; jitter_ = jitter_ == 0.0 ? 1e-12 : 10.0 * jitter_) {
-    if (jitter_ > 2e-4)
+  for (jitter_ = 0.0;; jitter_ = next_jitter(jitter_)) {
+    if (jitter_ > largest_jitter)
       throw InvalidArgument("Gaussian process: covariance is not positive definite, even with a jitter of 1e-4");
     Eigen::MatrixXd a = covariance;
     a.diagonal().array() += jitter_;
@@ -209,7 +212,10 @@ GaussianProcess<Kernel> GaussianProcess<Kernel>::fit(const TrainingData& data, c
     std::optional<std::size_t> nearest;
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < found.size(); ++k)
-      if (const double value = negative(likelihood, n, found[k].x, nullptr); value < least) least = value, nearest = k;
+      if (const double value = negative(likelihood, n, found[k].x, nullptr); value < least) {
+        least = value;
+        nearest = k;
+      }
     optima = {nearest ? gp.descend(likelihood, n, found[*nearest].x, found[*nearest].hessian)
                       : gp.descend(likelihood, n, gp.modes())};
   }

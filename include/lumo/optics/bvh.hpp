@@ -17,7 +17,7 @@ namespace lumo {
 /// Ray scene on a tree of boxes, four children a node: triangles in double precision, boxes in float, rounded outwards.
 class BvhScene {
  public:
-  /// Throws InvalidArgument when a corner is not finite.
+  /// Throws InvalidArgument for a corner that is not finite.
   BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size);
 
   /// First triangle on the ray from `origin` [m] along the unit vector `direction`; `inside`: the ray runs in the body.
@@ -34,7 +34,7 @@ class BvhScene {
   struct Node {
     std::array<Eigen::Array4f, 3> low, high;
     std::array<int, 4> child{};  ///< node, or first triangle of a leaf
-    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 for nothing
+    std::array<int, 4> count{};  ///< triangles of a leaf, 0 for a node, −1 if unused
   };
   struct Range {
     int first, last;
@@ -62,10 +62,10 @@ struct Bvh {
   };
   Config config{};
 
-  template <class Scene = BvhScene> Scene build(const std::vector<SceneTriangle>& triangles) const {
-    return Scene(triangles, config.leaf_size);
-  }
+  BvhScene build(const std::vector<SceneTriangle>& triangles) const { return {triangles, config.leaf_size}; }
 };
+
+static_assert(RayScene<BvhScene> && Intersector<Bvh>);
 
 inline BvhScene::BvhScene(const std::vector<SceneTriangle>& triangles, int leaf_size)
     : leaf_size_(std::max(1, leaf_size)) {
@@ -139,7 +139,10 @@ inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
     below += std::size_t(count[b - 1]);
     if (below == 0 || below == std::size_t(n)) continue;
     const double cost = area(sweep) * double(below) + right[b] * double(std::size_t(n) - below);
-    if (cost < best) best = cost, cut = b;
+    if (cost < best) {
+      best = cost;
+      cut = b;
+    }
   }
   const auto begin = order_.begin();
   const auto middle = std::partition(begin + range.first, begin + range.last, [&](int id) { return bin(id) < cut; });

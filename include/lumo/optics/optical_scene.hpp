@@ -5,10 +5,8 @@
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
 #include "lumo/optics/intersector.hpp"
-#include "lumo/optics/surface/normal_recovery.hpp"
-#include "lumo/optics/surface/polygon_cells.hpp"
+#include "lumo/optics/surface/carrier_cells.hpp"
 #include "lumo/optics/surface/quadratic_face.hpp"
-#include "lumo/optics/surface/set_back.hpp"
 #include "lumo/optics/surface_optics.hpp"
 
 #include <algorithm>
@@ -32,8 +30,8 @@ class OpticalScene {
  public:
   struct Config {
     int sub_facets = 3;  ///< each edge of a quadratic face is cut into this many; linear faces are not cut
-    double carrier_gap_m =
-        20e-6;  ///< carrier faces stand back by this, or by as far as the body is pressed into them if that is more
+    /// Carrier faces stand back by this, or by as far as the body is pressed into them if that is more.
+    double carrier_gap_m = 20e-6;
     double carrier_cell_m = 2.5e-3;  ///< carrier faces are cut into cells of at most this size
   };
 
@@ -58,7 +56,7 @@ class OpticalScene {
   Vec3d reference(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].reference, p.b1, p.b2); }
   /// Deformed position on the quadratic map [m].
   Vec3d position(const ScenePoint& p) const { return on_quadratic(faces_[std::size_t(p.face)].deformed, p.b1, p.b2); }
-  /// What light inside the body meets where a tool touches it.
+  /// Optics that light inside the body meets under a tool.
   const SurfaceOptics& touched() const { return body_->touched; }
   /// Inside the contact set {φ > 0}, φ linear on the four sub-triangles of the face?
   bool in_contact(const ScenePoint& p) const { return faces_[std::size_t(p.face)].in_contact(p.b1, p.b2); }
@@ -88,7 +86,7 @@ class OpticalScene {
   /// Region of a place on a patch, undeformed and as it is now, or of its mirror image.
   int region(int patch, const Vec3d& reference, const Vec3d& position, unsigned image) const;
   int patch_number(const ScenePoint& p) const { return faces_[std::size_t(p.face)].patch; }
-  /// Number that tells surfaces apart: the patch of a triangle of the body, or a carrier face.
+  /// Number that distinguishes surfaces: the patch of a triangle of the body, or a carrier face.
   int surface_number(int t) const {
     return on_body(t) ? faces_[std::size_t(t / triangles_per_face())].patch
                       : int(body_->patches.size()) + rigid_[std::size_t(t) - body_triangles_];
@@ -112,7 +110,7 @@ class OpticalScene {
   std::vector<std::array<Vec3d, 3>> rigid_reference_;
   std::size_t body_triangles_ = 0;
   std::array<std::vector<int>, 4> labels_;  ///< per image and face: region, or `mixed`
-  std::vector<char> has_region_;  ///< per face, undeformed: the same in all states, also where regions stay in space
+  std::vector<char> has_region_;            ///< per face, undeformed: the same in all states
 };
 
 inline OpticalScene::OpticalScene(const Body& body, const TetMesh& mesh, const std::vector<Vec3d>& displacement,
@@ -183,8 +181,8 @@ inline void OpticalScene::add_faces(const TetMesh& mesh, const std::vector<Vec3d
   }
 }
 
-// The cells are made on the face as it stands, and moved back as a whole: light that is spread over them sees the same
-// cells in every state.
+// The cells are made on the face where it stands, and moved back as a whole: light that is spread over them sees the
+// same cells in every state.
 inline void OpticalScene::add_carrier(const Config& config) {
   std::vector<Vec3d> soft;
   for (const QuadraticFace& f : faces_)
@@ -243,13 +241,16 @@ inline ScenePoint OpticalScene::locate(int t, const Vec3d& p) const {
   const auto& [a, b, c] = corners;
   const Vec3d e1 = b - a, e2 = c - a, n = e1.cross(e2);
   const double f = 1.0 / n.squaredNorm();
-  const auto unit = [](double x) {
-    return x > 0.0 ? std::min(x, 1.0) : 0.0;
-  };  // also takes NaN, of a triangle without area
+  // A triangle without area gives NaN, which becomes 0.
+  const auto unit = [](double x) { return x > 0.0 ? std::min(x, 1.0) : 0.0; };
   double u = unit(f * n.dot((p - a).cross(e2))), v = unit(f * n.dot(e1.cross(p - a)));
-  if (const double s = u + v; s > 1.0) u /= s, v /= s;
+  if (const double s = u + v; s > 1.0) {
+    u /= s;
+    v /= s;
+  }
   ScenePoint r;
-  r.u = u, r.v = v;
+  r.u = u;
+  r.v = v;
   if (!on_body(t)) return r;
   r.face = t / int(lattice_.size());
   const auto& l = lattice_[std::size_t(t) % lattice_.size()];

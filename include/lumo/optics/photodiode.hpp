@@ -66,7 +66,10 @@ inline int Photodiodes::channel(const Escape& escape) const {
     if (!(way > 0.0 && way < nearest)) continue;
     const Vec3d p = escape.position + way * escape.direction - d.center, n = d.half_u.cross(d.half_v);
     const double a = p.cross(d.half_v).dot(n) / n.squaredNorm(), b = d.half_u.cross(p).dot(n) / n.squaredNorm();
-    if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) best = int(k), nearest = way;
+    if (d.round ? a * a + b * b < 1.0 : std::abs(a) < 1.0 && std::abs(b) < 1.0) {
+      best = int(k);
+      nearest = way;
+    }
   }
   return best;
 }

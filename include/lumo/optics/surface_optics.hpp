@@ -8,14 +8,15 @@
 
 #include <cmath>
 #include <concepts>
+#include <type_traits>
 #include <variant>
 
 namespace lumo {
 
 // The policies themselves (Dielectric, Lambertian, Mirror, Absorber) are data of a body: morphology/optical_data.hpp.
-// Here is what light does there. Dielectric is the one that lets light through; the tracer splits it by fresnel().
+// This header has their reflection. Dielectric lets light through; the tracer splits it by fresnel().
 
-/// Reflectance of an opaque surface [–], in [0, 1]. What is not reflected is booked as absorbed there.
+/// Reflectance of an opaque surface [–], in [0, 1]. The rest is booked as absorbed there.
 constexpr double reflectance(const Lambertian& s) { return s.albedo; }
 constexpr double reflectance(const Mirror& s) { return s.reflectance; }
 constexpr double reflectance(const Absorber&) { return 0.0; }
@@ -54,12 +55,10 @@ concept OpaqueSurface = requires(const S& s, const Vec3d& v) {
 static_assert(OpaqueSurface<Lambertian> && OpaqueSurface<Mirror> && OpaqueSurface<Absorber>);
 static_assert(!OpaqueSurface<Dielectric>);
 
-template <std::same_as<SurfaceOptics> Optics> inline bool is_dielectric(const Optics& s) {
-  return std::holds_alternative<Dielectric>(s);
-}
+inline bool is_dielectric(const SurfaceOptics& s) { return std::holds_alternative<Dielectric>(s); }
 
 /// Throws InvalidArgument for a reflectance outside [0, 1].
-template <std::same_as<SurfaceOptics> Optics> inline void validate(const Optics& optics) {
+inline void validate(const SurfaceOptics& optics) {
   std::visit(
       [](const auto& s) {
         if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>)

@@ -25,8 +25,8 @@ class DesignSampler {
   static constexpr std::size_t visit_limit = 4000000;   ///< nodes looked at for that
   static constexpr std::uint32_t try_limit = 1u << 18;  ///< points tried for one set of fresh designs
 
-  /// Throws InvalidArgument when the space makes no sense: no variables, a name twice, bounds that are not finite or
-  /// reversed, a lattice without a node between them, a constraint with the wrong number of coefficients. It is copied.
+  /// Throws InvalidArgument for a space without variables, a name twice, bounds that are not finite or are reversed, a
+  /// lattice without a node between them, a constraint with the wrong number of coefficients. The space is copied.
   explicit DesignSampler(DesignSpace space);
 
   const DesignSpace& space() const { return space_; }
@@ -195,7 +195,7 @@ inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) 
   return sum > c.upper ? sum - c.upper + inside : sum < c.lower ? sum - c.lower - inside : 0.0;
 }
 
-/// Moves single lattice variables by the steps that the excess is worth, in an order that hangs on the key, where that
+/// Moves single lattice variables by the steps that the excess is worth, in an order that depends on the key, if that
 /// lessens it.
 inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uint64_t key) const {
   for (std::size_t k = 0; k < x.size(); ++k) {
@@ -210,7 +210,7 @@ inline void DesignSampler::settle(const LinearConstraint& c, Design& x, std::uin
   }
 }
 
-/// Projects on the linear constraints in turn until all hold; nothing when that does not end. For spaces that random
+/// Projects on the linear constraints in turn until all hold; nullopt if that does not end. For spaces that random
 /// points hardly hit.
 inline std::optional<Design> DesignSampler::repaired(Design x, std::uint64_t key) const {
   for (int sweep = 0; sweep < 100; ++sweep) {
@@ -257,7 +257,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     }
     if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
   }
-  // What random points missed of a listed lattice, in an order that hangs on the key.
+  // What random points missed of a listed lattice, in an order that depends on the key.
   struct Missed {
     std::uint64_t order;
     std::size_t number;

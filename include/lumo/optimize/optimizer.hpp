@@ -14,9 +14,9 @@
 namespace lumo {
 
 /// Bayesian optimisation by ask and tell: it never calls an objective. First come the problem's initial designs, then
-/// Sobol points, then the candidate of highest acquisition under Gaussian processes of what was told, given what is
-/// still pending. Once a trial has failed for a reason of its design it is that of highest acquisition times the
-/// probability of success. Answers may come in any order. Law: a proposal is a function of the problem, the
+/// Sobol points, then the candidate of highest acquisition under Gaussian processes of the observed trials, given those
+/// still pending. Once a trial has failed for a reason of its design, the acquisition is multiplied by the probability
+/// of success. Answers may come in any order. Law: a proposal is a function of the problem, the
 /// configuration and the trials before it, to the bit; so whoever keeps the trials can restore() them and go on. No
 /// design is asked twice, except after a failure that may be retried.
 template <CovarianceKernel Kernel = RbfKernel, class AcquisitionPolicy = LogNehvi,
@@ -28,86 +28,86 @@ class Optimizer {
     typename GaussianProcess<Kernel>::Config model = {};
     AcquisitionPolicy acquisition = {};
     Source source = {};
-    R reduction = {};  ///< told outputs → objectives, after those of an objective that is minimised have changed sign
+    R reduction = {};  ///< outputs → objectives, after those of an objective that is minimised have changed sign
     int retries = 2;   ///< of one design after failures that may be retried
   };
 
-  /// Throws InvalidArgument for a problem that makes no sense, InfeasibleDesign for an initial design outside the
+  /// Throws InvalidArgument for a problem that cannot be solved, InfeasibleDesign for an initial design outside the
   /// space.
   explicit Optimizer(Problem problem, Config config = {})
       : config_(std::move(config)),
-        log_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
+        trials_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
-  /// The next design to evaluate, now pending; nothing when status() says why.
+  /// The next design to evaluate, now pending; nullopt if there is none: status() states why.
   std::optional<Trial> ask();
 
   /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or
   /// not finite.
-  void tell(int id, std::vector<double> outputs) { log_.tell(id, std::move(outputs)); }
+  void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
 
   /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument when it is
   /// not pending.
   void fail(int id, bool retry, std::string why) {
-    log_.fail(id, retry, std::move(why));
+    trials_.fail(id, retry, std::move(why));
     exhausted_ = exhausted_ && !retry;
   }
 
   /// Takes over the next trial of an earlier run, pending; tell() or fail() follow. Throws InvalidArgument or
   /// InfeasibleDesign when it cannot have been asked.
-  void restore(int id, Design x) { log_.open(id, std::move(x)); }
+  void restore(int id, Design x) { trials_.open(id, std::move(x)); }
 
   OptimizerStatus status() const {
-    if (told() >= problem().evaluations) return OptimizerStatus::finished;
-    if (told() + pending() >= problem().evaluations) return OptimizerStatus::waiting;
+    if (observed() >= problem().evaluations) return OptimizerStatus::finished;
+    if (observed() + pending() >= problem().evaluations) return OptimizerStatus::waiting;
     if (exhausted_) return pending() > 0 ? OptimizerStatus::waiting : OptimizerStatus::exhausted;
     return OptimizerStatus::running;
   }
 
-  const Problem& problem() const { return log_.problem(); }
-  const std::vector<Trial>& trials() const { return log_.trials(); }  ///< by id
-  int told() const { return log_.count(Trial::State::observed); }
-  int pending() const { return log_.count(Trial::State::pending); }
+  const Problem& problem() const { return trials_.problem(); }
+  const std::vector<Trial>& trials() const { return trials_.trials(); }  ///< by id
+  int observed() const { return trials_.count(Trial::State::observed); }
+  int pending() const { return trials_.count(Trial::State::pending); }
 
-  /// Told trials that no other dominates, from the best in the first objective on.
+  /// Observed trials that no other dominates, from the best in the first objective on.
   std::vector<Outcome> front() const;
 
-  /// What the front dominates above the reference point, in the product of the objectives' units.
+  /// Volume that the front dominates above the reference point, in the product of the objectives' units.
   double hypervolume() const;
 
-  /// Models of the told outputs as they are in evidence(). Empty before two trials are told.
+  /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
   const std::vector<GaussianProcess<Kernel>>& models();
 
-  /// Told and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
+  /// Observed and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
   /// units of the spread of their objective.
   Evidence evidence() const;
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
-  /// Objectives of the told trials (objectives × n) in their units, larger is better.
+  /// Objectives of the observed trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
 
-  /// Where evaluations succeed; nothing while none has failed for a reason of its design.
+  /// Where evaluations succeed; nullopt if none has failed for a reason of its design.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
   std::optional<Design> chosen();
 
   Config config_;
-  Trials log_;
+  Trials trials_;
   bool exhausted_ = false;
   std::vector<GaussianProcess<Kernel>> models_;
-  int modelled_ = 0;  ///< told trials that the models know
+  int modelled_ = 0;  ///< observed trials that the models know
 };
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Trial> Optimizer<K, A, S, R>::ask() {
-  if (told() + pending() >= problem().evaluations) return std::nullopt;
-  auto x = log_.scheduled();
+  if (observed() + pending() >= problem().evaluations) return std::nullopt;
+  auto x = trials_.scheduled();
   if (!x) x = chosen();
   exhausted_ = !x;
   if (!x) return std::nullopt;
-  return log_.open(int(trials().size()), std::move(*x));
+  return trials_.open(int(trials().size()), std::move(*x));
 }
 
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
@@ -138,12 +138,12 @@ double Optimizer<K, A, S, R>::hypervolume() const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
 const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
-  if (told() < 2 || modelled_ == told()) return models_;
+  if (observed() < 2 || modelled_ == observed()) return models_;
   const Evidence e = evidence();
   models_.clear();
   for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
     models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-  modelled_ = told();
+  modelled_ = observed();
   return models_;
 }
 
@@ -151,9 +151,9 @@ template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Evidence Optimizer<K, A, S, R>::evidence()
 const {
   Evidence e;
-  e.x = log_.designs(Trial::State::observed);
-  e.pending = log_.designs(Trial::State::pending);
-  e.outputs = log_.observed_outputs();
+  e.x = trials_.designs(Trial::State::observed);
+  e.pending = trials_.designs(Trial::State::pending);
+  e.outputs = trials_.observed_outputs();
   for (int j = 0; j < int(problem().objectives.size()); ++j) {
     std::vector<Eigen::Index> rows;
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
@@ -181,7 +181,7 @@ const {
 template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Eigen::MatrixXd Optimizer<K, A, S, R>::objectives()
 const {
-  Eigen::MatrixXd y = log_.observed_outputs();
+  Eigen::MatrixXd y = trials_.observed_outputs();
   for (Eigen::Index k = 0; k < y.rows(); ++k)
     y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
   return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
@@ -192,7 +192,7 @@ template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<SuccessModel<K>>
 Optimizer<K, A, S, R>::success(const Evidence& e)
 const {
-  const Eigen::MatrixXd failed = log_.designs(Trial::State::failed);
+  const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
   if (failed.cols() == 0) return std::nullopt;
   return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
 }
@@ -201,14 +201,14 @@ template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
 requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Design> Optimizer<K, A, S, R>::chosen() {
   const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
   if (models().empty()) {
-    auto fresh = log_.sampler().fresh(1, key, log_.taken());
+    auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
     return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
   }
   std::vector<Design> standing;
   for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
   const Evidence e = evidence();
   const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
-  const CandidateRequest request{log_.sampler(), log_.taken(), standing, combine(key, 2)};
+  const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
   const auto model = success(e);
   if (!model) return config_.source.best(request, utility);
   return config_.source.best(

@@ -14,11 +14,13 @@
 
 namespace lumo {
 
-/// The trials of one optimisation: what was asked, told and failed, and what is next where no model is needed. All that
-/// an optimiser knows is here, so that restoring the trials restores the optimiser.
+/// The trials of one optimisation: asked, observed and failed ones, and the next design if no model is needed. All that
+/// an optimiser knows is here: restoring the trials restores the optimiser.
 class Trials {
  public:
-  /// `outputs`: values per told trial. Throws InvalidArgument or InfeasibleDesign for a problem that makes no sense.
+  static constexpr double largest_output = 1e150;  ///< squares do not overflow
+
+  /// `outputs`: values per observed trial. Throws as Problem::validate() and DesignSampler.
   Trials(Problem problem, int outputs, int retries)
       : problem_(std::move(problem)), sampler_(problem_.space), outputs_(outputs), retries_(retries) {
     problem_.validate();
@@ -37,17 +39,17 @@ class Trials {
     return int(std::count_if(trials_.begin(), trials_.end(), [state](const Trial& t) { return t.state == state; }));
   }
 
-  /// A failed trial that may be retried, else the next start; nothing when a model has to choose.
+  /// A failed trial that may be retried, else the next start; nullopt if a model has to choose.
   std::optional<Design> scheduled() const;
-  /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign when it cannot have been asked.
+  /// Adds a pending trial. Throws InvalidArgument or InfeasibleDesign if it cannot have been asked.
   const Trial& open(int id, std::type_identity_t<Design> x);
-  /// Throw InvalidArgument when the trial is not pending, or the outputs are too few, too many or not finite.
+  /// Throw InvalidArgument if the trial is not pending, or the outputs are too few, too many or not finite.
   void tell(int id, std::vector<double> outputs);
   void fail(int id, bool retry, std::string why);
 
   /// Inputs (d × n) of the trials in a state, by id; failed ones only where the failure lay in the design.
   Eigen::MatrixXd designs(Trial::State state) const;
-  /// Outputs of the told trials (outputs × n) by id, in their own units and sense.
+  /// Outputs of the observed trials (outputs × n) by id, in their own units and sense.
   Eigen::MatrixXd observed_outputs() const;
 
  private:
@@ -98,7 +100,7 @@ inline const Trial& Trials::open(int id, std::type_identity_t<Design> x) {
 inline Trial& Trials::pending(int id) {
   if (id < 0 || id >= int(trials_.size())) throw InvalidArgument(message("trial ", id, " was never asked"));
   Trial& trial = trials_[std::size_t(id)];
-  if (trial.state == Trial::State::observed) throw InvalidArgument(message("trial ", id, " was told before"));
+  if (trial.state == Trial::State::observed) throw InvalidArgument(message("trial ", id, " was answered before"));
   if (trial.state == Trial::State::failed) throw InvalidArgument(message("trial ", id, " failed before"));
   return trial;
 }
@@ -108,7 +110,7 @@ inline void Trials::tell(int id, std::vector<double> outputs) {
   if (int(outputs.size()) != outputs_)
     throw InvalidArgument(message("trial ", id, " has ", outputs.size(), " values, must have ", outputs_));
   for (const double y : outputs)
-    if (!(std::abs(y) <= 1e150))
+    if (!(std::abs(y) <= largest_output))
       throw InvalidArgument(message("trial ", id, " has a value of ", y, ", must be a finite number within +-1e150"));
   trial.outputs = std::move(outputs);
   trial.state = Trial::State::observed;
@@ -134,7 +136,8 @@ inline Eigen::MatrixXd Trials::observed_outputs() const {
   Eigen::MatrixXd y(outputs_, count(Trial::State::observed));
   Eigen::Index column = 0;
   for (const Trial& t : trials_)
-    if (t.state == Trial::State::observed) y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
+    if (t.state == Trial::State::observed)
+      y.col(column++) = Eigen::Map<const Eigen::VectorXd>(t.outputs.data(), outputs_);
   return y;
 }
 

@@ -6,9 +6,9 @@
 #include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 #include "lumo/morphology/body.hpp"
-#include "lumo/optics/ray_focus.hpp"
 #include "lumo/optics/response.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/optics/transport/ray_pattern.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 #include "lumo/pipeline/observations.hpp"
 

@@ -3,7 +3,7 @@
 #include "lumo/mechanics/contact/status.hpp"
 #include "lumo/objective/contact_progression.hpp"
 #include "lumo/objective/optical_separation.hpp"
-#include "lumo/optics/ledger.hpp"
+#include "lumo/optics/response.hpp"
 #include "lumo/pipeline/ensemble.hpp"
 
 #include <Eigen/Core>

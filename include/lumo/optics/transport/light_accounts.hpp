@@ -2,8 +2,8 @@
 
 #include "lumo/core/types.hpp"
 #include "lumo/optics/exit_power.hpp"
-#include "lumo/optics/ledger.hpp"
 #include "lumo/optics/optical_scene.hpp"
+#include "lumo/optics/response.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace lumo {
 
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power) from where it
+/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power), from where it
 /// goes on.
 struct Tally {
   EnergyLedger ledger;
@@ -76,10 +76,13 @@ template <ExitReadout Readout> class LightAccounts {
                                             : surface_.region(e.patch, e.light.reference, e.light.position, image)});
   }
 
-  /// What was booked since the last call.
+  /// All that was booked since the last call.
   Tally take() {
     Tally t{std::move(ledger), std::move(direct_), std::move(gathered_), {}};
-    for (int k : reached_) t.arrived.emplace_back(k, arrived_[std::size_t(k)]), arrived_[std::size_t(k)] = 0.0;
+    for (int k : reached_) {
+      t.arrived.emplace_back(k, arrived_[std::size_t(k)]);
+      arrived_[std::size_t(k)] = 0.0;
+    }
     reached_.clear();
     reset();
     return t;
@@ -88,7 +91,10 @@ template <ExitReadout Readout> class LightAccounts {
   /// was booked.
   template <class Weight> double collect(Weight&& weight) {
     double sum = 0.0;
-    for (int k : reached_) sum += weight(std::size_t(k)) * arrived_[std::size_t(k)], arrived_[std::size_t(k)] = 0.0;
+    for (int k : reached_) {
+      sum += weight(std::size_t(k)) * arrived_[std::size_t(k)];
+      arrived_[std::size_t(k)] = 0.0;
+    }
     reached_.clear();
     return sum;
   }
@@ -100,7 +106,8 @@ template <ExitReadout Readout> class LightAccounts {
   void reset() {
     ledger = {};
     ledger.channels.assign(channels_, 0.0);
-    direct_ = gathered_ = ledger.channels;
+    direct_ = ledger.channels;
+    gathered_ = ledger.channels;
   }
 
   const OpticalScene& surface_;

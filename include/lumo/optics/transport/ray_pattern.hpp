@@ -5,7 +5,6 @@
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
 #include "lumo/morphology/emitter.hpp"
-#include "lumo/optics/ray_focus.hpp"
 
 #include <algorithm>
 #include <array>
@@ -16,6 +15,21 @@
 #include <vector>
 
 namespace lumo {
+
+/// How densely rays are sent along y: most where the body is pressed, since rays far from there find nothing changed.
+/// Default: evenly. A focus changes the error of a response, not its expected value. Compare responses of one focus
+/// only: they share the rays.
+struct RayFocus {
+  double y_m = 0.0;
+  double length_m = 0.0;     ///< the density falls by e over this distance; 0: nowhere
+  double least = 1.0 / 8.0;  ///< of the density at y_m
+
+  double density(double y) const {
+    return length_m > 0.0 ? std::max(least, std::exp(-std::abs(y - y_m) / length_m)) : 1.0;
+  }
+  /// The same for y and −y?
+  bool is_symmetric() const { return y_m == 0.0 || length_m == 0.0; }
+};
 
 /// A primary ray and what later events of its path draw their numbers from.
 struct PrimaryRay {
@@ -72,14 +86,18 @@ class RayPattern {
   std::vector<Beam> beams_;
 };
 
-/// Lengths below which two places of an emitter are one [m].
-inline double tolerance(const Emitter& e) { return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm(); }
+namespace detail {
 
-/// Do two emitters radiate alike? Points and directions at some numbers tell.
-inline bool same(const Emitter& a, const Emitter& b) {
+/// Lengths below which two places of an emitter are one [m].
+inline double place_tolerance(const Emitter& e) {
+  return 1e-12 + 1e-9 * (e.point(0.1, 0.2) - e.point(0.9, 0.8)).norm();
+}
+
+/// Do two emitters radiate alike? Points and directions at some numbers are compared.
+inline bool radiate_alike(const Emitter& a, const Emitter& b) {
   if (!a.same_model(b) || a.power_W() != b.power_W() || a.channel() != b.channel() || a.in_air() != b.in_air())
     return false;
-  const double reach = tolerance(a);
+  const double reach = place_tolerance(a);
   if ((a.center() - b.center()).norm() > reach || a.axis().dot(b.axis()) < 1.0 - 1e-12) return false;
   for (const auto& [u, v] : {std::pair(0.1, 0.2), std::pair(0.7, 0.1), std::pair(0.4, 0.9)})
     if ((a.point(u, v) - b.point(u, v)).norm() > reach) return false;
@@ -93,7 +111,7 @@ inline Emitter fundamental(const Emitter& e, Vec3d& mirror) {
   const Vec3d center = e.center(), axis = e.axis();
   mirror = Vec3d::Ones();
   for (Eigen::Index a = 0; a < 2; ++a) {
-    const bool in_plane = std::abs(center[a]) <= tolerance(e);
+    const bool in_plane = std::abs(center[a]) <= place_tolerance(e);
     if (in_plane ? axis[a] < -1e-9 : center[a] < 0.0) mirror[a] = -1.0;
   }
   return e.mirrored(mirror);
@@ -101,14 +119,16 @@ inline Emitter fundamental(const Emitter& e, Vec3d& mirror) {
 
 inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 
+}  // namespace detail
+
 inline Symmetry RayPattern::symmetry_of(const std::vector<Emitter>& emitters) {
   const auto closed = [&](const Vec3d& m) {
     return std::all_of(emitters.begin(), emitters.end(), [&](const auto& e) {
       return std::any_of(emitters.begin(), emitters.end(),
-                         [&](const auto& other) { return same(e.mirrored(m), other); });
+                         [&](const auto& other) { return detail::radiate_alike(e.mirrored(m), other); });
     });
   };
-  return {closed(flip_x), closed(flip_y)};
+  return {closed(detail::flip_x), closed(detail::flip_y)};
 }
 
 inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry,
@@ -123,14 +143,15 @@ inline RayPattern::RayPattern(const std::vector<Emitter>& emitters, std::uint32_
   std::vector<Emitter> orbits;
   for (const Emitter& e : emitters) {
     Vec3d home;
-    Beam beam{fundamental(e, home)};
-    const auto known = std::find_if(orbits.begin(), orbits.end(), [&](const auto& o) { return same(o, beam.source); });
+    Beam beam{detail::fundamental(e, home)};
+    const auto known = std::find_if(orbits.begin(), orbits.end(),
+                                    [&](const auto& o) { return detail::radiate_alike(o, beam.source); });
     beam.orbit = std::uint64_t(known - orbits.begin());
     if (known == orbits.end()) orbits.push_back(beam.source);
     beam.source = orbits[beam.orbit];  // the very same bits for all images
     beam.axis = beam.source.axis();
-    const bool own_x = same(beam.source.mirrored(flip_x), beam.source);
-    const bool own_y = same(beam.source.mirrored(flip_y), beam.source);
+    const bool own_x = detail::radiate_alike(beam.source.mirrored(detail::flip_x), beam.source);
+    const bool own_y = detail::radiate_alike(beam.source.mirrored(detail::flip_y), beam.source);
     tangents(beam.axis, beam.tangent1, beam.tangent2);
     if (own_x || own_y) {
       beam.tangent1 = own_x ? Vec3d::UnitX() : Vec3d::UnitY();
