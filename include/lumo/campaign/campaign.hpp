@@ -48,11 +48,11 @@ template <class O> class CampaignState {
   struct Tally {
     int failed = 0, ended = 0;
   };
-  /// Of designs: a failure of the machine is no evaluation.
+  /// Counts designs: a failure of the machine is no evaluation.
   Tally designs() const;
-  /// Of the machine, in the trials that it was given.
+  /// Counts failures of the machine in the trials `own`.
   Tally machine(const std::set<int>& own) const;
-  /// Of the latest trial that failed; empty when none did.
+  /// Reason of the latest trial that failed; empty if none did.
   std::string last_failure() const;
 
  private:

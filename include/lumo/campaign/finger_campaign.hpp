@@ -53,7 +53,7 @@ inline bool is_machine_limit(const MeshError& e) {
   return e.reason() == MeshError::Reason::timed_out || e.reason() == MeshError::Reason::out_of_memory;
 }
 
-/// What a campaign keeps of an evaluation. It may try again what the machine ended.
+/// The part of an evaluation that a campaign keeps. It may try again what the machine ended.
 inline TrialResult trial_result(const Evaluation& e, bool accept_held = false) {
   TrialResult result;
   result.why = failure_of(e, accept_held);

@@ -64,7 +64,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// fit, values that are not finite, or no observations.
   static GaussianProcess fit(const TrainingData& data, const Config& config = {});
 
-  /// With given hyper-parameters. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
+  /// Takes hyper-parameters as given. Throws as fit(), and if no bounded jitter makes the covariance positive definite.
   GaussianProcess(const TrainingData& data, const Hyperparameters& h, const Config& config = {});
 
   const Hyperparameters& hyperparameters() const { return hyperparameters_; }
@@ -89,7 +89,7 @@ template <CovarianceKernel Kernel = RbfKernel> class GaussianProcess {
   /// Source: Rasmussen & Williams 2006, eq. 5.12.
   Prediction leave_one_out() const;
 
-  /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b). In standardised units.
+  /// K(X, x) after forward substitution: V with posterior covariance k(a, b) − V(a)ᵀV(b), in standardised units.
   Eigen::MatrixXd whitened(const Eigen::MatrixXd& unit_x) const {
     Eigen::MatrixXd v = correlation(x_, unit_x);
     factor_.matrixL().solveInPlace(v);

@@ -14,7 +14,7 @@
 
 namespace lumo {
 
-/// Where a bounded minimisation ended.
+/// End of a bounded minimisation.
 struct Minimum {
   Eigen::VectorXd x;
   double value = 0.0;

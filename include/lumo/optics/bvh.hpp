@@ -101,7 +101,7 @@ inline auto BvhScene::bounds(int first, int last) const -> Range {
   return r;
 }
 
-// Cuts the range where the expected cost of a ray is least; false when it is small, or cannot be cut.
+// Cuts the range where the expected cost of a ray is least; false if it is small, or cannot be cut.
 inline bool BvhScene::split(const Range& range, std::array<Range, 2>& halves) {
   const int n = range.last - range.first;
   if (n <= leaf_size_) return false;

@@ -17,7 +17,7 @@
 
 namespace lumo {
 
-/// Where a ray met the scene.
+/// Place at which a ray met the scene.
 struct ScenePoint {
   int face = -1;              ///< boundary face of the mesh; −1 on a carrier face
   double b1 = 0.0, b2 = 0.0;  ///< barycentric in the face (of corners 1 and 2)

@@ -32,7 +32,7 @@ class Photodiodes {
   explicit Photodiodes(std::vector<Photodiode> diodes);
 
   int channels(const Body&) const { return int(diodes_.size()); }
-  /// Of several photodiodes behind each other the first one.
+  /// The first one of several photodiodes behind each other.
   int channel(const Escape& escape) const;
   int openings() const { return int(diodes_.size()); }
   Connection connect(int k, const Vec3d& from, double u, double v) const;

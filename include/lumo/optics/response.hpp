@@ -11,7 +11,7 @@
 
 namespace lumo {
 
-/// Where the emitted power of a run went [W]. Law: emitted = sum of everything else, to rounding.
+/// Balance of the emitted power of a run [W]. Law: emitted = sum of everything else, to rounding.
 struct EnergyLedger {
   double emitted = 0.0;
   std::vector<double> channels;       ///< left for good, per channel of the readout (ExitPower: per region)

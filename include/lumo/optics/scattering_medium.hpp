@@ -22,7 +22,7 @@ concept TurbidMedium = TransparentMedium<M> && requires(const M& medium, double 
 };
 
 /// Exponential extinction, of which a share is scattering with Henyey and Greenstein's phase function
-/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. With albedo 0 it is BeerLambert, to the last
+/// p(cos θ) = (1 − g²)/(4π (1 + g² − 2 g cos θ)^(3/2)), mean cosine g. It is BeerLambert for albedo 0, to the last
 /// bit. Source: Henyey & Greenstein, Astrophys. J. 93 (1941); sampling: Witt, Astrophys. J. Suppl. 35 (1977).
 class ScatteringMedium {
  public:

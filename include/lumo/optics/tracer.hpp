@@ -48,7 +48,7 @@ inline Symmetry symmetry_of(const Body& body, const TetMesh& mesh) {
 /// 2. trace_faces: Lambertian faces, of the body and of the carrier seen through air, exchange their light, linear
 ///    between nodes (radiosity.hpp).
 /// 3. Light that leaves through faces with regions is gathered backwards from them (next_event.hpp): direct light and
-///    light of Lambertian faces. With exit_rays = 0 steps 1 and 3 are plain forward tracing.
+///    light of Lambertian faces. Steps 1 and 3 are plain forward tracing if exit_rays = 0.
 /// Random numbers of later events are keyed by (path, event). Same arguments, same bits, whatever the thread; const and
 /// thread-safe: run one state per task. Errors: of the integration, stated in the Response; of light that is linear
 /// between nodes (scene.sub_facets, scene.carrier_cell_m), and of spreading, which are not in it.

@@ -55,7 +55,7 @@ struct FreshCandidates {
 };
 
 /// Fresh designs and moves from the current front, and from the best of those uphill by pattern search, until no move
-/// on the finest lattice helps. On a lattice this is a discrete local search; elsewhere steps are halved. Source: Hooke
+/// on the finest lattice helps. This is a discrete local search on a lattice; steps are halved elsewhere. Source: Hooke
 /// & Jeeves, J. ACM 8 (1961).
 struct LocalSearchCandidates {
   std::size_t fresh = 256;

@@ -34,7 +34,7 @@ class DesignSampler {
   /// Number of feasible designs, where they are few enough to be listed.
   std::optional<std::size_t> feasible_count() const { return listed_ ? std::optional(list_.size()) : std::nullopt; }
 
-  /// Up to `count` different feasible designs that are not in `taken`; fewer when there are no more, or none is found
+  /// Up to `count` different feasible designs that are not in `taken`; fewer if there are no more, or none is found
   /// in `try_limit` tries.
   std::vector<Design> fresh(std::size_t count, std::uint64_t key, const DesignSet& taken) const;
 
@@ -187,7 +187,7 @@ inline Design DesignSampler::point(const OwenSobol& sequence, std::uint32_t inde
   return x;
 }
 
-/// By how much a sum is above its upper limit, or (negative) below its lower one, and a little more, so that rounding
+/// Excess of a sum above its upper limit, or (negative) below its lower one, and a little more, so that rounding
 /// does not matter.
 inline double DesignSampler::excess(const LinearConstraint& c, const Design& x) {
   const double sum = c.sum(x), inside = std::min(1e-9 * std::abs(sum),
@@ -257,7 +257,7 @@ inline std::vector<Design> DesignSampler::fresh(std::size_t count, std::uint64_t
     }
     if (!taken.contains(x) && seen.insert(x).second) out.push_back(x);
   }
-  // What random points missed of a listed lattice, in an order that depends on the key.
+  // Nodes of a listed lattice that random points missed, in an order that depends on the key.
   struct Missed {
     std::uint64_t order;
     std::size_t number;

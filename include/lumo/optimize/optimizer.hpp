@@ -41,11 +41,11 @@ class Optimizer {
   /// The next design to evaluate, now pending; nullopt if there is none: status() states why.
   std::optional<Trial> ask();
 
-  /// Outputs of a pending trial. Throws InvalidArgument when it is not pending, or the outputs are too few, too many or
+  /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
   /// not finite.
   void tell(int id, std::vector<double> outputs) { trials_.tell(id, std::move(outputs)); }
 
-  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument when it is
+  /// A pending trial that failed; with `retry` it may be asked again under a new id. Throws InvalidArgument if it is
   /// not pending.
   void fail(int id, bool retry, std::string why) {
     trials_.fail(id, retry, std::move(why));
@@ -53,7 +53,7 @@ class Optimizer {
   }
 
   /// Takes over the next trial of an earlier run, pending; tell() or fail() follow. Throws InvalidArgument or
-  /// InfeasibleDesign when it cannot have been asked.
+  /// InfeasibleDesign if it cannot have been asked.
   void restore(int id, Design x) { trials_.open(id, std::move(x)); }
 
   OptimizerStatus status() const {
@@ -87,7 +87,7 @@ class Optimizer {
   /// Objectives of the observed trials (objectives × n) in their units, larger is better.
   Eigen::MatrixXd objectives() const;
 
-  /// Where evaluations succeed; nullopt if none has failed for a reason of its design.
+  /// Model of the success of evaluations; nullopt if none has failed for a reason of its design.
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.

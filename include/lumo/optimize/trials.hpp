@@ -65,7 +65,7 @@ class Trials {
   DesignSet taken_;
 };
 
-/// By a later trial of its design.
+/// Is there a later trial of its design?
 inline bool Trials::superseded(const Trial& trial) const {
   return std::any_of(trials_.begin() + trial.id + 1, trials_.end(), [&](const Trial& t) { return t.x == trial.x; });
 }

@@ -101,7 +101,7 @@ template <class Light, class Pad, Indenter Tool> class Lighting {
     keep(jobs, lit, spent);
   }
 
-  /// Of the solved scenarios, with their changes.
+  /// Records of the solved scenarios, with their changes.
   const std::vector<ScenarioRecord>& records() const { return records_; }
 
   /// Responses of the undeformed body on each mesh.

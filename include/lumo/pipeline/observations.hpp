@@ -96,7 +96,7 @@ inline std::vector<ObservedState> observed_states(const std::vector<ScenarioReco
   return states;
 }
 
-/// For the planes x = 0 and y = 0: channel of the light → its mirror image; empty: itself; nullopt: unknown.
+/// Channel of the light → its mirror image, in the planes x = 0 and y = 0; empty: itself; nullopt: unknown.
 using ChannelImages = std::array<std::optional<std::vector<int>>, 2>;
 
 /// The record of a scenario from that of its mirror image.

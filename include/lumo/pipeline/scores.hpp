@@ -20,7 +20,7 @@ concept ObservedObjective = requires(const O& objective, const Observations& all
   { objective(all) } -> std::same_as<std::optional<Estimate>>;
 };
 
-/// What an evaluation of any body gives. All objectives are empty unless every scenario converged, or was held where
+/// Result of the evaluation of any body. All objectives are empty unless every scenario converged, or was held where
 /// the pipeline accepts held states.
 struct Scores {
   bool converged = false;
@@ -41,7 +41,7 @@ Scores score(Observations observations, const P& pipeline, const std::tuple<Obje
   return result;
 }
 
-/// What one evaluation of a finger gives. An objective is empty if a scenario did not converge, or if the loads do not
+/// Result of the evaluation of a finger. An objective is empty if a scenario did not converge, or if the loads do not
 /// define its terms.
 struct Evaluation {
   std::optional<Estimate> J_contact, J_obs;

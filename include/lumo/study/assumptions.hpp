@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// What is assumed where the paper leaves it open. The default is lumo's.
+/// Assumptions where the paper leaves a quantity open. The default is lumo's.
 struct FingerAssumptions {
   Silicone silicone;
   FingerOptions finger;
@@ -50,7 +50,7 @@ inline std::vector<Scenario<Sphere>> assumption_contacts() {
   return contacts;
 }
 
-/// What a study of assumptions compares.
+/// Comparisons of a study of assumptions.
 struct AssumptionStudy {
   FingerAssumptions usual;
   std::vector<AssumptionVariant> variants;  ///< each is compared with `usual`
@@ -73,7 +73,7 @@ std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, c
                                                    const PipelineFor& pipeline_for, const E& executor,
                                                    const ProgressReport& progress = {});
 
-/// What a design scores under one set of assumptions, and which contacts decide it (named as the caller likes).
+/// Scores of a design under one set of assumptions, and which contacts decide it (named as the caller likes).
 struct AssumptionScore {
   std::optional<Estimate> J_contact, J_obs;
   std::string worst_contact, worst_observation;

@@ -21,7 +21,7 @@ struct VariantResult {
   Observations observations;
 };
 
-/// What a matched study compares. Source: paper §IV-A.
+/// Comparisons of a matched study. Source: paper §IV-A.
 struct MatchedStudy {
   std::vector<Twin> twins;     ///< each design is compared with these
   bool light = false;          ///< trace light, too

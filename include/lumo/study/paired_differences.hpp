@@ -12,7 +12,7 @@
 
 namespace lumo {
 
-/// What a design has more than its variant. The errors of both are taken as independent.
+/// A design less its variant. The errors of both are taken as independent.
 inline Estimate paired_difference(const Estimate& design, const Estimate& variant) {
   return {design.value - variant.value, std::hypot(design.error, variant.error)};
 }

@@ -36,7 +36,7 @@ inline Vec3d folded(Vec3d p, Symmetry symmetry) {
 
 /// Some faces of the body, or triangles of the scene, each with a block of a low-discrepancy sequence as large as its
 /// area asks for: points and directions on it that do not depend on the state, and are mirror images on faces that are
-/// mirror images. In a plane of `symmetry` mirror images are one face.
+/// mirror images. Mirror images in a plane of `symmetry` are one face.
 class FaceSet {
  public:
   struct Face {

@@ -12,7 +12,7 @@
 
 namespace lumo {
 
-/// Where the power of some paths went: booked, or arrived at nodes of Lambertian faces (index, power), from where it
+/// Power of some paths: booked, or arrived at nodes of Lambertian faces (index, power), from where it
 /// goes on.
 struct Tally {
   EnergyLedger ledger;
@@ -31,7 +31,7 @@ struct Exit {
   double power;  ///< [W], of one image
 };
 
-/// Where the power of paths is booked. A traced path stands for all its mirror images.
+/// Accounts of the power of paths. A traced path stands for all its mirror images.
 template <ExitReadout Readout> class LightAccounts {
  public:
   LightAccounts(const OpticalScene& surface, const Readout& readout, int channels, std::size_t nodes, Symmetry symmetry)

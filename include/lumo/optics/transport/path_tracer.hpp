@@ -88,7 +88,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     }
   }
 
-  /// Where the power went.
+  /// Accounts of the power.
   LightAccounts<Readout>& accounts() { return accounts_; }
 
   long rays = 0, segments = 0;
@@ -132,7 +132,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     return false;
   }
 
-  // Of the branch that is reflected at `triangle`; that of the refracted one is the next number.
+  // Route of the branch that is reflected at `triangle`; the refracted one has the next number.
   std::uint64_t route(const Branch& b, int triangle) const {
     return combine(b.route, 2 * std::uint64_t(body_.surface.surface_number(triangle)));
   }
@@ -253,7 +253,7 @@ bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
                      accounts_.ledger.absorbed_at_surfaces);
 }
 
-// At an opaque surface whose unit normal points back to where the light comes from.
+// Reflection off an opaque surface whose unit normal points back to where the light comes from.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
 bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal,
                                                      double& absorbed) {

@@ -77,7 +77,7 @@ class LightNodes {
   std::vector<double> albedo_, area_;
 };
 
-/// Where one watt from each node of Lambertian faces goes: their form factors, sampled.
+/// Form factors of the nodes of Lambertian faces, sampled: the way of one watt from each.
 class RadiosityTransport {
  public:
   RadiosityTransport(std::size_t nodes, int channels) : sums_(nodes), weights_(nodes, 0.0) {

@@ -57,8 +57,8 @@ class RayPattern {
   };
 
   /// `rays` per emitter and replicate, a power of two ≥ 4; with a focus about so many on average, each a power of two.
-  /// With `symmetry` only one beam of each set of mirror images is kept. Throws InvalidArgument for broken emitters, or
-  /// when they do not have the symmetry.
+  /// `symmetry` keeps only one beam of each set of mirror images. Throws InvalidArgument for broken emitters, or
+  /// if they do not have the symmetry.
   RayPattern(const std::vector<Emitter>& emitters, std::uint32_t rays, Symmetry symmetry, const RayFocus& focus = {});
 
   const std::vector<Beam>& beams() const { return beams_; }

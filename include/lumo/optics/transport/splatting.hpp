@@ -24,7 +24,7 @@ template <class Path> class Splatting {
   explicit Splatting(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
-  /// come in pairs opposite each other about the middle; places and shifts are a net. With more rays there are more
+  /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
   void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
