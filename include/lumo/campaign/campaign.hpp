@@ -36,9 +36,41 @@ template <class O> class CampaignState {
   explicit CampaignState(O optimizer) : optimizer_(std::move(optimizer)) {}
 
   /// Takes in what is new. Throws StoreError for entries that no campaign of this problem wrote.
-  void read(const std::vector<JournalEntry>& entries);
+  void read(const std::vector<JournalEntry>& entries) {
+    for (; known_ < entries.size(); ++known_) {
+      const JournalEntry& e = entries[known_];
+      try {
+        const TrialEntry t = parse_trial(e);
+        if (t.kind == JournalEntry::Kind::ask) {
+          optimizer_.restore(t.id, t.values);
+          asked_.push_back(e.number);
+          answered_.emplace_back();
+          continue;
+        }
+        if (t.kind == JournalEntry::Kind::tell)
+          optimizer_.tell(t.id, t.values);
+        else
+          optimizer_.fail(t.id, t.retry, t.why);
+        answered_[std::size_t(t.id)] = e.number;
+      } catch (const StoreError&) {
+        throw;
+      } catch (const Error& error) {
+        throw StoreError(StoreError::Reason::corrupt,
+                         message("entry ", e.number, " does not fit those before it: ", error.what()));
+      }
+    }
+  }
   /// The next trial, as the entry that announces it.
-  std::optional<JournalEntry> ask(const std::vector<JournalEntry>& entries);
+  std::optional<JournalEntry> ask(const std::vector<JournalEntry>& entries) {
+    read(entries);
+    O next = optimizer_;
+    const std::optional<Trial> trial = next.ask();
+    if (!trial) {
+      optimizer_ = std::move(next);  // knows why there is none
+      return std::nullopt;
+    }
+    return ask_entry(trial->id, trial->x);
+  }
 
   const O& optimizer() const { return optimizer_; }
   /// Number of the entry that announced a trial, and of the one that answered it.
@@ -49,11 +81,28 @@ template <class O> class CampaignState {
     int failed = 0, ended = 0;
   };
   /// Counts designs: a failure of the machine is no evaluation.
-  Tally designs() const;
+  Tally designs() const {
+    const auto count = [&](const auto& is) {
+      return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is));
+    };
+    const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
+    return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::observed; })};
+  }
   /// Counts failures of the machine in the trials `own`.
-  Tally machine(const std::set<int>& own) const;
+  Tally machine(const std::set<int>& own) const {
+    const auto failed = [&](int id) {
+      const Trial& t = optimizer_.trials()[std::size_t(id)];
+      return t.state == Trial::State::failed && t.retry;
+    };
+    return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
+  }
   /// Reason of the latest trial that failed; empty if none did.
-  std::string last_failure() const;
+  std::string last_failure() const {
+    std::string why;
+    for (const Trial& t : optimizer_.trials())
+      if (t.state == Trial::State::failed) why = t.why;
+    return why;
+  }
 
  private:
   O optimizer_;
@@ -69,73 +118,6 @@ struct CampaignConfig {
   double failures_above = 0.5;  ///< and more than this share of them
   double poll_s = 0.5;          ///< between looks whether another process has ended, or died
 };
-
-/// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues
-/// what the journal holds; several processes may work on one journal. Each entry depends only on those before it: a
-/// campaign in one process has the same journal, to the bit, after any number of crashes. `evaluate(design)` gives a
-/// TrialResult; `watch(state, id, result)` sees each as it was kept. Throws StoreError and CampaignError.
-template <Journal J, class O, class Evaluate, class Watch>
-OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
-                             const CampaignConfig& config = {});
-
-template <class O> void CampaignState<O>::read(const std::vector<JournalEntry>& entries) {
-  for (; known_ < entries.size(); ++known_) {
-    const JournalEntry& e = entries[known_];
-    try {
-      const TrialEntry t = parse_trial(e);
-      if (t.kind == JournalEntry::Kind::ask) {
-        optimizer_.restore(t.id, t.values);
-        asked_.push_back(e.number);
-        answered_.emplace_back();
-        continue;
-      }
-      if (t.kind == JournalEntry::Kind::tell)
-        optimizer_.tell(t.id, t.values);
-      else
-        optimizer_.fail(t.id, t.retry, t.why);
-      answered_[std::size_t(t.id)] = e.number;
-    } catch (const StoreError&) {
-      throw;
-    } catch (const Error& error) {
-      throw StoreError(StoreError::Reason::corrupt,
-                       message("entry ", e.number, " does not fit those before it: ", error.what()));
-    }
-  }
-}
-
-template <class O> std::optional<JournalEntry> CampaignState<O>::ask(const std::vector<JournalEntry>& entries) {
-  read(entries);
-  O next = optimizer_;
-  const std::optional<Trial> trial = next.ask();
-  if (!trial) {
-    optimizer_ = std::move(next);  // knows why there is none
-    return std::nullopt;
-  }
-  return ask_entry(trial->id, trial->x);
-}
-
-template <class O> auto CampaignState<O>::designs() const -> Tally {
-  const auto count = [&](const auto& is) {
-    return int(std::count_if(optimizer_.trials().begin(), optimizer_.trials().end(), is));
-  };
-  const int failed = count([](const Trial& t) { return t.state == Trial::State::failed && !t.retry; });
-  return {failed, failed + count([](const Trial& t) { return t.state == Trial::State::observed; })};
-}
-
-template <class O> auto CampaignState<O>::machine(const std::set<int>& own) const -> Tally {
-  const auto failed = [&](int id) {
-    const Trial& t = optimizer_.trials()[std::size_t(id)];
-    return t.state == Trial::State::failed && t.retry;
-  };
-  return {int(std::count_if(own.begin(), own.end(), failed)), int(own.size())};
-}
-
-template <class O> std::string CampaignState<O>::last_failure() const {
-  std::string why;
-  for (const Trial& t : optimizer_.trials())
-    if (t.state == Trial::State::failed) why = t.why;
-  return why;
-}
 
 namespace detail {
 
@@ -171,9 +153,13 @@ template <class O> TrialResult acceptable(O probe, int id, TrialResult result) {
 
 }  // namespace detail
 
+/// Evaluates what the optimiser asks until it has as many results as its problem wants, or no design is left. Continues
+/// what the journal holds; several processes may work on one journal. Each entry depends only on those before it: a
+/// campaign in one process has the same journal, to the bit, after any number of crashes. `evaluate(design)` gives a
+/// TrialResult; `watch(state, id, result)` sees each as it was kept. Throws StoreError and CampaignError.
 template <Journal J, class O, class Evaluate, class Watch>
 OptimizerStatus run_campaign(J& journal, const O& optimizer, const Evaluate& evaluate, const Watch& watch,
-                             const CampaignConfig& config) {
+                             const CampaignConfig& config = {}) {
   CampaignState<O> state(optimizer);
   std::set<int> own;  // trials that this process answered
   while (true) {

@@ -30,10 +30,14 @@ struct JournalEntry {
 /// The kind as stores write it.
 inline std::string to_string(JournalEntry::Kind kind) {
   switch (kind) {
-    case JournalEntry::Kind::ask: return "ask";
-    case JournalEntry::Kind::tell: return "tell";
-    case JournalEntry::Kind::fail: return "fail";
-    default: return "problem";
+    case JournalEntry::Kind::ask:
+      return "ask";
+    case JournalEntry::Kind::tell:
+      return "tell";
+    case JournalEntry::Kind::fail:
+      return "fail";
+    default:
+      return "problem";
   }
 }
 
@@ -135,8 +139,8 @@ inline JournalEntry fail_entry(int id, bool retry, const std::string& why) {
 /// Throws StoreError for an entry that is none of these.
 inline TrialEntry parse_trial(const JournalEntry& entry) {
   const auto refuse = [&] {
-    throw StoreError(StoreError::Reason::corrupt, message("entry ", entry.number, " is no trial: ",
-                                                          to_string(entry.kind), ' ', entry.content));
+    throw StoreError(StoreError::Reason::corrupt,
+                     message("entry ", entry.number, " is no trial: ", to_string(entry.kind), ' ', entry.content));
   };
   std::string_view rest = entry.content;
   const auto read = [&](auto& value) {

@@ -27,7 +27,15 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
       : process_(GaussianProcess<Kernel>::fit(labelled(succeeded, failed, lower, upper), config)) {}
 
   /// log P(success) at the columns of `x`, from log least_probability to 0.
-  Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const;
+  Eigen::VectorXd log_probability(const Eigen::MatrixXd& x) const {
+    const auto label = process_.predict(x);
+    Eigen::VectorXd log(x.cols());
+    for (Eigen::Index i = 0; i < x.cols(); ++i) {
+      const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);  // labels are of order 1
+      log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
+    }
+    return log;
+  }
 
   /// log((utility + negligible) P(success)) from log utility at the columns of `x`. Once a search has converged on the
   /// edge of the failures, all utility lies beyond the edge, by many orders of magnitude; without the constant the
@@ -50,16 +58,5 @@ template <CovarianceKernel Kernel = RbfKernel> class SuccessModel {
 
   GaussianProcess<Kernel> process_;
 };
-
-template <CovarianceKernel Kernel>
-Eigen::VectorXd SuccessModel<Kernel>::log_probability(const Eigen::MatrixXd& x) const {
-  const auto label = process_.predict(x);
-  Eigen::VectorXd log(x.cols());
-  for (Eigen::Index i = 0; i < x.cols(); ++i) {
-    const double deviation = std::max(std::sqrt(label.variance[i]), 1e-9);  // labels are of order 1
-    log[i] = std::log(std::max(normal_probability((label.mean[i] - 0.5) / deviation), least_probability));
-  }
-  return log;
-}
 
 }  // namespace lumo

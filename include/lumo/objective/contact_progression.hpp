@@ -44,11 +44,6 @@ struct ContactLoads {
   double first = 1.0, second = 2.0, third = 5.0, fourth = 10.0;
 };
 
-/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
-/// count.
-inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {});
-
 /// The worst scenario's contact progression (paper Eq. 5) and the index of the scenario that sets it; nullopt without
 /// scenarios, or if one of them has no score.
 template <class Record>
@@ -97,8 +92,10 @@ inline std::optional<Estimate> ContactTerms::score() const {
   return Estimate{value, std::sqrt(a * a + b * b + c * c)};
 }
 
+/// Terms of one scenario from its states on `mesh`, for a round indenter of `radius_m`. Only converged (or held) states
+/// count.
 inline ContactTerms contact_terms(const Body& body, const TetMesh& mesh, const std::vector<MechanicalState>& states,
-                                  double radius_m, const MechanicalError& error, const ContactLoads& loads) {
+                                  double radius_m, const MechanicalError& error = {}, const ContactLoads& loads = {}) {
   const auto at = [&](double load) -> const MechanicalState* {
     for (const MechanicalState& s : states)
       if (std::abs(s.load_N - load) <= 1e-9 * load && is_scored(s.status, true)) return &s;

@@ -39,7 +39,14 @@ class Optimizer {
         trials_(problem, config_.reduction.outputs(int(problem.objectives.size())), config_.retries) {}
 
   /// The next design to evaluate, now pending; nullopt if there is none: status() states why.
-  std::optional<Trial> ask();
+  std::optional<Trial> ask() {
+    if (observed() + pending() >= problem().evaluations) return std::nullopt;
+    auto x = trials_.scheduled();
+    if (!x) x = chosen();
+    exhausted_ = !x;
+    if (!x) return std::nullopt;
+    return trials_.open(int(trials().size()), std::move(*x));
+  }
 
   /// Outputs of a pending trial. Throws InvalidArgument if it is not pending, or the outputs are too few, too many or
   /// not finite.
@@ -69,29 +76,107 @@ class Optimizer {
   int pending() const { return trials_.count(Trial::State::pending); }
 
   /// Observed trials that no other dominates, from the best in the first objective on.
-  std::vector<Outcome> front() const;
+  std::vector<Outcome> front() const {
+    std::vector<int> ids;
+    for (const Trial& t : trials())
+      if (t.state == Trial::State::observed) ids.push_back(t.id);
+    const Eigen::MatrixXd y = objectives();
+    std::vector<Outcome> out;
+    for (const Eigen::Index i : pareto_front(y)) {
+      out.push_back({ids[std::size_t(i)], {}});
+      for (Eigen::Index j = 0; j < y.rows(); ++j)
+        out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
+    }
+    return out;
+  }
 
   /// Volume that the front dominates above the reference point, in the product of the objectives' units.
-  double hypervolume() const;
+  double hypervolume() const {
+    Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
+    for (Eigen::Index j = 0; j < reference.size(); ++j)
+      reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
+    return lumo::hypervolume(objectives(), reference);
+  }
 
   /// Models of the observed outputs as they are in evidence(). Empty before two trials are observed.
-  const std::vector<GaussianProcess<Kernel>>& models();
+  const std::vector<GaussianProcess<Kernel>>& models() {
+    if (observed() < 2 || modelled_ == observed()) return models_;
+    const Evidence e = evidence();
+    models_.clear();
+    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+      models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+    modelled_ = observed();
+    return models_;
+  }
 
   /// Observed and pending trials as models and acquisition see them: outputs less their reference, larger is better, in
   /// units of the spread of their objective.
-  Evidence evidence() const;
+  Evidence evidence() const {
+    Evidence e;
+    e.x = trials_.designs(Trial::State::observed);
+    e.pending = trials_.designs(Trial::State::pending);
+    e.outputs = trials_.observed_outputs();
+    for (int j = 0; j < int(problem().objectives.size()); ++j) {
+      std::vector<Eigen::Index> rows;
+      for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
+        if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
+      Eigen::ArrayXXd y =
+          objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
+      const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
+      if (largest > 0.0) {
+        y /= largest;
+        const double spread = std::sqrt((y - y.mean()).square().mean());
+        if (spread > 1e-14) y /= spread;
+      }
+      e.outputs(rows, Eigen::all) = y.matrix();
+    }
+    const auto& variables = problem().space.variables;
+    e.lower.resize(Eigen::Index(variables.size()));
+    e.upper.resize(Eigen::Index(variables.size()));
+    for (std::size_t i = 0; i < variables.size(); ++i) {
+      e.lower[Eigen::Index(i)] = variables[i].lower;
+      e.upper[Eigen::Index(i)] = variables[i].upper;
+    }
+    e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
+    return e;
+  }
 
  private:
   const Objective& objective(int j) const { return problem().objectives[std::size_t(j)]; }
 
   /// Objectives of the observed trials (objectives × n) in their units, larger is better.
-  Eigen::MatrixXd objectives() const;
+  Eigen::MatrixXd objectives() const {
+    Eigen::MatrixXd y = trials_.observed_outputs();
+    for (Eigen::Index k = 0; k < y.rows(); ++k)
+      y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
+    return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
+                    : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
+  }
 
   /// Model of the success of evaluations; nullopt if none has failed for a reason of its design.
-  std::optional<SuccessModel<Kernel>> success(const Evidence& e) const;
+  std::optional<SuccessModel<Kernel>> success(const Evidence& e) const {
+    const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
+    if (failed.cols() == 0) return std::nullopt;
+    return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
+  }
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
-  std::optional<Design> chosen();
+  std::optional<Design> chosen() {
+    const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
+    if (models().empty()) {
+      auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
+      return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
+    }
+    std::vector<Design> standing;
+    for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
+    const Evidence e = evidence();
+    const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
+    const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
+    const auto model = success(e);
+    if (!model) return config_.source.best(request, utility);
+    return config_.source.best(
+        request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
+  }
 
   Config config_;
   Trials trials_;
@@ -99,120 +184,5 @@ class Optimizer {
   std::vector<GaussianProcess<Kernel>> models_;
   int modelled_ = 0;  ///< observed trials that the models know
 };
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Trial> Optimizer<K, A, S, R>::ask() {
-  if (observed() + pending() >= problem().evaluations) return std::nullopt;
-  auto x = trials_.scheduled();
-  if (!x) x = chosen();
-  exhausted_ = !x;
-  if (!x) return std::nullopt;
-  return trials_.open(int(trials().size()), std::move(*x));
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::vector<Outcome> Optimizer<K, A, S, R>::front()
-const {
-  std::vector<int> ids;
-  for (const Trial& t : trials())
-    if (t.state == Trial::State::observed) ids.push_back(t.id);
-  const Eigen::MatrixXd y = objectives();
-  std::vector<Outcome> out;
-  for (const Eigen::Index i : pareto_front(y)) {
-    out.push_back({ids[std::size_t(i)], {}});
-    for (Eigen::Index j = 0; j < y.rows(); ++j)
-      out.back().objectives.push_back(problem().objectives[std::size_t(j)].signed_value(y(j, i)));
-  }
-  return out;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-double Optimizer<K, A, S, R>::hypervolume() const {
-  Eigen::VectorXd reference(Eigen::Index(problem().objectives.size()));
-  for (Eigen::Index j = 0; j < reference.size(); ++j)
-    reference[j] = objective(int(j)).signed_value(objective(int(j)).reference);
-  return lumo::hypervolume(objectives(), reference);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R>
-const std::vector<GaussianProcess<K>>& Optimizer<K, A, S, R>::models() {
-  if (observed() < 2 || modelled_ == observed()) return models_;
-  const Evidence e = evidence();
-  models_.clear();
-  for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-    models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
-  modelled_ = observed();
-  return models_;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Evidence Optimizer<K, A, S, R>::evidence()
-const {
-  Evidence e;
-  e.x = trials_.designs(Trial::State::observed);
-  e.pending = trials_.designs(Trial::State::pending);
-  e.outputs = trials_.observed_outputs();
-  for (int j = 0; j < int(problem().objectives.size()); ++j) {
-    std::vector<Eigen::Index> rows;
-    for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      if (config_.reduction.objective(int(k)) == j) rows.push_back(k);
-    Eigen::ArrayXXd y = objective(j).signed_value(1.0) * (e.outputs(rows, Eigen::all).array() - objective(j).reference);
-    const double largest = y.size() ? y.abs().maxCoeff() : 0.0;  // so that squares neither overflow nor vanish
-    if (largest > 0.0) {
-      y /= largest;
-      const double spread = std::sqrt((y - y.mean()).square().mean());
-      if (spread > 1e-14) y /= spread;
-    }
-    e.outputs(rows, Eigen::all) = y.matrix();
-  }
-  const auto& variables = problem().space.variables;
-  e.lower.resize(Eigen::Index(variables.size()));
-  e.upper.resize(Eigen::Index(variables.size()));
-  for (std::size_t i = 0; i < variables.size(); ++i) {
-    e.lower[Eigen::Index(i)] = variables[i].lower;
-    e.upper[Eigen::Index(i)] = variables[i].upper;
-  }
-  e.reference = Eigen::VectorXd::Zero(Eigen::Index(problem().objectives.size()));
-  return e;
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> Eigen::MatrixXd Optimizer<K, A, S, R>::objectives()
-const {
-  Eigen::MatrixXd y = trials_.observed_outputs();
-  for (Eigen::Index k = 0; k < y.rows(); ++k)
-    y.row(k) *= objective(config_.reduction.objective(int(k))).signed_value(1.0);
-  return y.cols() ? Eigen::MatrixXd(config_.reduction.objectives(y))
-                  : Eigen::MatrixXd(Eigen::Index(problem().objectives.size()), 0);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<SuccessModel<K>>
-Optimizer<K, A, S, R>::success(const Evidence& e)
-const {
-  const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
-  if (failed.cols() == 0) return std::nullopt;
-  return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
-}
-
-template <CovarianceKernel K, class A, CandidateSource S, Reduction R>
-requires Acquisition<A, std::vector<GaussianProcess<K>>, R> std::optional<Design> Optimizer<K, A, S, R>::chosen() {
-  const std::uint64_t key = combine(combine(problem().seed, 1), trials().size());
-  if (models().empty()) {
-    auto fresh = trials_.sampler().fresh(1, key, trials_.taken());
-    return fresh.empty() ? std::nullopt : std::optional(std::move(fresh.front()));
-  }
-  std::vector<Design> standing;
-  for (const Outcome& o : front()) standing.push_back(trials()[std::size_t(o.id)].x);
-  const Evidence e = evidence();
-  const auto utility = config_.acquisition.prepare(models_, config_.reduction, e, combine(key, 1));
-  const CandidateRequest request{trials_.sampler(), trials_.taken(), standing, combine(key, 2)};
-  const auto model = success(e);
-  if (!model) return config_.source.best(request, utility);
-  return config_.source.best(
-      request, [&](const Eigen::MatrixXd& x) -> Eigen::VectorXd { return model->expected(utility(x), x); });
-}
 
 }  // namespace lumo

@@ -50,31 +50,6 @@ template <class P>
 using PadOf =
     decltype(std::declval<const P&>().simulator.prepare(std::declval<const Body&>(), std::declval<const TetMesh&>()));
 
-/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
-/// that fails is a status in its record.
-template <class P, Indenter Tool, Executor E>
-Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress = {});
-
-/// Are the mirror images of the channels of `body` known in all planes in which these presses stand for their mirror
-/// images? Only then can `body` be lit in them.
-template <class P, class Pad, Indenter Tool>
-bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline);
-
-/// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
-/// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
-/// every executor. Throws InvalidArgument, also unless has_image_channels().
-template <class P, class Pad, Indenter Tool, Executor E>
-Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress = {});
-
-/// Presses and lights a body in every scenario.
-template <class P, Indenter Tool, Executor E>
-Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                     const E& executor, const ProgressReport& progress = {}) {
-  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
-}
-
 namespace detail {
 
 template <class P, Indenter Tool, class Pad>
@@ -101,7 +76,7 @@ template <Indenter Tool> std::vector<std::size_t> longest_first(const ContactPla
 /// Records of all scenarios from those that were solved.
 template <Indenter Tool>
 std::vector<ScenarioRecord> expanded(const std::vector<Scenario<Tool>>& scenarios, const ChannelImages& channels,
-                                   const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
+                                     const ContactPlan<Tool>& plan, const std::vector<ScenarioRecord>& solved) {
   std::vector<ScenarioRecord> records;
   for (std::size_t k = 0; k < scenarios.size(); ++k)
     records.push_back(mirrored(solved[plan.images[k].solve], scenarios[k], channels, plan.images[k]));
@@ -153,9 +128,11 @@ class StageReport {
 
 }  // namespace detail
 
+/// Presses a body in every scenario. Bit-identical for every executor. Throws InvalidArgument and MeshError; a solve
+/// that fails is a status in its record.
 template <class P, Indenter Tool, Executor E>
 Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
-                              const E& executor, const ProgressReport& progress) {
+                              const E& executor, const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   Pressed<PadOf<P>, Tool> out;
@@ -198,14 +175,19 @@ Pressed<PadOf<P>, Tool> press(const Body& body, const std::vector<Scenario<Tool>
   return out;
 }
 
+/// Are the mirror images of the channels of `body` known in all planes in which these presses stand for their mirror
+/// images? Only then can `body` be lit in them.
 template <class P, class Pad, Indenter Tool>
 bool has_image_channels(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline) {
   return detail::images_known(pressed.plan, detail::channel_images(body, pipeline.tracer));
 }
 
+/// Lights a body in every state that was pressed, and states that decide J_obs again with more rays. `body` is the one
+/// that was pressed, or differs from it in its optics only. The seconds contain those of the presses. Bit-identical for
+/// every executor. Throws InvalidArgument, also unless has_image_channels().
 template <class P, class Pad, Indenter Tool, Executor E>
 Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const P& pipeline, const E& executor,
-                     const ProgressReport& progress) {
+                     const ProgressReport& progress = {}) {
   const Stopwatch clock;
   const ChannelImages images = detail::channel_images(body, pipeline.tracer);
   if (!detail::images_known(pressed.plan, images))
@@ -249,6 +231,13 @@ Observations observe(const Body& body, const Pressed<Pad, Tool>& pressed, const 
   out.seconds.optics = lighting.seconds;
   out.seconds.total += clock.seconds();
   return out;
+}
+
+/// Presses and lights a body in every scenario.
+template <class P, Indenter Tool, Executor E>
+Observations observe(const Body& body, const std::vector<Scenario<Tool>>& scenarios, const P& pipeline,
+                     const E& executor, const ProgressReport& progress = {}) {
+  return observe(body, press(body, scenarios, pipeline, executor, progress), pipeline, executor, progress);
 }
 
 }  // namespace lumo

@@ -26,9 +26,6 @@ struct FingerAssumptions {
   bool operator==(const FingerAssumptions&) const = default;
 };
 
-/// Do two sets of assumptions have the same equilibria, whatever their light?
-bool same_mechanics(const FingerAssumptions& a, const FingerAssumptions& b);
-
 /// Another assumption about one quantity.
 struct AssumptionVariant {
   std::string quantity, value;
@@ -36,9 +33,6 @@ struct AssumptionVariant {
 
   std::string name() const { return quantity + ": " + value; }
 };
-
-/// All variants that the study compares with lumo's own assumptions.
-std::vector<AssumptionVariant> assumption_variants();
 
 /// Contacts of the study: the smallest and the largest sphere at y = 0, straight and under 30°, and straight at
 /// y = 5.5 mm, because J_obs compares places; only the straight ones enter it.
@@ -63,16 +57,6 @@ struct AssumptionResult {
   Evaluation evaluation;
 };
 
-/// A design under the usual assumptions, then under each variant; a failure in one leaves the others whole. Equilibria
-/// that a variant does not move are found once. If the usual assumptions fail, nothing can be compared with them: their
-/// result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws
-/// InfeasibleDesign for the usual assumptions, and MeshError if the machine's limits ended a mesh: another try may have
-/// them all.
-template <class PipelineFor, Executor E>
-std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, const AssumptionStudy& study,
-                                                   const PipelineFor& pipeline_for, const E& executor,
-                                                   const ProgressReport& progress = {});
-
 /// Scores of a design under one set of assumptions, and which contacts decide it (named as the caller likes).
 struct AssumptionScore {
   std::optional<Estimate> J_contact, J_obs;
@@ -92,9 +76,6 @@ struct AssumptionEffect {
   std::optional<std::size_t> usual_choice, choice;  ///< i* among the designs compared, as indices into all
 };
 
-/// Both lists are in the order of the designs.
-AssumptionEffect effect_of(const std::vector<AssumptionScore>& usual, const std::vector<AssumptionScore>& varied);
-
 namespace detail {
 
 inline std::vector<Scenario<Sphere>> tilted(std::vector<Scenario<Sphere>> contacts, TiltPlane tilt) {
@@ -105,6 +86,7 @@ inline std::vector<Scenario<Sphere>> tilted(std::vector<Scenario<Sphere>> contac
 
 }  // namespace detail
 
+/// Do two sets of assumptions have the same equilibria, whatever their light?
 inline bool same_mechanics(const FingerAssumptions& a, const FingerAssumptions& b) {
   const auto &f = a.finger, &g = b.finger;
   return a.silicone.mu_Pa == b.silicone.mu_Pa && a.silicone.lambda_Pa == b.silicone.lambda_Pa &&
@@ -112,6 +94,7 @@ inline bool same_mechanics(const FingerAssumptions& a, const FingerAssumptions& 
          f.twin == g.twin && f.pad == g.pad && f.mesh == g.mesh && f.bonded_ends == g.bonded_ends;
 }
 
+/// All variants that the study compares with lumo's own assumptions.
 inline std::vector<AssumptionVariant> assumption_variants() {
   using Changed = FingerAssumptions;
   const auto scattering = [](double albedo) {
@@ -150,10 +133,15 @@ inline std::vector<AssumptionVariant> assumption_variants() {
   };
 }
 
+/// A design under the usual assumptions, then under each variant; a failure in one leaves the others whole. Equilibria
+/// that a variant does not move are found once. If the usual assumptions fail, nothing can be compared with them: their
+/// result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws
+/// InfeasibleDesign for the usual assumptions, and MeshError if the machine's limits ended a mesh: another try may have
+/// them all.
 template <class PipelineFor, Executor E>
 std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, const AssumptionStudy& study,
                                                    const PipelineFor& pipeline_for, const E& executor,
-                                                   const ProgressReport& progress) {
+                                                   const ProgressReport& progress = {}) {
   const auto result = [](Evaluation e) {
     std::string why = failure_of(e);
     return AssumptionResult{std::move(why), std::move(e)};
@@ -190,7 +178,9 @@ std::vector<AssumptionResult> evaluate_assumptions(const FingerDesign& design, c
   return results;
 }
 
-inline AssumptionEffect effect_of(const std::vector<AssumptionScore>& usual, const std::vector<AssumptionScore>& varied) {
+/// Both lists are in the order of the designs.
+inline AssumptionEffect effect_of(const std::vector<AssumptionScore>& usual,
+                                  const std::vector<AssumptionScore>& varied) {
   AssumptionEffect effect;
   std::vector<std::size_t> both;
   for (std::size_t k = 0; k < usual.size() && k < varied.size(); ++k) {

@@ -153,14 +153,165 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       accounts_.book_exit(e, b.direct, gathered);
   }
 
-  void follow(Branch b);
-  void scatter(const Branch& b, double path_m, double power);
-  bool meet(Branch& b, int triangle);
-  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed);
-  bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at);
-  bool meet_wetting_tool(Branch& b, int triangle, const ScenePoint& at);
-  Split split(const Branch& b, int triangle, const ScenePoint& at) const;
-  void send_on(const Branch& b, int triangle, const ScenePoint& at, const Split& split, bool touched);
+  void follow(Branch b) {
+    for (;;) {
+      RayHit hit;
+      if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
+        ++segments;
+        hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
+        if (!hit && !b.inside) return escape(b);
+        if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
+          b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
+          hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
+        }
+      }
+      if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
+      const auto& corner = body_.surface.triangles()[std::size_t(hit.triangle)].corners;
+      const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
+      // Scenes may be in single precision: the distance again, in double.
+      const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
+      const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
+      if (b.inside) {
+        const double left = b.power * body_.medium.transmittance(path_m);
+        double absorbed = b.power - left;
+        if constexpr (TurbidMedium<Medium>) {
+          const double scattered = body_.medium.albedo() * absorbed;
+          absorbed -= scattered;
+          scatter(b, path_m, scattered);
+        }
+        accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
+        b.power = left;
+      }
+      b.origin += path_m * b.direction;
+      if (!meet(b, hit.triangle)) return;
+    }
+  }
+  // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
+  // clear medium, so that direct light and what is gathered backwards stay free of scattering's noise: there too, each
+  // piece sends on both.
+  void scatter(const Branch& b, double path_m, double power) {
+    if constexpr (TurbidMedium<Medium>) {
+      if (!(power > 0.0)) return;
+      Branch c = b;
+      c.power = power;
+      c.key = combine(b.key, 6);
+      c.scattered = true;
+      if (!survives(c)) return;
+      const Vec3d axis = start_->mirror.cwiseProduct(b.direction);  // image paths take image directions
+      const double cosine = body_.medium.scattering_cosine(uniform(combine(c.key, 2))),
+                   azimuth = 2.0 * pi * uniform(combine(c.key, 3));
+      const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
+      Vec3d t1, t2;
+      tangents(axis, t1, t2);
+      c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
+      c.direction = start_->mirror.cwiseProduct(
+          (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
+      stack_.push_back(c);
+    }
+  }
+  // The event at a surface. True: `b` goes on.
+  bool meet(Branch& b, int triangle) {
+    const ScenePoint at = body_.surface.locate(triangle, b.origin);
+    b.triangle = triangle;
+    const SurfaceOptics& optics = body_.surface.optics(triangle);
+    if (is_dielectric(optics)) {
+      if (at.face >= 0) return meet_dielectric(b, triangle, at);
+      accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
+      return false;
+    }
+    // Light on a Lambertian face goes on with all other light that falls there.
+    if (const auto& nodes = body_.nodes.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {
+      const std::array<double, 3> share = LightNodes::shares(at);
+      for (std::size_t k = 0; k < 3; ++k)
+        if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
+      return false;
+    }
+    b.carrier_last = !b.inside;
+    return reflect_off(b, optics,
+                       b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
+                       accounts_.ledger.absorbed_at_surfaces);
+  }
+  // Reflection off an opaque surface whose unit normal points back to where the light comes from.
+  bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
+    b.key = combine(b.key, 1);
+    std::visit(
+        [&](const auto& s) {
+          if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
+            const double kept = b.power * reflectance(s);
+            accounts_.book(absorbed, b.power - kept);
+            b.power = kept;
+            b.direction = reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)),
+                                    start_->mirror);
+          }
+        },
+        optics);
+    return survives(b);
+  }
+  bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
+    const bool touched = body_.surface.in_contact(at);
+    if (!b.inside && touched) {  // from air: the opaque indenter is in the way
+      accounts_.book(accounts_.ledger.to_indenter, b.power);
+      return false;
+    }
+    if (touched && !is_dielectric(body_.surface.touched())) return meet_wetting_tool(b, triangle, at);
+    const Split met = split(b, triangle, at);
+    const double reflected_power = b.power * met.share.reflectance;
+    send_on(b, triangle, at, met, touched);
+    b.direction = met.back;
+    b.power = reflected_power;
+    b.key = combine(b.key, 5);
+    b.route = route(b, triangle);
+    return survives(b);
+  }
+  // A tool that wets the body: no air is left between.
+  bool meet_wetting_tool(Branch& b, int triangle, const ScenePoint& at) {
+    const Vec3d flat = -body_.surface.flat_normal(triangle), curved = -body_.surface.smooth_normal(at);
+    const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
+    b.spread = b.spread || !specular;
+    const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
+    return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
+  }
+  Split split(const Branch& b, int triangle, const ScenePoint& at) const {
+    const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
+    const double ratio = b.inside ? body_.medium.refractive_index() / body_.outer_index
+                                  : body_.outer_index / body_.medium.refractive_index();
+    const Vec3d flat = side * Vec3d(body_.surface.flat_normal(triangle));
+    Vec3d n = side * Vec3d(body_.surface.smooth_normal(at));
+    Split met{};
+    const auto turn = [&] {
+      const double cosine = std::min(1.0, -b.direction.dot(n));
+      met.share = fresnel(cosine, ratio);
+      met.back = reflect(b.direction, n);
+      met.on = refract(b.direction, n, ratio, met.share.cosine_behind);
+      return cosine > 0.0 && met.back.dot(flat) > 0.0 && (met.share.reflectance >= 1.0 || met.on.dot(flat) < 0.0);
+    };
+    if (!turn()) {  // at grazing angles the curved normal may contradict the facet that was hit
+      n = flat;
+      turn();
+    }
+    return met;
+  }
+  // The refracted branch.
+  void send_on(const Branch& b, int triangle, const ScenePoint& at, const Split& met, bool touched) {
+    const double refracted_power = b.power - b.power * met.share.reflectance;
+    if (!(refracted_power > 0.0)) return;
+    if (b.inside && touched) return accounts_.book(accounts_.ledger.to_indenter, refracted_power);
+    Branch c = b;
+    c.direction = met.on;
+    c.power = refracted_power;
+    c.key = combine(b.key, 4);
+    c.route = route(b, triangle) + 1;
+    c.inside = !b.inside;
+    if (c.inside) {
+      if (!survives(c)) return;
+    } else {
+      c.exit = at;
+      c.exit_triangle = triangle;
+      c.exit_position = b.origin;
+      c.carrier_last = false;
+    }
+    stack_.push_back(c);
+  }
 
   const LitBody<Scene, Medium, Readout> body_;
   PathLimits limits_;
@@ -168,182 +319,5 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
   std::vector<Branch> stack_;
   const PathStart* start_ = nullptr;  ///< of the path at hand
 };
-
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-void PathTracer<Scene, Medium, Readout>::follow(Branch b) {
-  for (;;) {
-    RayHit hit;
-    if (++b.events <= limits_.max_events && b.direction.allFinite() && b.origin.allFinite()) {
-      ++segments;
-      hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
-      if (!hit && !b.inside) return escape(b);
-      if (!hit && b.triangle >= 0) {  // slipped out at an edge by rounding: once more from a point inside
-        b.origin = body_.surface.pulled_inward(b.triangle, b.origin);
-        hit = body_.scene.first_hit(b.origin, b.direction, b.inside);
-      }
-    }
-    if (!hit) return accounts_.book(accounts_.ledger.lost, b.power);
-    const auto& corner = body_.surface.triangles()[std::size_t(hit.triangle)].corners;
-    const Vec3d n = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
-    // Scenes may be in single precision: the distance again, in double.
-    const double t = std::max(0.0, n.dot(corner[0] - b.origin) / n.dot(b.direction));
-    const double path_m = std::isfinite(t) ? t : std::max(0.0, hit.t);
-    if (b.inside) {
-      const double left = b.power * body_.medium.transmittance(path_m);
-      double absorbed = b.power - left;
-      if constexpr (TurbidMedium<Medium>) {
-        const double scattered = body_.medium.albedo() * absorbed;
-        absorbed -= scattered;
-        scatter(b, path_m, scattered);
-      }
-      accounts_.book(accounts_.ledger.absorbed_in_medium, absorbed);
-      b.power = left;
-    }
-    b.origin += path_m * b.direction;
-    if (!meet(b, hit.triangle)) return;
-  }
-}
-
-// Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
-// clear medium, so that direct light and what is gathered backwards stay free of scattering's noise: there too, each
-// piece sends on both.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-void PathTracer<Scene, Medium, Readout>::scatter(const Branch& b, double path_m, double power) {
-  if constexpr (TurbidMedium<Medium>) {
-    if (!(power > 0.0)) return;
-    Branch c = b;
-    c.power = power;
-    c.key = combine(b.key, 6);
-    c.scattered = true;
-    if (!survives(c)) return;
-    const Vec3d axis = start_->mirror.cwiseProduct(b.direction);  // image paths take image directions
-    const double cosine = body_.medium.scattering_cosine(uniform(combine(c.key, 2))),
-                 azimuth = 2.0 * pi * uniform(combine(c.key, 3));
-    const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
-    Vec3d t1, t2;
-    tangents(axis, t1, t2);
-    c.origin += body_.medium.free_path_m(path_m, uniform(combine(c.key, 4))) * b.direction;
-    c.direction = start_->mirror.cwiseProduct(
-        (sine * std::cos(azimuth) * t1 + sine * std::sin(azimuth) * t2 + cosine * axis).normalized());
-    stack_.push_back(c);
-  }
-}
-
-// The event at a surface. True: `b` goes on.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::meet(Branch& b, int triangle) {
-  const ScenePoint at = body_.surface.locate(triangle, b.origin);
-  b.triangle = triangle;
-  const SurfaceOptics& optics = body_.surface.optics(triangle);
-  if (is_dielectric(optics)) {
-    if (at.face >= 0) return meet_dielectric(b, triangle, at);
-    accounts_.book(accounts_.ledger.absorbed_at_surfaces, b.power);  // a carrier face is opaque, whatever it says
-    return false;
-  }
-  // Light on a Lambertian face goes on with all other light that falls there.
-  if (const auto& nodes = body_.nodes.of(triangle); nodes[0] >= 0 && b.inside == (at.face >= 0)) {
-    const std::array<double, 3> share = LightNodes::shares(at);
-    for (std::size_t k = 0; k < 3; ++k)
-      if (share[k] > 0.0) accounts_.arrive(nodes[k], share[k] * b.power);
-    return false;
-  }
-  b.carrier_last = !b.inside;
-  return reflect_off(b, optics,
-                     b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
-                     accounts_.ledger.absorbed_at_surfaces);
-}
-
-// Reflection off an opaque surface whose unit normal points back to where the light comes from.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal,
-                                                     double& absorbed) {
-  b.key = combine(b.key, 1);
-  std::visit(
-      [&](const auto& s) {
-        if constexpr (OpaqueSurface<std::decay_t<decltype(s)>>) {
-          const double kept = b.power * reflectance(s);
-          accounts_.book(absorbed, b.power - kept);
-          b.power = kept;
-          b.direction =
-              reflected(s, b.direction, normal, uniform(combine(b.key, 2)), uniform(combine(b.key, 3)), start_->mirror);
-        }
-      },
-      optics);
-  return survives(b);
-}
-
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
-  const bool touched = body_.surface.in_contact(at);
-  if (!b.inside && touched) {  // from air: the opaque indenter is in the way
-    accounts_.book(accounts_.ledger.to_indenter, b.power);
-    return false;
-  }
-  if (touched && !is_dielectric(body_.surface.touched())) return meet_wetting_tool(b, triangle, at);
-  const Split met = split(b, triangle, at);
-  const double reflected_power = b.power * met.share.reflectance;
-  send_on(b, triangle, at, met, touched);
-  b.direction = met.back;
-  b.power = reflected_power;
-  b.key = combine(b.key, 5);
-  b.route = route(b, triangle);
-  return survives(b);
-}
-
-// A tool that wets the body: no air is left between.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-bool PathTracer<Scene, Medium, Readout>::meet_wetting_tool(Branch& b, int triangle, const ScenePoint& at) {
-  const Vec3d flat = -body_.surface.flat_normal(triangle), curved = -body_.surface.smooth_normal(at);
-  const bool specular = std::holds_alternative<Mirror>(body_.surface.touched());
-  b.spread = b.spread || !specular;
-  const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
-  return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
-}
-
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-auto PathTracer<Scene, Medium, Readout>::split(const Branch& b, int triangle, const ScenePoint& at) const -> Split {
-  const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
-  const double ratio = b.inside ? body_.medium.refractive_index() / body_.outer_index
-                                : body_.outer_index / body_.medium.refractive_index();
-  const Vec3d flat = side * Vec3d(body_.surface.flat_normal(triangle));
-  Vec3d n = side * Vec3d(body_.surface.smooth_normal(at));
-  Split met{};
-  const auto turn = [&] {
-    const double cosine = std::min(1.0, -b.direction.dot(n));
-    met.share = fresnel(cosine, ratio);
-    met.back = reflect(b.direction, n);
-    met.on = refract(b.direction, n, ratio, met.share.cosine_behind);
-    return cosine > 0.0 && met.back.dot(flat) > 0.0 && (met.share.reflectance >= 1.0 || met.on.dot(flat) < 0.0);
-  };
-  if (!turn()) {  // at grazing angles the curved normal may contradict the facet that was hit
-    n = flat;
-    turn();
-  }
-  return met;
-}
-
-// The refracted branch.
-template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout>
-void PathTracer<Scene, Medium, Readout>::send_on(const Branch& b, int triangle, const ScenePoint& at, const Split& met,
-                                                 bool touched) {
-  const double refracted_power = b.power - b.power * met.share.reflectance;
-  if (!(refracted_power > 0.0)) return;
-  if (b.inside && touched) return accounts_.book(accounts_.ledger.to_indenter, refracted_power);
-  Branch c = b;
-  c.direction = met.on;
-  c.power = refracted_power;
-  c.key = combine(b.key, 4);
-  c.route = route(b, triangle) + 1;
-  c.inside = !b.inside;
-  if (c.inside) {
-    if (!survives(c)) return;
-  } else {
-    c.exit = at;
-    c.exit_triangle = triangle;
-    c.exit_position = b.origin;
-    c.carrier_last = false;
-  }
-  stack_.push_back(c);
-}
 
 }  // namespace lumo
