@@ -91,7 +91,7 @@ struct CampaignReport : Common {
   Json data_of(const std::string& path, std::string& title, Progress& progress) const {
     Json campaigns = Json::array(), variables = Json::array();
     for (const std::string& store : stores) {
-      const StoredCampaign campaign = read_campaign(SqliteLog(store), store);
+      const StoredCampaign campaign = read_campaign(SqliteJournal(store), store);
       title += (campaigns.empty() ? ": " : "; ") + campaign_name(campaign.problem);
       campaigns.push_back(campaign_model(campaign, store));
     }

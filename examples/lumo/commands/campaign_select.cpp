@@ -142,7 +142,7 @@ struct CampaignSelect : StoreCommand {
     add_threads(app, threads);
   }
   Result run(Output&, Progress& progress) const {
-    const StoredCampaign c = read_campaign(SqliteLog(store), store);
+    const StoredCampaign c = read_campaign(SqliteJournal(store), store);
     if (!c.selected)
       throw InputError("store '" + store + "' holds no evaluation with both objectives above 0: there is nothing to select from");
     Selection r{c, c.count("evaluated"), {}, {}};

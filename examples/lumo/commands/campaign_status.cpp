@@ -18,7 +18,7 @@ std::string line(const StoredTrial& t) {
 }  // namespace
 
 std::string campaign_status(const std::string& store, bool as_json) {
-  const StoredCampaign c = read_campaign(SqliteLog(store), store);
+  const StoredCampaign c = read_campaign(SqliteJournal(store), store);
   double seconds = 0.0;
   for (const StoredTrial& t : c.trials) seconds += std::isfinite(t.seconds()) ? t.seconds() : 0.0;
   const int done = c.count("evaluated"), failed = c.count("failed"), open = c.count("under way");

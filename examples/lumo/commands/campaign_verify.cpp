@@ -7,7 +7,7 @@ namespace {
 
 struct CampaignVerify : StoreCommand {
   Result run(Output&, Progress&) const {
-    const SqliteLog log(store);
+    const SqliteJournal log(store);
     log.verify();
     const StoredCampaign c = read_campaign(log, store);
     if (json) return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";

@@ -79,7 +79,7 @@ Json parse(const std::string& line) {
 template <class Optimizer>
 void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
   for (const auto& event : transcript.events()) try {
-      if (event.content.contains("ask") && optimizer.told() + optimizer.pending() >= optimizer.problem().evaluations)
+      if (event.content.contains("ask") && optimizer.observed() + optimizer.pending() >= optimizer.problem().evaluations)
         throw InvalidArgument(lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
       if (event.content.contains("ask")) optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
       else answer(optimizer, event.content);
@@ -114,7 +114,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     std::string line;
     do {
       if (!std::getline(std::cin, line))
-        throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.told(), " of ", optimizer.problem().evaluations,
+        throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.observed(), " of ", optimizer.problem().evaluations,
                                             " evaluations told and trial ", trial->id, " not answered", resumable));
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
@@ -125,7 +125,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     }
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
-    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ", optimizer.told(), " of ", optimizer.problem().evaluations, " evaluations told")
+    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ", optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations told")
               << std::endl;
   Json front = Json::array();
   for (const Outcome& o : optimizer.front()) front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});

@@ -20,11 +20,11 @@ constexpr double weak_ranking = 0.8;   // Kendall's τ below which conclusions h
 std::string contact_name(double diameter_mm, double angle_deg) { return short_number(diameter_mm) + " mm, " + short_number(angle_deg) + "°, "; }
 
 /// Reading `r` of each design; 0 is lumo's own.
-std::vector<ReadingScore> scores(const std::vector<StudyRow>& rows, std::size_t r) {
-  std::vector<ReadingScore> list;
+std::vector<AssumptionScore> scores(const std::vector<StudyRow>& rows, std::size_t r) {
+  std::vector<AssumptionScore> list;
   for (const StudyRow& row : rows) {
     const Json& j = row.record.at("readings").at(r);
-    ReadingScore s{estimate(j, "J_contact"), estimate(j, "J_obs"), "", ""};
+    AssumptionScore s{estimate(j, "J_contact"), estimate(j, "J_obs"), "", ""};
     if (const Json& w = j.at("worst_contact"); w.is_object()) s.worst_contact = contact_name(w.at("diameter_mm"), w.at("angle_deg")) + "y " + short_number(w.at("y_mm")) + " mm";
     if (const Json& w = j.at("worst_observation"); w.is_object())
       s.worst_observation = contact_name(w.at("diameter_mm"), w.at("angle_deg")) + short_number(w.at("load_N")) + " N, y " + short_number(w.at("y_mm")[0]) + " and " + short_number(w.at("y_mm")[1]) + " mm";
@@ -34,19 +34,19 @@ std::vector<ReadingScore> scores(const std::vector<StudyRow>& rows, std::size_t 
 }
 
 struct Effect {
-  Departure departure;
-  ReadingEffect effect;
+  AssumptionVariant departure;
+  AssumptionEffect effect;
 };
 
 std::vector<Effect> effects(const std::vector<StudyRow>& rows) {
-  const std::vector<ReadingScore> usual = scores(rows, 0);
+  const std::vector<AssumptionScore> usual = scores(rows, 0);
   std::vector<Effect> list;
-  for (const Departure& d : departures()) list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
+  for (const AssumptionVariant& d : assumption_variants()) list.push_back({d, effect_of(usual, scores(rows, list.size() + 1))});
   return list;
 }
 
 /// Largest medians first, what has none last.
-void sort_by(std::vector<Effect>& list, std::optional<PairedSummary> ReadingEffect::*which) {
+void sort_by(std::vector<Effect>& list, std::optional<PairedSummary> AssumptionEffect::*which) {
   const auto size = [&](const Effect& e) { return e.effect.*which ? std::abs((e.effect.*which)->median) : -1.0; };
   std::stable_sort(list.begin(), list.end(), [&](const Effect& a, const Effect& b) { return size(a) > size(b); });
 }
@@ -61,10 +61,10 @@ std::string shown(const std::optional<double>& tau) { return tau ? cell(*tau, 2)
 
 std::string choice(const std::vector<StudyRow>& rows, const std::optional<std::size_t>& k) { return k ? joined(rows[*k].theta_mm) : "-"; }
 
-std::string designs(const ReadingEffect& e) { return std::to_string(e.compared) + (e.lost > 0 ? " (" + std::to_string(e.lost) + " lost)" : ""); }
+std::string designs(const AssumptionEffect& e) { return std::to_string(e.compared) + (e.lost > 0 ? " (" + std::to_string(e.lost) + " lost)" : ""); }
 
 std::string table(const std::vector<StudyRow>& rows, std::vector<Effect> list) {
-  sort_by(list, &ReadingEffect::J_obs);
+  sort_by(list, &AssumptionEffect::J_obs);
   const std::vector<int> widths = {-32, 11, 30, 24, 5, 7, 9, 9};
   const auto line = [&](const std::vector<std::string>& cells) {
     std::string text;
@@ -114,8 +114,8 @@ std::string designs_csv(const std::vector<StudyRow>& rows) {
   return text;
 }
 
-std::string picture(const std::string& about, std::vector<Effect> list, std::optional<PairedSummary> ReadingEffect::*which, const std::string& title, const std::string& axis, double unit,
-                    std::optional<double> ReadingEffect::*tau) {
+std::string picture(const std::string& about, std::vector<Effect> list, std::optional<PairedSummary> AssumptionEffect::*which, const std::string& title, const std::string& axis, double unit,
+                    std::optional<double> AssumptionEffect::*tau) {
   sort_by(list, which);
   TornadoChart chart;
   chart.title = title;
@@ -186,7 +186,7 @@ std::string StudyReadings::problem_text(const Problem& p) const {
   }
   j["coarse"] = tools.coarse;
   j["readings"] = Json::array();
-  for (const Departure& d : departures()) j["readings"].push_back(d.name());
+  for (const AssumptionVariant& d : assumption_variants()) j["readings"].push_back(d.name());
   j["initial"] = p.initial;
   j["sobol"] = p.sobol;
   j["seed"] = seed;
@@ -206,10 +206,10 @@ Result StudyReadings::run(Output& files, Progress& progress) const {
   if (files.wanted()) {
     files.add("study_readings.csv", effects_csv(rows, list));
     files.add("study_readings_designs.csv", designs_csv(rows));
-    files.add("study_readings_J_contact.svg", picture(about(), list, &ReadingEffect::J_contact, "What other readings change in J_contact",
-                                                      "ΔJ_contact [–]", 1.0, &ReadingEffect::tau_contact));
-    files.add("study_readings_J_obs.svg", picture(about(), list, &ReadingEffect::J_obs, "What other readings change in J_obs",
-                                                  "ΔJ_obs [% of J_obs]", 100.0, &ReadingEffect::tau_obs));
+    files.add("study_readings_J_contact.svg", picture(about(), list, &AssumptionEffect::J_contact, "What other readings change in J_contact",
+                                                      "ΔJ_contact [–]", 1.0, &AssumptionEffect::tau_contact));
+    files.add("study_readings_J_obs.svg", picture(about(), list, &AssumptionEffect::J_obs, "What other readings change in J_obs",
+                                                  "ΔJ_obs [% of J_obs]", 100.0, &AssumptionEffect::tau_obs));
   }
   if (!json) return table(rows, list);
   return whole({{"study", "readings"}, {"material", tools.material}, {"contacts", contacts_name()}, {"coarse", tools.coarse}, {"seed", seed}},

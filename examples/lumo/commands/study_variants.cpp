@@ -64,7 +64,7 @@ std::string why(const StudyRow& row, const std::string& variant) {
 
 std::optional<Estimate> change(const StudyRow& row, const Comparison& c) {
   const auto design = value(row, "", c.quantity), variant = value(row, c.variant, c.quantity);
-  return design && variant ? std::optional(difference(*design, *variant)) : std::nullopt;
+  return design && variant ? std::optional(paired_difference(*design, *variant)) : std::nullopt;
 }
 
 std::string shown(const std::optional<Estimate>& e, int digits) {

@@ -13,7 +13,7 @@
 namespace lumo::program {
 
 /// Evaluates a design for a store; what goes wrong is in the verdict. Make it before the store is opened, for the mesher forks.
-using Evaluator = std::function<Verdict(const Design& theta_mm)>;
+using Evaluator = std::function<TrialResult(const Design& theta_mm)>;
 
 /// Both objectives, with the request's material, contacts and mechanics.
 Evaluator campaign_evaluator(const EvaluationRequest& request, int threads, Progress& progress);

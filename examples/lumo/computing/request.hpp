@@ -2,7 +2,7 @@
 
 #include "computing/mechanics.hpp"
 
-#include "lumo/pipeline/ray_refinement.hpp"
+#include "lumo/pipeline/lighting.hpp"
 
 #include <array>
 #include <string>

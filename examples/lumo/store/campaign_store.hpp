@@ -39,6 +39,6 @@ struct StoredCampaign {
 };
 
 /// Reads the log in the file `store`. Throws StoreError, or InputError for another program's.
-StoredCampaign read_campaign(const SqliteLog& log, const std::string& store);
+StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store);
 
 }  // namespace lumo::program
