@@ -1,7 +1,6 @@
 #include "program/convert.hpp"
 
-#include "lumo/core/read_whole.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 #include "program/interrupt.hpp"
 #include "program/json.hpp"

@@ -3,8 +3,7 @@
 // Adapter to nlohmann-json (MIT, header only): a log's session.json, and with it the whole log, a folder or an MCAP
 // file. Schema: docs/log_format.md.
 
-#include "lumo/core/read_whole.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/recording.hpp"
 #include "lumo/sense/recording/session.hpp"
