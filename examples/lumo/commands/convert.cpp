@@ -4,8 +4,7 @@
 #include "report/json.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/core/read_whole.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
 
 #include <cerrno>

@@ -4,7 +4,7 @@
 #include "sensing/log.hpp"
 #include "sensing/responses.hpp"
 
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/lab/hand_lab.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/morphology/finger.hpp"

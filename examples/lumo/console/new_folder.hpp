@@ -3,7 +3,7 @@
 #include "console/interrupt.hpp"
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 
 #include <unistd.h>
 

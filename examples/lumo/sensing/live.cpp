@@ -6,7 +6,7 @@
 #include "sensing/log.hpp"
 
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/live/live_force.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"

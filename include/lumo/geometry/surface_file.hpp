@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/geometry/polygon_triangles.hpp"
 #include "lumo/geometry/triangle_surface.hpp"
 

@@ -5,7 +5,7 @@
 // not open what is no camera.
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/devices/picture_decoder.hpp"
 #include "lumo/sense/devices/picture_header.hpp"
