@@ -8,7 +8,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
-  const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
+  const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
 
   // The session tells each link's mounting holes and about where they are in the first picture; from then on they are
   // followed.

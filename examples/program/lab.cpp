@@ -85,7 +85,7 @@ struct PressCurve {
   int holds = 0;
 };
 
-PressCurve press_curve(const RecordedLog& log) {
+PressCurve press_curve(const Recording& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
   const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
@@ -142,7 +142,7 @@ namespace {
 
 /// The log that a virtual rig or hand leaves, and its truth beside it.
 template <class Lab>
-void leave(const Lab& rig, RecordedLog log, NewFolder& folder, Progress& progress) {
+void leave(const Lab& rig, Recording log, NewFolder& folder, Progress& progress) {
   progress.stage("pictures", int(rig.frames().size()));
   for (std::size_t k = 0; k < rig.frames().size(); ++k) {
     write_image((folder.path() / "frames" / rig.frames()[k].file).string(), rig.image(k).view());
@@ -179,7 +179,7 @@ std::string lab(const Options& o, Progress& progress) {
     return told(hand, "grasps", hand.plan().grasps.size());
   }
   const VirtualRig rig(light, plan_of(o.command), seed, o.noise, instruments, side);
-  RecordedLog log;
+  Recording log;
   log.wrenches = rig.wrenches(), log.markers = rig.markers();
   leave(rig, std::move(log), folder, progress);
   return told(rig, "contacts", rig.plan().contacts.size());

@@ -23,7 +23,7 @@ namespace lumo::program {
 using LogFile = McapReader<Lz4, Zstd>;
 
 /// A log, and what is needed to get at its pictures.
-struct OpenLog : RecordedLog {
+struct OpenLog : Recording {
   std::shared_ptr<LogFile> file;       ///< none: `path` is a folder
   std::vector<McapPicture> pictures;   ///< of the frames in `file`
 

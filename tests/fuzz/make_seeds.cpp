@@ -19,7 +19,7 @@ using namespace lumo::sense;
 
 namespace {
 
-template <class Codec> std::string mcap_of(const RecordedLog& log, bool raw, Codec codec) {
+template <class Codec> std::string mcap_of(const Recording& log, bool raw, Codec codec) {
   std::ostringstream out;
   Image image = Image::black(4, 3, PixelFormat::bgr);
   write_mcap_log(
@@ -63,7 +63,7 @@ int main(int count, char** words) {
   const auto write = [&](const std::string& name, char which, const std::string& text) {
     write_whole(folder + "/" + name, which + text);
   };
-  const RecordedLog log = full_log(Effort::current_A);
+  const Recording log = full_log(Effort::current_A);
   write("text/session", 's', to_json(log.session));
   write("text/frames", 'f', frame_log_text(log.frames));
   write("text/joints", 'j', joint_log_text(log.joints));

@@ -321,8 +321,8 @@ inline std::string to_json(const sense::Session& s) {
 }
 
 /// Reads session.json and the tables beside it (docs/log_format.md). Throws InputError.
-inline sense::RecordedLog read_log_folder(const std::string& path) {
-  sense::RecordedLog log;
+inline sense::Recording read_log_folder(const std::string& path) {
+  sense::Recording log;
   log.path = path;
   log.session = read_session(path + "/session.json");
   const auto table = [&](const char* name, auto read) {
@@ -360,7 +360,7 @@ sense::McapLog read_log_file(sense::McapReader<Codecs...>& file, const sense::Mc
 /// Writes session.json and the tables that are not empty into a folder that is there, and removes what earlier tables
 /// there are of the others; each file whole or not at all. Throws InputError, and InvalidArgument before anything is
 /// written for what could not be read again.
-inline void write_log_folder(const sense::RecordedLog& log) {
+inline void write_log_folder(const sense::Recording& log) {
   const std::pair<const char*, std::string> files[] = {
       {"session.json", to_json(log.session)},
       {"frames.csv", log.frames.empty() ? "" : frame_log_text(log.frames, !log.session.video.empty())},

@@ -12,9 +12,9 @@ inline lumo::sense::JointVector joints_of(double a, double b) {
 }
 
 /// One of everything that a folder can hold; three clocks.
-inline lumo::sense::RecordedLog full_log(lumo::sense::Effort unit) {
+inline lumo::sense::Recording full_log(lumo::sense::Effort unit) {
   using namespace lumo;
-  RecordedLog log;
+  Recording log;
   log.session.title = "a µ \"log\"";
   log.session.theta_mm = {5, 10, 10, 6, 3};
   log.session.torque_constant_Nm_per_A = {0.9, 1.1};

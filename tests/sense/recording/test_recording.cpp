@@ -40,7 +40,7 @@ TorqueModel joint_truth() {
 /// Everything that a rig would leave behind, in a folder.
 void record(const std::string& folder) {
   synthetic::View view{320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5};
-  RecordedLog log;
+  Recording log;
   log.path = folder;
   log.session.joint_to_origin_m = joint_to_origin_m;
   log.session.torque_constant_Nm_per_A = {constant};
@@ -77,7 +77,7 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
   record(name);
-  const RecordedLog log = read_log_folder(name);
+  const Recording log = read_log_folder(name);
   const Session& session = log.session;
   const Segment& quiet = session.segments.at(0);
 

@@ -144,14 +144,14 @@ TEST_CASE("what is written can be read: lengths keep their bits, and what could 
 TEST_CASE("a log folder reads back as it was written", "[session]") {
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
-  RecordedLog log;
+  Recording log;
   log.path = name;
   log.session.title = "two frames";
   log.frames = {{1, "a.png", 0.001, 64.0}, {2, "b.png", 0.001, 64.0}};
   log.joints = {{5, JointVector::Zero(1), JointVector::Zero(1), JointVector::Constant(1, 0.5), Effort::current_A}};
   log.wrenches = {{7, Vec3d(0, 0, -2), Vec3d::Zero()}};
   write_log_folder(log);
-  const RecordedLog r = read_log_folder(name);
+  const Recording r = read_log_folder(name);
   CHECK(r.session.title == "two frames");
   CHECK(r.frames.size() == 2);
   CHECK(r.frames[1].file == "b.png");
@@ -161,10 +161,10 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
   log.photodiodes = {{3, Eigen::Vector3d(0.5, 0.25, 1.0)}};
   log.wrenches.clear();
   write_log_folder(log);
-  const RecordedLog again = read_log_folder(name);
+  const Recording again = read_log_folder(name);
   CHECK(again.photodiodes.at(0).signal_V == Eigen::Vector3d(0.5, 0.25, 1.0));
   CHECK(again.wrenches.empty());  // the earlier table is gone
-  RecordedLog bad = log;
+  Recording bad = log;
   bad.frames[1].file = "b,c.png";
   CHECK_THROWS_AS(write_log_folder(bad), InvalidArgument);
   bad = log;

@@ -12,7 +12,7 @@
 namespace lumo::sense {
 
 /// A log's session and tables; the pictures stay where they are. A table that is absent is empty.
-struct RecordedLog {
+struct Recording {
   std::string path;  ///< of the folder, or of the MCAP file
   Session session;
   std::vector<FrameRecord> frames;
@@ -24,7 +24,7 @@ struct RecordedLog {
 
 /// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques
 /// none.
-inline void validate(const RecordedLog& log) {
+inline void validate(const Recording& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
   const auto joints = std::size_t(log.joints.front().effort.size());
   if (log.session.torque_constant_Nm_per_A.size() != joints)

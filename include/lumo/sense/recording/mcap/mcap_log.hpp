@@ -44,7 +44,7 @@ struct McapPicture {
 /// What an MCAP file says. A file of other programs has no session: then the default one holds, and what matters in it
 /// (LEDs, delays) must be said otherwise.
 struct McapLog {
-  RecordedLog log;                      ///< with the default session; frames are named by their number
+  Recording log;                        ///< with the default session; frames are named by their number
   std::string session_json;             ///< text of the attachment session.json; empty where there is none
   std::vector<McapPicture> pictures;    ///< of the frames
   std::optional<RosCameraInfo> camera;  ///< the first one, where one topic has them

@@ -63,7 +63,7 @@ inline std::array<double, 3> list_of(const Vec3d& v) { return {v.x(), v.y(), v.z
 /// could not be read again: stamps that do not ascend, that lie before 0 or beyond 2038, numbers that are not finite;
 /// InputError where `out` fails.
 template <ChunkCodec Codec = Uncompressed, class Picture>
-void write_mcap_log(std::ostream& out, const RecordedLog& log, std::string_view session_json, Picture picture,
+void write_mcap_log(std::ostream& out, const Recording& log, std::string_view session_json, Picture picture,
                     Codec codec = {}) {
   enum class Kind { frame, joint, wrench, marker, photodiode };
   struct Event {
