@@ -169,12 +169,12 @@ inline std::vector<LogEntry> SqliteLog::entries() const {
     }
   };
   while (next()) {
-    LogEntry e{sqlite3_column_int64(s.get(), 0), message(s, 1), message(s, 2), message(s, 3), message(s, 4)};
-    const std::string found = message(s, 5);
+    LogEntry e{sqlite3_column_int64(s.get(), 0), text(s, 1), text(s, 2), text(s, 3), text(s, 4)};
+    const std::string found = text(s, 5);
     if (e.number != std::int64_t(list.size()) || digest_of(e, before) != found)
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged at entry ", list.size()));
     before = found;
-    whole = sqlite3_column_int64(s.get(), 6) == e.number && message(s, 7) == found;
+    whole = sqlite3_column_int64(s.get(), 6) == e.number && text(s, 7) == found;
     e.record.clear();
     list.push_back(std::move(e));
   }
@@ -188,7 +188,7 @@ inline std::string SqliteLog::record(std::int64_t number) const {
   const Statement s = prepare("SELECT record FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
-  return message(s, 0);
+  return text(s, 0);
 }
 
 template <class Next> std::optional<LogEntry> SqliteLog::append(Next&& next) {
@@ -208,7 +208,7 @@ inline bool SqliteLog::claim(std::int64_t number) {
   const Statement now = prepare("SELECT process FROM worker WHERE number = ?");
   sqlite3_bind_int64(now.get(), 1, number);
   if (step(now))
-    if (const std::string other = message(now, 0); other != me && process_lives(other)) return false;
+    if (const std::string other = text(now, 0); other != me && process_lives(other)) return false;
   const Statement s = prepare("INSERT OR REPLACE INTO worker VALUES(?, ?)");
   sqlite3_bind_int64(s.get(), 1, number);
   bind(s, 2, me);
@@ -219,21 +219,21 @@ inline bool SqliteLog::claim(std::int64_t number) {
 
 inline std::string SqliteLog::digest() const {
   const Statement s = prepare("SELECT digest FROM head");
-  return step(s) ? message(s, 0) : "";
+  return step(s) ? text(s, 0) : "";
 }
 
 inline std::string SqliteLog::digest(std::int64_t number) const {
   const Statement s = prepare("SELECT digest FROM entry WHERE number = ?");
   sqlite3_bind_int64(s.get(), 1, number);
   if (!step(s)) throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " has no entry ", number));
-  return message(s, 0);
+  return text(s, 0);
 }
 
 inline void SqliteLog::verify() const {
   entries();
   const Statement s = prepare("PRAGMA integrity_check(1)");
   if (step(s))
-    if (const std::string answer = message(s, 0); answer != "ok")
+    if (const std::string answer = text(s, 0); answer != "ok")
       throw StoreError(StoreError::Reason::corrupt, message("store ", path_, " is damaged: ", answer));
 }
 
