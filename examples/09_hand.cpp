@@ -1,5 +1,5 @@
 // 09 Hand: contacts on the four links of two fingers at once, without labels. Reads the hand's log of example 06.
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/opencv.hpp"
 

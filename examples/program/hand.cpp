@@ -1,6 +1,6 @@
 #include "program/hand.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "program/chart.hpp"
 #include "program/hand_overlay.hpp"
 #include "program/json.hpp"

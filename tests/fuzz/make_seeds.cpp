@@ -4,7 +4,7 @@
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/support/json.hpp"
 #include "lumo/support/lz4.hpp"
 #include "lumo/support/zstd.hpp"

@@ -8,7 +8,7 @@
 #include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_geometry.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/devices/photodiodes.hpp"
-#include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/profile/green_profile.hpp"
 #include "lumo/sense/profile/led_detector.hpp"
 #include "lumo/sense/profile/unloaded_reference.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/recording/photodiode_log.hpp"
+#include "lumo/sense/recording/tables.hpp"
 #include "lumo/sense/recording/recording.hpp"
 
 #include <cstdint>

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"

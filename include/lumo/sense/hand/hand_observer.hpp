@@ -2,7 +2,7 @@
 
 #include "lumo/core/statistics.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 
 #include <Eigen/Core>
 

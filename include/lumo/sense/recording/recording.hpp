@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 

@@ -2,8 +2,7 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
-#include "lumo/sense/joints/torque_model.hpp"
+#include "lumo/sense/devices/joint_sample.hpp"
 #include "lumo/sense/recording/alignment.hpp"
 
 #include <Eigen/Core>
@@ -29,6 +28,35 @@ struct Segment {
   double diameter_mm = 0.0;  ///< of the indenter; 0: not said
   bool operator==(const Segment&) const = default;
 };
+
+/// One link of a hand, in its own plane as a camera sees its side: y along the link towards the tip, z out of the pad.
+struct HandLink {
+  std::string name;
+  std::vector<int> joints;  ///< that move it, by their numbers in the joint samples
+  Eigen::Matrix2Xd hole_m;  ///< centres (y, z) of its mounting holes, at least two
+  double hole_radius_m = 1.5_mm;
+  bool z_clockwise = false;                       ///< in the image z lies clockwise of y (image rows run down)
+  double y_low_m = -27.5_mm, y_high_m = 27.5_mm;  ///< the pad's side that is read
+  double z_low_m = 1.0_mm, z_high_m = 8.0_mm;
+};
+
+/// Throws InvalidArgument for a link that makes no sense.
+inline void validate(const HandLink& l) {
+  if (l.joints.empty())
+    throw InvalidArgument(message("link '", printable(l.name), "': no joint moves it, at least one must"));
+  if (l.hole_m.cols() < 2 || !l.hole_m.allFinite())
+    throw InvalidArgument(message("link '", printable(l.name), "': has ", l.hole_m.cols(),
+                                  " mounting holes, must have at least 2, at finite places"));
+  for (Eigen::Index k = 1; k < l.hole_m.cols(); ++k)
+    for (Eigen::Index j = 0; j < k; ++j)
+      if (const double apart = std::hypot(l.hole_m(0, k) - l.hole_m(0, j), l.hole_m(1, k) - l.hole_m(1, j));
+          !(apart >= 1.0_mm && apart <= 10.0))
+        throw InvalidArgument(message("link '", printable(l.name), "': mounting holes are ", 1e3 * apart,
+                                      " mm apart, must be 1 to 10000 mm"));
+  require_in_range("radius of a mounting hole", 1e3 * l.hole_radius_m, 0.1, 100.0, "mm");
+  require_in_range("length of a link's pad", 1e3 * (l.y_high_m - l.y_low_m), 1.0, 10000.0, "mm");
+  require_in_range("height of a link's pad", 1e3 * (l.z_high_m - l.z_low_m), 0.5, 10000.0, "mm");
+}
 
 /// A link of a hand, and where its holes are in the first picture, about, as somebody pointed at them.
 struct SessionLink {
