@@ -63,7 +63,7 @@ LabPlan plan_of(Command c) {
 }
 
 /// Means over the segments of one kind.
-MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* transfer = nullptr) {
+MeanImage mean_picture(const OpenLog& log, SegmentKind kind, PhotonTransfer* transfer = nullptr) {
   MeanImage mean;
   LogCamera camera(log);
   const Segment* used = nullptr;
@@ -74,7 +74,7 @@ MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* tra
       mean.add(f->image);
       if (transfer) transfer->add(f->image);
     }
-  if (mean.count() == 0) throw InputError(log.path + ": has no pictures in a segment of kind \"" + kind + "\"");
+  if (mean.count() == 0) throw InputError(log.path + ": has no pictures in a segment of kind \"" + std::string(to_string(kind)) + "\"");
   return mean;
 }
 
@@ -88,11 +88,11 @@ struct PressCurve {
 PressCurve press_curve(const Recording& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
-  const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
+  const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
   if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
   curve.y_m = 1e-3 * first->y_mm;
   const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
-  for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
+  for (auto s = first; s != all.end() && s->kind == SegmentKind::hold && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
     for (const MarkerSample& m : log.markers)
       if (const std::int64_t t = log.session.wrench_clock(m.stamp_ns); 2 * t >= s->from_ns + s->to_ns && t <= s->to_ns)
         if (const auto f = series.at(t, 0.1)) curve.depth_m.push_back(m.displacement_m), curve.force_N.push_back((*f)[0]);
@@ -116,7 +116,7 @@ std::string calibrate(const Options& typed, Progress& progress) {
   try {
     check_design(o);
     PhotonTransfer transfer;
-    const Image lit = mean_picture(log, "unloaded", &transfer).image(), dark = mean_picture(log, "dark").image();
+    const Image lit = mean_picture(log, SegmentKind::unloaded, &transfer).image(), dark = mean_picture(log, SegmentKind::dark).image();
     const PressCurve press = press_curve(log);
     const PadLight nominal(responses(o, progress));
     const StiffnessFit stiffness = fit_stiffness(press.depth_m, press.force_N, [&](double d) { return nominal.load_N(press.y_m, d); }, press.holds);

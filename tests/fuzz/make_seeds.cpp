@@ -1,6 +1,6 @@
 // Writes good files for the fuzzer to start from: make_seeds FOLDER makes FOLDER/text and FOLDER/mcap.
 #include "lab/plain_pad.hpp"
-#include "sense/full_log.hpp"
+#include "sense/recording/full_log.hpp"
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"

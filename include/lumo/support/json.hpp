@@ -229,10 +229,12 @@ inline sense::Session session_from_json(std::string_view json, const std::string
     for (const auto& item : j) {
       detail::StrictObject o(item, where + "[" + std::to_string(s.segments.size()) + "]");
       sense::Segment g;
-      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", g.kind), o.get("place", g.place),
+      std::string kind = g.kind_name();
+      o.get("from_ns", g.from_ns), o.get("to_ns", g.to_ns), o.get("kind", kind), o.get("place", g.place),
           o.get("y_mm", g.y_mm), o.get("repetition", g.repetition);
       o.get("cycle", g.cycle), o.get("load_N", g.load_N), o.get("angle_deg", g.angle_deg),
           o.get("diameter_mm", g.diameter_mm);
+      g.set_kind_name(std::move(kind));
       o.finish();
       s.segments.push_back(g);
     }
@@ -305,7 +307,7 @@ inline std::string to_json(const sense::Session& s) {
   for (const sense::Segment& g : s.segments)
     j["segments"].push_back({{"from_ns", g.from_ns},
                              {"to_ns", g.to_ns},
-                             {"kind", g.kind},
+                             {"kind", g.kind_name()},
                              {"place", g.place},
                              {"y_mm", g.y_mm},
                              {"repetition", g.repetition},

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/sense/live/live_hand.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/live/live_hand.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>
@@ -169,7 +169,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
     scenes.push_back(s);
   }
   Segment free;
-  free.kind = "free", free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
+  free.kind = SegmentKind::free, free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
   session.segments = {free};
   session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
   session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;

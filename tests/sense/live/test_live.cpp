@@ -221,7 +221,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   wait.now_ns = [] { return Bench::now; };
   Session plan;
   plan.title = "plan";
-  plan.segments = {{0, 500 * ms, "unloaded"}};
+  plan.segments = {{0, 500 * ms, SegmentKind::unloaded}};
   std::vector<double> asked;
   {
     LogRecorder recorder(name, to_json(plan), [](const ImageView& v) { return encode_image(".png", v); });

@@ -67,7 +67,7 @@ void record(const std::string& folder) {
     log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v),
                           JointVector::Constant(1, torque / constant), Effort::current_A});
   }
-  log.session.segments = {{0, 480 * ms, "unloaded"}};
+  log.session.segments = {{0, 480 * ms, SegmentKind::unloaded}};
   write_log_folder(log);
 }
 

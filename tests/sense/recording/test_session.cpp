@@ -33,7 +33,10 @@ TEST_CASE("a session reads back as it was written", "[session]") {
   s.joint_to_origin_m = 0.0475;
   s.torque_constant_Nm_per_A = {0.91, 0.88};
   s.joint_clock = {1'700'000'000'000'000'001, -0.25, 2e-5, 1e-4};
-  s.segments = {{1, 9'007'199'254'740'993, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}, {5, 6, "unloaded"}};
+  s.segments = {{1, 9'007'199'254'740'993, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0},
+                {5, 6, SegmentKind::unloaded}};
+  s.segments.push_back({7, 8});
+  s.segments.back().set_kind_name("slide");  // a kind of the recording's own keeps its name
   SessionLink link;
   link.link.name = "left \"distal\"", link.link.joints = {0, 1}, link.link.z_clockwise = true,
   link.link.hole_radius_m = 0.0018;
@@ -184,7 +187,7 @@ TEST_CASE("a log folder reads back as it was written", "[session]") {
 
 TEST_CASE("damaged sessions are read or refused in one line, never worse", "[session]") {
   Session s;
-  s.segments = {{1, 2, "hold", 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
+  s.segments = {{1, 2, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};
   const std::string good = to_json(s);
   synthetic::Normal draw(5);
   int refused = 0;

@@ -237,9 +237,9 @@ TEST_CASE("normal force over time: positive where the finger is pressed, tared, 
   CHECK((*normal_force(samples, session.wrench_clock, 0.5).at(session.wrench_clock(1'000'000'000), 0.1))[0] == 3.0);
 
   const auto second = [&](double s) { return session.wrench_clock(std::int64_t(1e9 * s)); };
-  session.segments = {{second(0.0), second(0.5), "unloaded"},
-                      {second(0.9), second(1.1), "hold", 1, -15.0, 0},
-                      {second(1.8), second(3.0), "hold", 2, -5.0, 0}};
+  session.segments = {{second(0.0), second(0.5), SegmentKind::unloaded},
+                      {second(0.9), second(1.1), SegmentKind::hold, 1, -15.0, 0},
+                      {second(1.8), second(3.0), SegmentKind::hold, 2, -5.0, 0}};
   session.segments.back().load_N = 4.0;
   const LogTruth truth = LogTruth::from_log(session, samples);
   CHECK(*truth.at(second(1.0)).force_N == Approx(3.0));

@@ -51,12 +51,12 @@ inline TimeSeries joint_positions(std::span<const JointSample> samples, const Se
 /// Does a log's plan say that nothing touches the hand then?
 inline bool is_unloaded(const Session& session, std::int64_t stamp_ns) {
   return std::any_of(session.segments.begin(), session.segments.end(), [&](const Segment& s) {
-    return (s.kind == "free" || s.kind == "unloaded") && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns;
+    return (s.kind == SegmentKind::free || s.kind == SegmentKind::unloaded) && s.holds(stamp_ns);
   });
 }
 
 /// Plays a log to a hand's observer, as it came. `each(estimate, image)` is called for every frame, with a
-/// std::optional<HandEstimate>: nothing where the frame lies in a segment of kind "free" or "unloaded", and becomes a
+/// std::optional<HandEstimate>: nothing where the frame lies in a segment of kind `free` or `unloaded`, and becomes a
 /// reference; no link is seen where the joints are not known. Returns how many became references. Joint samples more
 /// than `max_gap_s` apart say nothing in between.
 template <Camera C, class Each>

@@ -16,14 +16,14 @@
 
 namespace lumo::sense {
 
-/// When a log's finger is known to be unloaded before the first contact: the first segment of kind "unloaded"; without
+/// When a log's finger is known to be unloaded before the first contact: the first segment of kind `unloaded`; without
 /// one the first half second.
 struct UnloadedStretch {
   std::int64_t from_ns = 0, to_ns = 0;
 
   static UnloadedStretch of(const Session& s, std::int64_t first_frame_ns) {
-    const auto known =
-        std::find_if(s.segments.begin(), s.segments.end(), [](const Segment& g) { return g.kind == "unloaded"; });
+    const auto known = std::find_if(s.segments.begin(), s.segments.end(),
+                                    [](const Segment& g) { return g.kind == SegmentKind::unloaded; });
     return known == s.segments.end() ? UnloadedStretch{first_frame_ns, first_frame_ns + 500'000'000}
                                      : UnloadedStretch{known->from_ns, known->to_ns};
   }

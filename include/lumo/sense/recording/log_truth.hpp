@@ -34,7 +34,10 @@ class LogTruth {
     for (const WrenchSample& w : wrenches) {
       const std::int64_t at = session.wrench_clock(w.stamp_ns);
       for (const Segment& s : t.segments_)
-        if (s.kind == "unloaded" && at >= s.from_ns && at <= s.to_ns) tare += w.normal_force_N(), ++count;
+        if (s.kind == SegmentKind::unloaded && s.holds(at)) {
+          tare += w.normal_force_N();
+          ++count;
+        }
     }
     t.force_ = normal_force(wrenches, session.wrench_clock, count > 0 ? tare / double(count) : 0.0);
     return t;
@@ -64,7 +67,7 @@ class LogTruth {
     Touch touch;
     if (const auto f = force_->at(stamp_ns, 0.1)) touch.force_N = (*f)[0];
     for (const Segment& s : segments_)
-      if (s.place >= 0 && stamp_ns >= s.from_ns && stamp_ns <= s.to_ns) {
+      if (s.place >= 0 && s.holds(stamp_ns)) {
         touch.y_m = 1e-3 * s.y_mm;
         if (!touch.force_N) touch.force_N = s.load_N;
       }
