@@ -69,7 +69,8 @@ TEST_CASE("contacts on several links at once are found where they are, bright an
     const double q1 = 0.03 + 0.015 * round, q2 = 0.21 - 0.012 * round;
     s.joints = {q1, q2, -q1, -q2};
     s.seed = std::uint64_t(500 + round);
-    s.lamps = 1.0 + 0.08 * std::cos(round), s.slope_DN = 4.0 * std::sin(round);
+    s.lamps = 1.0 + 0.08 * std::cos(round);
+    s.slope_DN = 4.0 * std::sin(round);
     const HandEstimate free = hand.observe(round, s.sample(), s.paint().view());
     CHECK(free.seen == std::vector<bool>(4, true));
     INFO("round " << round);
@@ -169,10 +170,13 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
     scenes.push_back(s);
   }
   Segment free;
-  free.kind = SegmentKind::free, free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
+  free.kind = SegmentKind::free;
+  free.from_ns = SceneCamera::stamp(0);
+  free.to_ns = SceneCamera::stamp(15);
   session.segments = {free};
   session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
-  session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;
+  session.frame_delay_s = 0.010;
+  session.joint_delay_s = 0.004;
   std::vector<JointSample> joints;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
@@ -245,7 +249,8 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
       const int k = ++stage->picture;
       HandScene s;
       const double q = Stage::turn(k);
-      s.joints = {q, 0.06, -q, -0.06}, s.seed = std::uint64_t(800 + k);
+      s.joints = {q, 0.06, -q, -0.06};
+      s.seed = std::uint64_t(800 + k);
       if (k >= 3) s.touches = {{1, 8.0, 30.0}};
       image = s.paint();
       return Frame{image.view(), Stage::stamp(k), 0.0, 0.0, k};

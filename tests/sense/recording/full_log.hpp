@@ -20,7 +20,8 @@ inline lumo::sense::Recording full_log(lumo::sense::Effort unit) {
   log.session.theta_mm = {5, 10, 10, 6, 3};
   log.session.torque_constant_Nm_per_A = {0.9, 1.1};
   log.session.joint_to_joint_m = {0.0453};
-  log.session.led_depth_m = 0.01475, log.session.camera_distance_m = 0.25;
+  log.session.led_depth_m = 0.01475;
+  log.session.camera_distance_m = 0.25;
   log.session.joint_clock = {1000, 12.5, 1e-5, 1e-4};
   log.session.wrench_clock = {0, -3.0, 0.0, 0.0};
   log.session.segments = {{100, 200, SegmentKind::hold, 3, 5.0, 1, -1, 10.0, -30.0, 10.0}};

@@ -33,7 +33,10 @@ double force(std::int64_t t) {
 
 TorqueModel joint_truth() {
   TorqueModel m;
-  m.torque_constant_Nm_per_A = constant, m.bias_Nm = 0.03, m.coulomb_Nm = 0.01, m.noise_Nm = 0.006;
+  m.torque_constant_Nm_per_A = constant;
+  m.bias_Nm = 0.03;
+  m.coulomb_Nm = 0.01;
+  m.noise_Nm = 0.006;
   return m;
 }
 
@@ -93,7 +96,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   for (auto f = first.next(); f && f->stamp_ns <= quiet.to_ns; f = first.next())
     if (readout.read(*f, p)) unloaded.add(p);
   BayesLocalizer::Config localizer;
-  localizer.position_m = readout.positions_m(), localizer.noise = unloaded.noise(),
+  localizer.position_m = readout.positions_m();
+  localizer.noise = unloaded.noise();
   localizer.unloaded = unloaded.mean();
 
   // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns
@@ -152,11 +156,16 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
     if (truth < 5.0 || !measured) continue;
     CHECK(e.state == EstimatorState::ok);
     ForceSample s;
-    s.stamp_ns = now, s.position_rad = measured->head(1), s.contact_torque_Nm = measured->tail(1),
-    s.fused_N = e.contact[0].force_N, s.true_y_m = place(now), s.true_force_N = truth;
+    s.stamp_ns = now;
+    s.position_rad = measured->head(1);
+    s.contact_torque_Nm = measured->tail(1);
+    s.fused_N = e.contact[0].force_N;
+    s.true_y_m = place(now);
+    s.true_force_N = truth;
     if (e.contacts == 1) s.estimated_y_m = estimator.location().contact[0].y_m;
     if (e.contacts == 1 && e.contact[0].y_m) {
-      location_error += std::abs(*e.contact[0].y_m - s.true_y_m), ++located;
+      location_error += std::abs(*e.contact[0].y_m - s.true_y_m);
+      ++located;
       covered += std::abs(e.contact[0].force_N.value_or(1e9) - truth) < 2.0 * std::sqrt(e.contact[0].force_variance_N2);
     }
     samples.push_back(s);

@@ -38,9 +38,12 @@ TEST_CASE("a session reads back as it was written", "[session]") {
   s.segments.push_back({7, 8});
   s.segments.back().set_kind_name("slide");  // a kind of the recording's own keeps its name
   SessionLink link;
-  link.link.name = "left \"distal\"", link.link.joints = {0, 1}, link.link.z_clockwise = true,
+  link.link.name = "left \"distal\"";
+  link.link.joints = {0, 1};
+  link.link.z_clockwise = true;
   link.link.hole_radius_m = 0.0018;
-  link.link.hole_m = Eigen::Matrix2Xd(2, 3), link.hole_px = Eigen::Matrix2Xd(2, 3);
+  link.link.hole_m = Eigen::Matrix2Xd(2, 3);
+  link.hole_px = Eigen::Matrix2Xd(2, 3);
   link.link.hole_m << -0.022, 0.022, 0.0, -0.004, -0.004, -0.0055;
   link.hole_px << 101, 180.5, 140, 60, 62, 75;
   s.links = {link, link};

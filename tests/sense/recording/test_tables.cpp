@@ -44,7 +44,8 @@ TEST_CASE("tables read back as they were written, to the bit", "[log]") {
   std::vector<PhotodiodeSample> light;
   for (int i = 0; i < 40; ++i) {
     JointVector a(2), b(2), c(2);
-    a << normal(), 1e-17 * normal();
+    a << normal();
+    1e-17 * normal();
     b << -0.0, 1e300;
     c << normal(), 5e-324;
     const std::int64_t t = -5 + i * 1'000'003LL;
@@ -159,7 +160,10 @@ TEST_CASE("interpolation is exact on lines, silent in gaps, and its residual is 
   synthetic::Normal normal(5);
   std::vector<std::int64_t> stamp;
   Eigen::MatrixXd noise(1, 20000);
-  for (int i = 0; i < 20000; ++i) stamp.push_back(i), noise(0, i) = 0.3 * normal();
+  for (int i = 0; i < 20000; ++i) {
+    stamp.push_back(i);
+    noise(0, i) = 0.3 * normal();
+  }
   CHECK(TimeSeries(stamp, noise).interpolation_residual()[0] == Approx(std::sqrt(1.5) * 0.3).epsilon(0.02));
   CHECK_THROWS_AS(TimeSeries({0, 0}, Eigen::MatrixXd::Zero(1, 2)), InvalidArgument);
 }

@@ -27,8 +27,10 @@ namespace lumo::sense {
 inline HandObserver hand_observer(const Session& session, HandObserver::Config config = {}) {
   std::vector<HandLink> links;
   std::vector<LinkMap> first;
-  for (const SessionLink& l : session.links)
-    links.push_back(l.link), first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  for (const SessionLink& l : session.links) {
+    links.push_back(l.link);
+    first.push_back(LinkMap::fit(l.link.hole_m, l.hole_px, l.link.z_clockwise));
+  }
   return {std::move(links), std::move(first), std::move(config)};
 }
 
@@ -143,7 +145,10 @@ struct HandScore {
       double off = near_m;
       bool hit = false;
       for (const HandContact& c : e.contacts)
-        if (c.link == t.link && std::abs(c.y_m - t.y_m) <= off) off = std::abs(c.y_m - t.y_m), hit = true;
+        if (c.link == t.link && std::abs(c.y_m - t.y_m) <= off) {
+          off = std::abs(c.y_m - t.y_m);
+          hit = true;
+        }
       if (hit) mae_m += (off - mae_m) / double(++found);
     }
     for (const HandContact& c : e.contacts) {

@@ -197,7 +197,10 @@ inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
     double sum = 0.0;
     int count = 0;
     for (Eigen::Index j = 0; j < difference.cols(); ++j)
-      if (std::isfinite(difference(i, j))) sum += difference(i, j), ++count;
+      if (std::isfinite(difference(i, j))) {
+        sum += difference(i, j);
+        ++count;
+      }
     if (count > 0) mean.push_back({double(i), sum / count});
   }
   double level = mean.empty() ? 0.0 : mean[0][1], slope = 0.0, least = std::numeric_limits<double>::infinity();
@@ -209,20 +212,31 @@ inline auto HandObserver::levelled(const Grid& difference) const -> Grid {
   std::array<double, 2> best{level, slope};
   for (std::size_t a = 0; a < mean.size(); ++a)
     for (std::size_t b = a + 1; b < mean.size(); ++b) {
-      slope = (mean[b][1] - mean[a][1]) / (mean[b][0] - mean[a][0]), level = mean[a][1] - slope * mean[a][0];
+      slope = (mean[b][1] - mean[a][1]) / (mean[b][0] - mean[a][0]);
+      level = mean[a][1] - slope * mean[a][0];
       offs();
       std::nth_element(off.begin(), off.begin() + std::ptrdiff_t(part), off.end());
-      if (off[part] < least) least = off[part], best = {level, slope};
+      if (off[part] < least) {
+        least = off[part];
+        best = {level, slope};
+      }
     }
-  level = best[0], slope = best[1];
+  level = best[0];
+  slope = best[1];
   offs();
   double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
   for (std::size_t k = 0; k < mean.size(); ++k) {
     if (off[k] > 3.0 * least) continue;
-    n += 1.0, x += mean[k][0], y += mean[k][1], xx += mean[k][0] * mean[k][0], xy += mean[k][0] * mean[k][1];
+    n += 1.0;
+    x += mean[k][0];
+    y += mean[k][1];
+    xx += mean[k][0] * mean[k][0];
+    xy += mean[k][0] * mean[k][1];
   }
-  if (const double spread = n * xx - x * x; spread > 0.0)
-    slope = (n * xy - x * y) / spread, level = (y - slope * x) / n;
+  if (const double spread = n * xx - x * x; spread > 0.0) {
+    slope = (n * xy - x * y) / spread;
+    level = (y - slope * x) / n;
+  }
   Eigen::MatrixXd rest = difference;
   for (Eigen::Index i = 0; i < rest.rows(); ++i) rest.row(i).array() -= level + slope * double(i);
   return rest;
@@ -294,7 +308,9 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
     for (int j = 0; j < across; ++j) {
       if (taken[index(i, j)] || !strong(i, j)) continue;
       HandContact c;
-      c.link = link, c.y_low_m = std::numeric_limits<double>::infinity(), c.y_high_m = -c.y_low_m;
+      c.link = link;
+      c.y_low_m = std::numeric_limits<double>::infinity();
+      c.y_high_m = -c.y_low_m;
       c.cells.emplace_back(i, j);
       taken[index(i, j)] = true;
       double weight = 0.0, noises = 0.0;
@@ -302,9 +318,13 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
         const auto [a, b] = c.cells[k];
         const auto [y, z] = place(link, a, b);
         const double r = std::abs(residual(a, b));
-        weight += r, c.y_m += r * y, c.z_m += r * z;
-        c.peak_DN = std::max(c.peak_DN, r), noises = std::max(noises, r / sigma(a, b));
-        c.y_low_m = std::min(c.y_low_m, y), c.y_high_m = std::max(c.y_high_m, y);
+        weight += r;
+        c.y_m += r * y;
+        c.z_m += r * z;
+        c.peak_DN = std::max(c.peak_DN, r);
+        noises = std::max(noises, r / sigma(a, b));
+        c.y_low_m = std::min(c.y_low_m, y);
+        c.y_high_m = std::max(c.y_high_m, y);
         for (int di = -1; di <= 1; ++di)
           for (int dj = -1; dj <= 1; ++dj) {
             const int p = a + di, q = b + dj;
@@ -315,7 +335,8 @@ inline void HandObserver::regions(int link, const Grid& residual, const Grid& si
       }
       c.area_m2 = cell_length * cell_height * double(c.cells.size());
       if (noises < config_.threshold || c.area_m2 < config_.min_area_m2) continue;
-      c.y_m /= weight, c.z_m /= weight;
+      c.y_m /= weight;
+      c.z_m /= weight;
       c.mean_DN = weight / double(c.cells.size());
       c.pixel = map.pixel(c.y_m, c.z_m);
       std::sort(c.cells.begin(), c.cells.end());

@@ -51,7 +51,10 @@ inline LinkMap LinkMap::fit(const Eigen::Matrix2Xd& point_m, const Eigen::Matrix
   };
   const auto seen = [&](Eigen::Index k) { return Complex(pixel(0, k), pixel(1, k)); };
   Complex middle = 0.0, middle_px = 0.0, turn = 0.0;
-  for (Eigen::Index k = 0; k < n; ++k) middle += point(k) / double(n), middle_px += seen(k) / double(n);
+  for (Eigen::Index k = 0; k < n; ++k) {
+    middle += point(k) / double(n);
+    middle_px += seen(k) / double(n);
+  }
   double spread = 0.0;
   for (Eigen::Index k = 0; k < n; ++k) {
     turn += std::conj(point(k) - middle) * (seen(k) - middle_px);
@@ -120,7 +123,10 @@ inline std::optional<Hole> find_hole(const ImageView& image, const Eigen::Vector
     for (int cx = std::max(u - whole, edge); cx <= std::min(u + whole, image.width - 1 - edge); ++cx) {
       if (std::hypot(cx - u, cy - v) > reach) continue;
       const auto [disc, around] = look(cx, cy);
-      if (around - disc > best) best = around - disc, place = Eigen::Vector2d(cx, cy);
+      if (around - disc > best) {
+        best = around - disc;
+        place = Eigen::Vector2d(cx, cy);
+      }
     }
   if (!place) return std::nullopt;
   for (int pass = 0; pass < 4; ++pass) {  // centroid of the darkness, each time about the last one

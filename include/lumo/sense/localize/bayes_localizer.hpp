@@ -28,7 +28,9 @@ inline GridMoments moments_about_mode(const Eigen::VectorXd& place, const Eigen:
   double sum = 0.0, first = 0.0, second = 0.0;
   for (Eigen::Index j = 0; j < weight.size(); ++j) {
     const double w = weight[j] > 1e-4 * most ? weight[j] : 0.0, d = place[j] - place[m.mode];
-    sum += w, first += w * d, second += w * d * d;
+    sum += w;
+    first += w * d;
+    second += w * d * d;
   }
   m.mean = place[m.mode] + first / sum;
   m.variance = std::max(second / sum - first * first / (sum * sum), 0.0);

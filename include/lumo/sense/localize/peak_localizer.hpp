@@ -41,7 +41,11 @@ class PeakLocalizer {
     reset();
   }
 
-  void reset() { fresh_ = true, touching_ = false, share_ = 1.0; }
+  void reset() {
+    fresh_ = true;
+    touching_ = false;
+    share_ = 1.0;
+  }
 
   LocationEstimate update(const Profile& response) {
     if (response.value.size() != config_.position_m.size())

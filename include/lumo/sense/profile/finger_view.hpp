@@ -36,7 +36,10 @@ class MeanImage {
   void add(const ImageView& v) {
     if (v.empty()) return;
     const std::size_t bytes = std::size_t(v.width) * std::size_t(channels(v.format));
-    if (count_ == 0) mean_ = Image::black(v.width, v.height, v.format), sum_.assign(bytes * std::size_t(v.height), 0);
+    if (count_ == 0) {
+      mean_ = Image::black(v.width, v.height, v.format);
+      sum_.assign(bytes * std::size_t(v.height), 0);
+    }
     if (v.width != mean_.width || v.height != mean_.height || v.format != mean_.format || count_ >= 1 << 16) return;
     ++count_;
     for (int y = 0; y < v.height; ++y)
@@ -82,7 +85,8 @@ inline std::pair<double, double> lit_band(const ImageView& unloaded, const AxisM
       if (std::abs(map.y_m(p.dot(map.direction))) > half_range_m) continue;
       const long across = std::lround(-p.x() * map.direction.y() + p.y() * map.direction.x());
       if (std::abs(across) > reach) continue;
-      sum[std::size_t(across + reach)] += unloaded.green(x, y), count[std::size_t(across + reach)] += 1.0;
+      sum[std::size_t(across + reach)] += unloaded.green(x, y);
+      count[std::size_t(across + reach)] += 1.0;
     }
   const double most = *std::max_element(count.begin(), count.end());
   double dark = 255.0;

@@ -172,7 +172,10 @@ inline std::optional<LedDetection> LedDetector::find(const ImageView& image) con
       const double residual = std::sqrt(row.map.residual_px * row.map.residual_px + off) / step.norm();
       if (residual > max_residual) continue;
       const double score = row.contrast.minCoeff() * std::exp(-0.5 * std::pow(residual / (0.3 * max_residual), 2));
-      if (score > best_score) best_score = score, best = row;
+      if (score > best_score) {
+        best_score = score;
+        best = row;
+      }
     }
   return best;
 }

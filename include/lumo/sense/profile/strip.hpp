@@ -135,7 +135,10 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
         reference ? reference->row(run.row) + std::ptrdiff_t(run.first) * channels_ : nullptr;
     const std::size_t bytes = std::size_t(run.count) * std::size_t(channels_);
     if (along_) {
-      if (run.row != row && (row = run.row, ++rows) == 256) flush(), rows = 0;
+      if (run.row != row && (row = run.row, ++rows) == 256) {
+        flush();
+        rows = 0;
+      }
       std::uint16_t* __restrict to = narrow_.data() + std::ptrdiff_t(run.place) * channels_;
       for (std::size_t i = 0; i < bytes; ++i)
         to[i] = std::uint16_t(to[i] + value(p, q, i));  // -O3 makes vectors of it, which is four times as fast
@@ -150,7 +153,10 @@ void Strip::sum(const ImageView& image, Value value, const ImageView* reference,
       std::size_t i = 0;
       for (int turns = 0; i + 48 <= bytes; i += 48) {
         for (std::size_t k = 0; k < 48; ++k) lane[k] = std::uint16_t(lane[k] + value(p + i, q ? q + i : nullptr, k));
-        if (++turns == 256) collect(), turns = 0;
+        if (++turns == 256) {
+          collect();
+          turns = 0;
+        }
       }
       collect();
       for (i += std::size_t(channel_); i < bytes; i += std::size_t(channels_)) total += value(p, q, i);
@@ -178,7 +184,10 @@ inline double Strip::saturated_share(const ImageView& image) const {
   std::size_t full = 0, seen = 0;
   int row = -1, turn = 7;
   for (const Run& run : runs_) {
-    if (run.row != row) row = run.row, turn = (turn + 1) % 8;
+    if (run.row != row) {
+      row = run.row;
+      turn = (turn + 1) % 8;
+    }
     if (turn != 0) continue;
     const std::uint8_t* p = image.row(run.row) + std::ptrdiff_t(run.first) * channels_ + channel_;
     unsigned here = 0;

@@ -49,7 +49,10 @@ struct ClockMap {
     double sum_t = 0.0, sum_d = 0.0, sum_tt = 0.0, sum_td = 0.0;
     for (std::size_t i = 0; i < from_ns.size(); ++i) {
       const double t = 1e-9 * double(from_ns[i] - map.origin_ns), d = 1e-9 * double(to_ns[i] - from_ns[i]);
-      sum_t += t, sum_d += d, sum_tt += t * t, sum_td += t * d;
+      sum_t += t;
+      sum_d += d;
+      sum_tt += t * t;
+      sum_td += t * d;
     }
     const double det = n * sum_tt - sum_t * sum_t;
     map.drift = det > 1e-9 * n * n ? (n * sum_td - sum_t * sum_d) / det : 0.0;

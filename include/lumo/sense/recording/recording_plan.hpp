@@ -24,7 +24,10 @@ class RecordingPlan {
     constexpr auto notice_ns = std::int64_t(1e9 * notice_s);
     const std::int64_t begin = segments_.front().from_ns,
                        shift = begin >= notice_ns && begin <= 60'000'000'000 ? 0 : notice_ns - begin;
-    for (Segment& s : segments_) s.from_ns += shift, s.to_ns += shift;
+    for (Segment& s : segments_) {
+      s.from_ns += shift;
+      s.to_ns += shift;
+    }
   }
 
   const std::vector<Segment>& segments() const { return segments_; }

@@ -180,8 +180,10 @@ inline std::vector<WrenchSample> read_wrench_log(std::istream& in, const std::st
   bool with_torque = false;
   for (const char* t : torques) with_torque = with_torque || csv.find(t) >= 0;
   int column[6] = {};
-  for (int k = 0; k < 3; ++k)
-    column[k] = csv.require(forces[k]), column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  for (int k = 0; k < 3; ++k) {
+    column[k] = csv.require(forces[k]);
+    column[3 + k] = with_torque ? csv.require(torques[k]) : -1;
+  }
   csv.require_known([&](std::string_view c) {
     bool known = is_time(c);
     for (int k = 0; k < 3; ++k) known = known || c == forces[k] || c == torques[k];

@@ -55,12 +55,18 @@ std::string mcap_log_of(const Recording& log, bool raw, PixelFormat format = Pix
       [&](std::size_t k) {
         McapPictureData p;
         image = view_picture(k, format);
-        p.width = image.width, p.height = image.height;
+        p.width = image.width;
+        p.height = image.height;
         if (raw)
           p.pixels = image.view();
-        else
-          p.format = "png", p.file = encode_image(".png", image.view());
-        if (k == 3) p.file.clear(), p.pixels = {};  // a camera's failure
+        else {
+          p.format = "png";
+          p.file = encode_image(".png", image.view());
+        }
+        if (k == 3) {
+          p.file.clear();
+          p.pixels = {};
+        }  // a camera's failure
         return p;
       },
       Codec{});

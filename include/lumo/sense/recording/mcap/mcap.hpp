@@ -145,7 +145,10 @@ class McapBytes {
   }
   void map(const std::map<std::string, std::string>& m) {
     const std::size_t at = begin_length<std::uint32_t>();
-    for (const auto& [key, value] : m) string(key), string(value);
+    for (const auto& [key, value] : m) {
+      string(key);
+      string(value);
+    }
     end_length<std::uint32_t>(at);
   }
   void bytes(std::span<const std::uint8_t> b) { bytes_.insert(bytes_.end(), b.begin(), b.end()); }

@@ -124,8 +124,10 @@ template <class Log = McapLog> class McapTables {
   }
   void add(const RosWrenchStamped& m, const McapEntry& at, std::string_view topic) {
     WrenchSample w{ascending(m.header, at, topic)};
-    for (std::size_t k = 0; k < 3; ++k)
-      w.force_N[Eigen::Index(k)] = finite(m.force[k]), w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
+    for (std::size_t k = 0; k < 3; ++k) {
+      w.force_N[Eigen::Index(k)] = finite(m.force[k]);
+      w.torque_Nm[Eigen::Index(k)] = finite(m.torque[k]);
+    }
     found.log.wrenches.push_back(w);
   }
   void add(const MarkerDisplacement& m, const McapEntry& at, std::string_view topic) {
@@ -143,14 +145,17 @@ template <class Log = McapLog> class McapTables {
   /// To be called last: what belongs to one stamp is put together.
   void join() {
     for (FrameRecord& f : found.log.frames)
-      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end())
-        f.exposure_s = e->second.first, f.gain = e->second.second;
+      if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end()) {
+        f.exposure_s = e->second.first;
+        f.gain = e->second.second;
+      }
     for (JointSample& s : found.log.joints) {
       if (s.effort.size() == s.position_rad.size()) continue;
       const auto c = currents_.find(s.stamp_ns);
       if (c == currents_.end() || c->second.size() != s.position_rad.size())
         throw InputError(message("joints at ", s.stamp_ns, " ns have neither efforts nor currents"));
-      s.effort = c->second, s.unit = Effort::current_A;
+      s.effort = c->second;
+      s.unit = Effort::current_A;
     }
     for (const JointSample& s : found.log.joints)
       if (s.unit != found.log.joints.front().unit)

@@ -114,7 +114,8 @@ void write_mcap_log(std::ostream& out, const Recording& log, std::string_view se
           RosImage m{header, 0, 0, v.format == PixelFormat::grey ? "mono8" : "bgr8", 0, 0, {}};
           std::vector<std::uint8_t> bytes;
           if (!v.empty()) {
-            m.height = std::uint32_t(v.height), m.width = std::uint32_t(v.width),
+            m.height = std::uint32_t(v.height);
+            m.width = std::uint32_t(v.width);
             m.step = m.width * std::uint32_t(channels(v.format));
             for (int y = 0; y < v.height; ++y) bytes.insert(bytes.end(), v.row(y), v.row(y) + m.step);
           }
@@ -122,7 +123,9 @@ void write_mcap_log(std::ostream& out, const Recording& log, std::string_view se
           to.write("/camera/image", e.log_ns, m);
         }
         RosCameraInfo info;
-        info.header = header, info.height = std::uint32_t(p.height), info.width = std::uint32_t(p.width);
+        info.header = header;
+        info.height = std::uint32_t(p.height);
+        info.width = std::uint32_t(p.width);
         to.write("/camera/camera_info", e.log_ns, info);
         if (f.exposure_s != 0.0 || f.gain != 0.0)
           to.write("/camera/exposure", e.log_ns, FrameExposure{header, f.exposure_s, f.gain});

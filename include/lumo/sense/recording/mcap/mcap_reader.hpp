@@ -175,7 +175,9 @@ template <ChunkCodec... Codecs> class McapReader {
       case McapOpcode::schema: {
         McapSchema s;
         s.id = in.template number<std::uint16_t>();
-        s.name = in.string(), s.encoding = in.string(), s.data = in.string();
+        s.name = in.string();
+        s.encoding = in.string();
+        s.data = in.string();
         if (s.id == 0) in.fail("a schema has the number 0");
         if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s)
           in.fail(message("there is another schema ", s.id));
@@ -183,8 +185,10 @@ template <ChunkCodec... Codecs> class McapReader {
       }
       case McapOpcode::channel: {
         McapChannel c;
-        c.id = in.template number<std::uint16_t>(), c.schema = in.template number<std::uint16_t>();
-        c.topic = in.string(), c.encoding = in.string();
+        c.id = in.template number<std::uint16_t>();
+        c.schema = in.template number<std::uint16_t>();
+        c.topic = in.string();
+        c.encoding = in.string();
         c.metadata = in.map();
         if (c.schema != 0 && !schemas_.contains(c.schema))
           in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
@@ -195,7 +199,8 @@ template <ChunkCodec... Codecs> class McapReader {
       case McapOpcode::message: {
         McapMessage m;
         fill(m, in);
-        place.log_ns = m.log_ns, place.channel = m.channel->id;
+        place.log_ns = m.log_ns;
+        place.channel = m.channel->id;
         messages_.push_back(place);
         break;
       }
@@ -249,8 +254,10 @@ template <ChunkCodec... Codecs> class McapReader {
     kept_.emplace_back(at, std::make_shared<const Bytes>(std::move(contents)));
     std::uint64_t sum = 0;
     for (const auto& k : kept_) sum += k.second->size();
-    while (kept_.size() > 1 && sum > limits_.kept_bytes)
-      sum -= kept_.front().second->size(), kept_.erase(kept_.begin());
+    while (kept_.size() > 1 && sum > limits_.kept_bytes) {
+      sum -= kept_.front().second->size();
+      kept_.erase(kept_.begin());
+    }
     return kept_.back().second;
   }
   Bytes unpacked(std::span<const std::uint8_t> record, std::uint64_t at) const {
@@ -286,8 +293,10 @@ template <ChunkCodec... Codecs> class McapReader {
     McapAttachment a;
     a.log_ns = in.template number<std::uint64_t>();
     in.template number<std::uint64_t>();  // when it was made
-    a.name = in.string(), a.media_type = in.string();
-    a.size = in.template number<std::uint64_t>(), a.offset = in.offset();
+    a.name = in.string();
+    a.media_type = in.string();
+    a.size = in.template number<std::uint64_t>();
+    a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
     if (rest < 4 || a.size > rest - 4)
       in.fail(message("an attachment of ", a.size, " bytes goes beyond the end of its record"));

@@ -53,7 +53,8 @@ class McapSource {
     while (size > 0) {
       const std::uint64_t piece = std::min<std::uint64_t>(size, 1u << 20);
       crc.add(bytes(at, piece));
-      at += piece, size -= piece;
+      at += piece;
+      size -= piece;
     }
   }
 

@@ -41,7 +41,10 @@ struct RosHeader {
 
   template <class Archive> static void fields(const RosHeader& self, Archive& archive) {
     std::int64_t s = self.stamp_ns / 1'000'000'000, ns = self.stamp_ns % 1'000'000'000;
-    if (ns < 0) --s, ns += 1'000'000'000;
+    if (ns < 0) {
+      --s;
+      ns += 1'000'000'000;
+    }
     if (s != std::int32_t(s))
       throw InvalidArgument(
           message("stamp of a message is ", self.stamp_ns, " ns, must lie within the 2147483648 s of its format"));
