@@ -145,12 +145,11 @@ class McapBytes {
   }
   void map(const std::map<std::string, std::string>& m) {
     const std::size_t at = begin_length<std::uint32_t>();
-    for (const auto& [key, value] : m) {
-      string(key);
-      string(value);
-    }
+    for (const auto& [key, value] : m) fields(key, value);
     end_length<std::uint32_t>(at);
   }
+  /// Numbers, texts and maps, one after the other.
+  template <class... Fields> void fields(const Fields&... f) { (field(f), ...); }
   void bytes(std::span<const std::uint8_t> b) { bytes_.insert(bytes_.end(), b.begin(), b.end()); }
   /// A record, whose fields `fill()` appends. Returns where it begins.
   template <class Fill> std::size_t record(McapOpcode opcode, Fill fill) {
@@ -174,6 +173,10 @@ class McapBytes {
   void clear() { bytes_.clear(); }
 
  private:
+  template <std::unsigned_integral T> void field(T v) { number(v); }
+  void field(std::string_view s) { string(s); }
+  void field(const std::map<std::string, std::string>& m) { map(m); }
+
   std::vector<std::uint8_t> bytes_;
 };
 

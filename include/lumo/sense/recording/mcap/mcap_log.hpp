@@ -24,11 +24,12 @@ namespace lumo::sense {
 
 // A log as an MCAP file (docs/log_format.md): one topic for each table, messages of ROS 2 (CDR, schema encoding
 // ros2msg), session.json as an attachment.
-//   Image or CompressedImage   pictures: a frame's stamp is the header's
-//   FrameExposure              exposure and gain of the picture of the same stamp
-//   CameraInfo                 size and calibration
-//   JointState                 joints; its effort is a torque, or empty where JointCurrents of the same stamp tell
-//   currents WrenchStamped, MarkerDisplacement, PhotodiodeSignals
+//
+// - Image or CompressedImage: pictures; a frame's stamp is the header's
+// - FrameExposure: exposure and gain of the picture of the same stamp
+// - CameraInfo: size and calibration
+// - JointState: joints; its effort is a torque, or empty if JointCurrents of the same stamp hold currents
+// - WrenchStamped, MarkerDisplacement, PhotodiodeSignals
 
 /// Which topics to read; empty: the only one of its kind.
 struct McapTopics {
@@ -76,7 +77,7 @@ inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
 }
 
 /// Collects a log's tables from messages.
-template <class Log = McapLog> class McapTables {
+class McapTables {
  public:
   explicit McapTables(bool has_session) : has_session_(has_session) {}
 
@@ -162,7 +163,7 @@ template <class Log = McapLog> class McapTables {
         throw InputError(message("joints at ", s.stamp_ns, " ns have another kind of effort than the first ones"));
   }
 
-  Log found;
+  McapLog found;
 
  private:
   static double finite(double v) {
@@ -219,46 +220,63 @@ inline std::set<std::uint16_t> choose_topic(const std::map<std::string, std::set
   return topics.empty() ? std::set<std::uint16_t>{} : topics.begin()->second;
 }
 
+namespace detail {
+
+/// Text of the attachment session.json; empty without one.
+template <ChunkCodec... Codecs> std::string attached_session(McapReader<Codecs...>& file) {
+  constexpr std::uint32_t most_bytes = 64u << 20;
+  std::string json;
+  for (const McapAttachment& a : file.attachments())
+    if (a.name == "session.json") {
+      if (a.size > most_bytes)
+        throw InputError(message(file.name(), ": session.json has ", a.size, " bytes, must have at most ", most_bytes));
+      const std::vector<std::uint8_t> bytes = file.read(a);
+      json.assign(bytes.begin(), bytes.end());
+    }
+  return json;
+}
+
+/// Name of the schema of a channel; empty without one.
+template <ChunkCodec... Codecs> std::string_view schema_of(const McapReader<Codecs...>& file, std::uint16_t channel) {
+  const auto s = file.schemas().find(file.channels().at(channel).schema);
+  return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
+}
+
+/// The channels whose messages make a log. Throws InputError if a topic is missing or must be chosen.
+template <ChunkCodec... Codecs>
+std::set<std::uint16_t> log_channels(const McapReader<Codecs...>& file, const McapTopics& wanted) {
+  std::set<std::uint16_t> used, channels;
+  for (const McapEntry& e : file.messages()) used.insert(e.channel);
+  const auto choose = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
+    std::map<std::string, std::set<std::uint16_t>> topics;
+    for (const std::uint16_t c : used)
+      if (std::find(types.begin(), types.end(), schema_of(file, c)) != types.end())
+        topics[file.channels().at(c).topic].insert(c);
+    channels.merge(choose_topic(topics, topic, what, file.name()));
+  };
+  choose("pictures", wanted.image, {RosImage::type, RosCompressedImage::type});
+  choose("joint states", wanted.joints, {RosJointState::type});
+  choose("wrenches", wanted.wrench, {RosWrenchStamped::type});
+  choose("exposures", "", {FrameExposure::type});
+  choose("currents", "", {JointCurrents::type});
+  choose("displacements", "", {MarkerDisplacement::type});
+  choose("photodiodes", "", {PhotodiodeSignals::type});
+  std::set<std::string_view> cameras;
+  for (const std::uint16_t c : used)
+    if (schema_of(file, c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
+  for (const std::uint16_t c : used)
+    if (schema_of(file, c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
+  return channels;
+}
+
+}  // namespace detail
+
 /// Reads the tables of a log, and where its pictures lie; a cut file's up to the cut. Throws InputError of one line
 /// with file, topic, time and reason.
 template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& file, const McapTopics& wanted = {}) {
-  std::string session_json;
-  for (const McapAttachment& a : file.attachments())
-    if (a.name == "session.json") {
-      if (a.size > 64u << 20)
-        throw InputError(message(file.name(), ": session.json has ", a.size, " bytes, must have at most ", 64u << 20));
-      const std::vector<std::uint8_t> bytes = file.read(a);
-      session_json.assign(bytes.begin(), bytes.end());
-    }
-
-  std::set<std::uint16_t> used;
-  for (const McapEntry& e : file.messages()) used.insert(e.channel);
-  const auto schema_of = [&](std::uint16_t channel) -> std::string_view {
-    const auto s = file.schemas().find(file.channels().at(channel).schema);
-    return s == file.schemas().end() ? std::string_view() : std::string_view(s->second.name);
-  };
-  const auto chosen = [&](const char* what, const std::string& topic, std::initializer_list<std::string_view> types) {
-    std::map<std::string, std::set<std::uint16_t>> topics;
-    for (const std::uint16_t c : used)
-      if (std::find(types.begin(), types.end(), schema_of(c)) != types.end())
-        topics[file.channels().at(c).topic].insert(c);
-    return choose_topic(topics, topic, what, file.name());
-  };
-  std::set<std::uint16_t> channels;
-  channels.merge(chosen("pictures", wanted.image, {RosImage::type, RosCompressedImage::type}));
-  channels.merge(chosen("joint states", wanted.joints, {RosJointState::type}));
-  channels.merge(chosen("wrenches", wanted.wrench, {RosWrenchStamped::type}));
-  channels.merge(chosen("exposures", "", {FrameExposure::type}));
-  channels.merge(chosen("currents", "", {JointCurrents::type}));
-  channels.merge(chosen("displacements", "", {MarkerDisplacement::type}));
-  channels.merge(chosen("photodiodes", "", {PhotodiodeSignals::type}));
-  std::set<std::string_view> cameras;
-  for (const std::uint16_t c : used)
-    if (schema_of(c) == RosCameraInfo::type) cameras.insert(file.channels().at(c).topic);
-  for (const std::uint16_t c : used)
-    if (schema_of(c) == RosCameraInfo::type && cameras.size() == 1) channels.insert(c);
-
-  McapTables<> tables(!session_json.empty());
+  std::string session_json = detail::attached_session(file);
+  const std::set<std::uint16_t> channels = detail::log_channels(file, wanted);
+  McapTables tables(!session_json.empty());
   for (const McapEntry& e : file.messages()) {
     if (!channels.contains(e.channel)) continue;
     const McapChannel& channel = file.channels().at(e.channel);
@@ -267,8 +285,8 @@ template <ChunkCodec... Codecs> McapLog read_mcap_log(McapReader<Codecs...>& fil
         throw InputError(message("messages are of encoding '", printable(channel.encoding), "', read is cdr"));
       const McapMessage m = file.read(e);
       tables.add_any<RosImage, RosCompressedImage, RosCameraInfo, FrameExposure, RosJointState, JointCurrents,
-                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(schema_of(e.channel), m.data, e,
-                                                                              channel.topic);
+                     RosWrenchStamped, MarkerDisplacement, PhotodiodeSignals>(detail::schema_of(file, e.channel),
+                                                                              m.data, e, channel.topic);
     } catch (const InputError& error) {
       throw InputError(
           message(file.name(), ": topic ", printable(channel.topic), ", log time ", e.log_ns, " ns: ", error.what()));

@@ -29,10 +29,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
     put(mcap_magic);
     McapBytes b;
-    b.record(McapOpcode::header, [&] {
-      b.string(profile);
-      b.string("lumo");
-    });
+    b.record(McapOpcode::header, [&] { b.fields(profile, "lumo"); });
     put(b.since(0));
   }
 
@@ -74,9 +71,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = b.size();
       b.number(log_ns);
       b.number(std::uint64_t(0));  // when it was made is not known
-      b.string(name);
-      b.string(media_type);
-      b.number(std::uint64_t(data.size()));
+      b.fields(name, media_type, std::uint64_t(data.size()));
       b.bytes(data);
       b.number(Crc32::of(b.since(at)));
     });
@@ -96,11 +91,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = summary.size();
       for (const auto& item : items) add(item);
       if (items.empty()) return;
-      offsets.record(McapOpcode::summary_offset, [&] {
-        offsets.number(std::uint8_t(opcode));
-        offsets.number(start + at);
-        offsets.number(std::uint64_t(summary.size() - at));
-      });
+      offsets.record(McapOpcode::summary_offset,
+                     [&] { offsets.fields(std::uint8_t(opcode), start + at, std::uint64_t(summary.size() - at)); });
     };
     group(McapOpcode::schema, schemas_, [&](const McapSchema& s) { record(summary, s); });
     group(McapOpcode::channel, channels_, [&](const McapChannel& c) { record(summary, c); });
@@ -110,11 +102,8 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     group(McapOpcode::attachment_index, attachments_, [&](const Attached& a) { record(summary, a); });
     const std::uint64_t offsets_start = start + summary.size();
     summary.bytes(offsets.since(0));
-    const std::size_t footer = summary.record(McapOpcode::footer, [&] {
-      summary.number(start);
-      summary.number(offsets_start);
-      summary.number(std::uint32_t(0));
-    });
+    const std::size_t footer =
+        summary.record(McapOpcode::footer, [&] { summary.fields(start, offsets_start, std::uint32_t(0)); });
     const auto checked = summary.since(0).first(footer + 9 + 16);
     const std::uint32_t crc = Crc32::of(checked);
     put(checked);
@@ -157,49 +146,24 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
   }
 
   static void record(McapBytes& to, const McapSchema& s) {
-    to.record(McapOpcode::schema, [&] {
-      to.number(s.id);
-      to.string(s.name);
-      to.string(s.encoding);
-      to.string(s.data);
-    });
+    to.record(McapOpcode::schema, [&] { to.fields(s.id, s.name, s.encoding, s.data); });
   }
   static void record(McapBytes& to, const McapChannel& c) {
-    to.record(McapOpcode::channel, [&] {
-      to.number(c.id);
-      to.number(c.schema);
-      to.string(c.topic);
-      to.string(c.encoding);
-      to.map(c.metadata);
-    });
+    to.record(McapOpcode::channel, [&] { to.fields(c.id, c.schema, c.topic, c.encoding, c.metadata); });
   }
   static void record(McapBytes& to, const Chunk& c) {
     to.record(McapOpcode::chunk_index, [&] {
-      to.number(c.times.begin());
-      to.number(c.times.last);
-      to.number(c.offset);
-      to.number(c.length);
+      to.fields(c.times.begin(), c.times.last, c.offset, c.length);
       const std::size_t at = to.begin_length<std::uint32_t>();
-      for (const auto& [channel, offset] : c.index_offsets) {
-        to.number(channel);
-        to.number(offset);
-      }
+      for (const auto& [channel, offset] : c.index_offsets) to.fields(channel, offset);
       to.end_length<std::uint32_t>(at);
-      to.number(c.index_length);
-      to.string(Codec::name);
-      to.number(c.packed);
-      to.number(c.unpacked);
+      to.fields(c.index_length, Codec::name, c.packed, c.unpacked);
     });
   }
   static void record(McapBytes& to, const Attached& a) {
     to.record(McapOpcode::attachment_index, [&] {
-      to.number(a.attachment.offset);
-      to.number(a.length);
-      to.number(a.attachment.log_ns);
-      to.number(std::uint64_t(0));
-      to.number(a.attachment.size);
-      to.string(a.attachment.name);
-      to.string(a.attachment.media_type);
+      to.fields(a.attachment.offset, a.length, a.attachment.log_ns, std::uint64_t(0), a.attachment.size,
+                a.attachment.name, a.attachment.media_type);
     });
   }
   void record_statistics(McapBytes& to) const {
@@ -212,19 +176,11 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     std::uint64_t messages = 0;
     for (const auto& [channel, count] : counts_) messages += count;
     to.record(McapOpcode::statistics, [&] {
-      to.number(messages);
-      to.number(std::uint16_t(schemas_.size()));
-      to.number(std::uint32_t(channels_.size()));
-      to.number(std::uint32_t(attachments_.size()));
-      to.number(std::uint32_t(0));
-      to.number(std::uint32_t(chunks_.size()));
-      to.number(times.begin());
-      to.number(times.last);
+      to.fields(messages, std::uint16_t(schemas_.size()), std::uint32_t(channels_.size()),
+                std::uint32_t(attachments_.size()), std::uint32_t(0), std::uint32_t(chunks_.size()), times.begin(),
+                times.last);
       const std::size_t at = to.begin_length<std::uint32_t>();
-      for (const auto& [channel, count] : counts_) {
-        to.number(channel);
-        to.number(count);
-      }
+      for (const auto& [channel, count] : counts_) to.fields(channel, count);
       to.end_length<std::uint32_t>(at);
     });
   }
@@ -236,12 +192,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     Chunk c{chunk_times_, offset_, 0, 0, packed.size(), contents.size(), {}};
     McapBytes b;
     b.record(McapOpcode::chunk, [&] {
-      b.number(c.times.begin());
-      b.number(c.times.last);
-      b.number(c.unpacked);
-      b.number(Crc32::of(contents));
-      b.string(Codec::name);
-      b.number(c.packed);
+      b.fields(c.times.begin(), c.times.last, c.unpacked, Crc32::of(contents), Codec::name, c.packed);
       b.bytes(packed);
     });
     c.length = b.size();
@@ -249,10 +200,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
       const std::size_t at = b.record(McapOpcode::message_index, [&] {
         b.number(of_channel.first);
         const std::size_t list = b.begin_length<std::uint32_t>();
-        for (const auto& [log_ns, place] : of_channel.second) {
-          b.number(log_ns);
-          b.number(place);
-        }
+        for (const auto& [log_ns, place] : of_channel.second) b.fields(log_ns, place);
         b.end_length<std::uint32_t>(list);
       });
       c.index_offsets[of_channel.first] = c.offset + at;
