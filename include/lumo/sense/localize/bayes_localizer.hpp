@@ -63,7 +63,7 @@ class BayesLocalizer {
     double shape_error = 0.05;          ///< of the assumed bump, relative to the response; counts as noise
     double bias_sigma_m = 0.5_mm;       ///< how far the bump's middle is believed to lie from the contact; assumed
     double end_bias_sigma_m = 0.0;      ///< the same, on top, of contacts near an end; assumed
-    double end_near_m = 5.0_mm;         ///< contacts within this of an end have all of it: half a bump's width; assumed
+    double end_near_m = 5.0_mm;         ///< contacts within this of an end have all of it; assumed
     double end_far_m = 10.0_mm;         ///< those beyond this have none, those between a share; assumed
     double min_separation_m = 12.0_mm;  ///< of two contacts
     /// Of the stronger contact's height that the weaker one must have: less may be the bump's own shape.

@@ -1,10 +1,7 @@
 #pragma once
 
-#include "lumo/core/units.hpp"
 #include "lumo/sense/devices/frame.hpp"
 #include "lumo/sense/devices/readout.hpp"
-#include "lumo/sense/profile/axis_map.hpp"
-#include "lumo/sense/profile/longitudinal_bins.hpp"
 #include "lumo/sense/profile/strip.hpp"
 
 #include <utility>
@@ -19,20 +16,10 @@ class GreenProfile {
  public:
   using Sample = Frame;
 
-  struct Config {
-    AxisMap map;
-    LongitudinalBins bins = LongitudinalBins::regions();
-    double band_low_m = -8.0_mm;  ///< the band's limits to the sides of the map's line; positive lies clockwise of the
-                                  ///< tip's direction in the image (image y runs down)
-    double band_high_m = 8.0_mm;
-    int width = 640, height = 480;  ///< of the frames [px]
-    PixelFormat format = PixelFormat::bgr;
-    int row_step =
-        1;  ///< reads every n-th line along the finger only (of image rows, or columns for an upright finger)
-  };
+  using Config = Strip::Config;
 
-  /// Throws InvalidArgument for a band outside the image or numbers that make no sense.
-  explicit GreenProfile(const Config& config) : strip_(strip_of(config)), centres_(config.bins.centres_m()) {}
+  /// Throws InvalidArgument for a band outside the image or numbers out of range.
+  explicit GreenProfile(const Config& config) : strip_(config), centres_(config.bins.centres_m()) {}
 
   bool read(const Frame& frame, Profile& profile) {
     if (!strip_.fits(frame.image)) return false;
@@ -44,11 +31,6 @@ class GreenProfile {
     return true;
   }
   const Eigen::VectorXd& positions_m() const { return centres_; }
-
-  /// The pixels that a configuration reads. Throws as the constructor.
-  static Strip strip_of(const Config& c) {
-    return {c.map, c.bins, c.band_low_m, c.band_high_m, c.width, c.height, c.format, c.row_step};
-  }
 
  private:
   Strip strip_;
@@ -66,7 +48,7 @@ class PositiveGreenProfile {
 
   /// `unloaded` must have the frames' size and format. Throws InvalidArgument as GreenProfile.
   PositiveGreenProfile(const GreenProfile::Config& config, Image unloaded)
-      : strip_(GreenProfile::strip_of(config)), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
+      : strip_(config), centres_(config.bins.centres_m()), unloaded_(std::move(unloaded)) {
     if (!strip_.fits(unloaded_.view()))
       throw InvalidArgument("unloaded image has not the size or format of the frames");
   }
