@@ -15,8 +15,8 @@ namespace {
 
 std::int64_t fixed_time() { return 123; }
 
-/// The other end of the bus: answers commands as a motor would, with position and velocity as told and the torque as
-/// effort.
+/// The other end of the bus: answers commands as a motor would, with position and velocity as commanded and the torque
+/// as effort.
 struct FakeMotor {
   int fd;
   MiniCheetahProtocol protocol;

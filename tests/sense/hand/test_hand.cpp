@@ -235,7 +235,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   CHECK_THROWS_AS(HandTouches::from_table(none, "truth.csv"), InputError);
 }
 
-TEST_CASE("a live hand is told picture by picture, with the joints at the time of each", "[hand][live]") {
+TEST_CASE("a live hand is reported picture by picture, with the joints at the time of each", "[hand][live]") {
   struct Stage {
     int picture = -1;  ///< the newest
     static std::int64_t stamp(int k) { return 1'000'000'000 + 40'000'000LL * k; }
@@ -276,11 +276,11 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
     StreamState state() const { return StreamState::open; }
   } motors{&stage};
   HandObserver hand = practised_hand();
-  int told = 0;
+  int reported = 0;
   observe_hand_live(
       camera, motors, hand, Session{},
       [&](const HandEstimate& e, const ImageView& image) {
-        const int k = told++;
+        const int k = reported++;
         INFO("picture " << k);
         CHECK(e.stamp_ns == Stage::stamp(k));
         CHECK(image.width == 640);
@@ -294,5 +294,5 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
         return true;
       },
       "hand", {}, 0.06);
-  CHECK(told == 10);
+  CHECK(reported == 10);
 }

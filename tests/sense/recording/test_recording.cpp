@@ -100,8 +100,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   localizer.noise = unloaded.noise();
   localizer.unloaded = unloaded.mean();
 
-  // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns
-  // one way only.
+  // The torque model from the same stretch: friction and bias are not distinguished there, and do not need to be: it
+  // turns one way only.
   std::vector<JointSample> joints = log.joints;
   for (JointSample& s : joints) s.stamp_ns = session.joint_clock(s.stamp_ns);
   std::vector<JointSample> still;
@@ -180,8 +180,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
                     << ", fixed arm " << e.fixed_arm.mae_N << " N");
   CHECK(e.fused.samples == int(samples.size()));
   CHECK(e.fused.mae_N < 0.15);
-  CHECK(e.optical.mae_N <
-        0.6);  // half a second without contact tells little of the joint; the filter goes on learning between presses
+  CHECK(e.optical.mae_N < 0.6);  // half a second without contact has little information on the joint; the filter goes
+                                 // on learning between presses
   CHECK(e.fused.mae_N < 0.5 * e.optical.mae_N);
   CHECK(e.fixed_arm.mae_N > 1.0);
   CHECK(*e.recovery() > 0.95);

@@ -56,8 +56,8 @@ class RecordedActuator {
 
 static_assert(Actuator<RecordedActuator>);
 
-/// A recorded stream given as it came: nothing is there before its time. One item is read ahead, so that reading a
-/// picture does not count to whoever asks for it.
+/// A recorded stream in its own time: no item is there before its stamp. One item is read ahead, so that the time to
+/// read a picture does not count.
 template <class Source> class Replay {
  public:
   explicit Replay(Source source) : source_(std::move(source)), ahead_(source_.next()) {}
@@ -71,8 +71,8 @@ template <class Source> class Replay {
     if (!ahead_ || ahead_->stamp_ns > now_ns_) return decltype(ahead_)();
     auto item = std::move(ahead_);
     ahead_.reset();
-    if constexpr (Actuator<Source>)
-      ahead_ = source_.next();  // owns what it gives; a picture stays valid until the next one is read
+    // A sample owns its values; a picture stays valid until the next one is read.
+    if constexpr (Actuator<Source>) ahead_ = source_.next();
     return item;
   }
   StreamState state() const { return ahead_ ? StreamState::open : source_.state(); }

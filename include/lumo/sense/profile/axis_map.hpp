@@ -13,9 +13,9 @@
 
 namespace lumo::sense {
 
-/// How a straight line on the finger (its LEDs) lies in the image: u pixels from `origin_px` along `direction` is the
-/// finger coordinate y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. With the covariance of (a,
-/// b, c) from the fit.
+/// Map from a straight line on the finger (its LEDs) to the image: u pixels from `origin_px` along `direction` lies the
+/// finger coordinate y = (a + b s)/(1 + c s), s = u/half_length_px; c is the perspective's. Holds the covariance of
+/// (a, b, c) from the fit.
 struct AxisMap {
   Eigen::Vector2d origin_px{0.0, 0.0};  ///< pixel centres lie on whole numbers
   Eigen::Vector2d direction{1.0, 0.0};  ///< unit, towards the finger's tip (+y)
@@ -23,7 +23,7 @@ struct AxisMap {
   Eigen::Vector3d coefficients{0.0, 1.0, 0.0};  ///< a [m], b [m], c
   Eigen::Matrix3d covariance{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
   double centroid_sigma_px = 0.0;  ///< assumed or found, whichever is larger
-  double residual_px = 0.0;        ///< RMS of what the fit leaves
+  double residual_px = 0.0;        ///< RMS of the fit
 
   double u_px(const Eigen::Vector2d& pixel) const { return (pixel - origin_px).dot(direction); }
   double y_m(double u) const {

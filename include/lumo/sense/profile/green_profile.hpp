@@ -10,8 +10,7 @@
 namespace lumo::sense {
 
 /// Mean green of a camera's frame over each longitudinal bin of the finger [DN, 0 … 255].
-/// Only the pixels of the finger's band are read; sums are whole numbers, so that the order of summation does not
-/// matter.
+/// Reads only the pixels of the finger's band. Sums are whole numbers, so their order does not matter.
 class GreenProfile {
  public:
   using Sample = Frame;
@@ -39,9 +38,9 @@ class GreenProfile {
 
 static_assert(Readout<GreenProfile>);
 
-/// Mean over each bin of how far green exceeds the unloaded image, pixel by pixel; what got darker counts nothing
-/// (paper, force estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of
-/// these profiles takes away.
+/// Mean over each bin of green's excess over the unloaded image, pixel by pixel; darker pixels count 0 (paper, force
+/// estimation). Not linear near zero: noise leaves a positive mean there, which an unloaded reference of these profiles
+/// removes.
 class PositiveGreenProfile {
  public:
   using Sample = Frame;

@@ -10,7 +10,7 @@
 
 namespace lumo::sense {
 
-/// A log's session and tables; the pictures stay where they are. A table that is absent is empty.
+/// A log's session and tables; the pictures stay in their files. A table that is absent is empty.
 struct Recording {
   std::string path;  ///< of the folder, or of the MCAP file
   Session session;
@@ -21,8 +21,7 @@ struct Recording {
   std::vector<PhotodiodeSample> photodiodes;
 };
 
-/// Throws InputError where session and tables do not go together: currents need a constant for each joint, torques
-/// none.
+/// Throws InputError if session and tables do not match: currents need a torque constant for each joint.
 inline void validate(const Recording& log) {
   if (log.joints.empty() || log.joints.front().unit == Effort::torque_Nm) return;
   const auto joints = std::size_t(log.joints.front().effort.size());

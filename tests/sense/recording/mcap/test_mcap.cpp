@@ -183,7 +183,7 @@ TEMPLATE_TEST_CASE("a flipped bit anywhere is an error, or changes nothing but t
   }
 }
 
-TEMPLATE_TEST_CASE("a cut file is read up to the cut, which is told", "[mcap]", Uncompressed, Lz4, Zstd) {
+TEMPLATE_TEST_CASE("a cut file is read up to the cut, which is reported", "[mcap]", Uncompressed, Lz4, Zstd) {
   const std::string whole = mcap_example<TestType>();
   std::size_t most = 0;
   for (std::size_t n = 0; n < whole.size(); ++n) {

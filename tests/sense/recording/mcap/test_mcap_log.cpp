@@ -207,7 +207,7 @@ TEST_CASE("of several topics one must be chosen", "[mcap]") {
   CHECK(read_log_file(r, {.joints = "/finger"}).log.joints.at(0).stamp_ns == 2);
 }
 
-TEST_CASE("messages that make no sense are refused with topic and time", "[mcap]") {
+TEST_CASE("messages with impossible contents are refused with topic and time", "[mcap]") {
   const auto one = [](const auto&... messages) {
     return log_refusal(foreign_mcap([&](McapWriter<>& w) {
       std::uint64_t t = 5;

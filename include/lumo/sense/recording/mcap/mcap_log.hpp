@@ -42,17 +42,17 @@ struct McapPicture {
   bool compressed = false;
 };
 
-/// What an MCAP file says. A file of other programs has no session: then the default one holds, and what matters in it
-/// (LEDs, delays) must be said otherwise.
+/// Contents of an MCAP file. A file of other programs has no session: then the default one holds, and its LEDs and
+/// delays must be given otherwise.
 struct McapLog {
   Recording log;                        ///< with the default session; frames are named by their number
-  std::string session_json;             ///< text of the attachment session.json; empty where there is none
+  std::string session_json;             ///< text of the attachment session.json; may be empty
   std::vector<McapPicture> pictures;    ///< of the frames
-  std::optional<RosCameraInfo> camera;  ///< the first one, where one topic has them
+  std::optional<RosCameraInfo> camera;  ///< the first one, if one topic has them
 };
 
-/// View of a message's pixels, in its own order of colours. No pixels: an empty view. Throws InputError for what lumo
-/// does not read or what does not fit.
+/// View of a message's pixels, in its own order of colours; empty without pixels. Throws InputError for another
+/// encoding or sizes that do not match.
 inline ImageView view_of(const RosImage& m) {
   if (m.encoding != "mono8" && m.encoding != "bgr8" && m.encoding != "rgb8")
     throw InputError(message("pictures are of encoding '", printable(m.encoding), "', read are mono8, bgr8 and rgb8"));
@@ -68,7 +68,7 @@ inline ImageView view_of(const RosImage& m) {
   return {m.data.data(), int(m.width), int(m.height), std::ptrdiff_t(m.step), format};
 }
 
-/// ".png", ".jpg", or nothing for what is neither.
+/// ".png" or ".jpg"; empty for any other format.
 inline std::string_view picture_ending(std::span<const std::uint8_t> file) {
   const auto begins = [&](std::initializer_list<std::uint8_t> magic) {
     return file.size() > magic.size() && std::equal(magic.begin(), magic.end(), file.begin());
@@ -81,7 +81,7 @@ class McapTables {
  public:
   explicit McapTables(bool has_session) : has_session_(has_session) {}
 
-  /// A message of that one of the types which `type` names.
+  /// A message of the type with the name `type`.
   template <RosMessage... Messages>
   void add_any(std::string_view type, std::span<const std::uint8_t> data, const McapEntry& at, std::string_view topic) {
     const auto attempt = [&]<RosMessage M>(std::type_identity<M>) {
@@ -143,7 +143,7 @@ class McapTables {
     found.log.photodiodes.push_back(std::move(s));
   }
 
-  /// To be called last: what belongs to one stamp is put together.
+  /// To be called last: joins messages of one stamp.
   void join() {
     for (FrameRecord& f : found.log.frames)
       if (const auto e = exposures_.find(f.stamp_ns); e != exposures_.end()) {
@@ -175,8 +175,8 @@ class McapTables {
     for (std::size_t k = 0; k < v.size(); ++k) j[Eigen::Index(k)] = finite(v[k]);
     return j;
   }
-  /// Programs that do not set a header's stamp leave it 0; then the log's time is the best there is. What lumo wrote
-  /// means what it says.
+  /// Programs that do not set a header's stamp leave it 0; then the log's time replaces it. A log of lumo's has its
+  /// stamps, 0 included.
   std::int64_t stamp(const RosHeader& h, const McapEntry& at) const {
     if (h.stamp_ns != 0 || has_session_) return h.stamp_ns;
     if (at.log_ns > std::uint64_t(stamp_limit_ns))

@@ -18,12 +18,12 @@
 
 namespace lumo::sense {
 
-/// Writes an MCAP file in chunks, with checksums of chunks, data and summary; the summary repeats schemas and channels
-/// and has statistics and the index of chunks, so that other programs find their way. `finish` must be called last: a
-/// file without it counts as cut.
+/// Writes an MCAP file in chunks, with checksums of chunks, data and summary. The summary repeats schemas and channels
+/// and has statistics and the index of chunks, which other programs rely on. `finish` must be called last: a file
+/// without it counts as cut.
 template <ChunkCodec Codec = Uncompressed> class McapWriter {
  public:
-  /// `out` outlives the writer. A chunk ends with the message that makes it as long as `chunk_bytes`.
+  /// `out` outlives the writer. A chunk ends with the message that brings it to `chunk_bytes`.
   explicit McapWriter(std::ostream& out, std::string_view profile = "ros2", Codec codec = {},
                       std::size_t chunk_bytes = 1u << 20)
       : out_(out), codec_(std::move(codec)), chunk_bytes_(chunk_bytes) {
@@ -78,7 +78,7 @@ template <ChunkCodec Codec = Uncompressed> class McapWriter {
     attachments_.push_back({{std::string(name), std::string(media_type), log_ns, offset_, data.size()}, b.size()});
     put(b.since(0));
   }
-  /// Throws InputError where anything could not be written.
+  /// Throws InputError if writing failed.
   void finish() {
     end_chunk();
     McapBytes b;

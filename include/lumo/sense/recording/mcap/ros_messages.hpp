@@ -14,7 +14,7 @@
 
 namespace lumo::sense {
 
-// Messages of ROS 2 that a log holds, and lumo's own for what ROS has none. `type` is the name of the schema,
+// Messages of ROS 2 that a log holds, and lumo's own where ROS has none. `type` is the name of the schema,
 // `definition` its text (encoding ros2msg): the fields, and behind a line of 80 '=' those of each type that they name.
 // Source: the packages std_msgs, sensor_msgs and geometry_msgs of ROS 2.
 
@@ -169,8 +169,7 @@ struct FrameExposure {
   }
 };
 
-/// Motors' currents [A] of the JointState of the same stamp, whose effort is then empty: a JointState's effort is a
-/// torque.
+/// Motors' currents [A] of the JointState of the same stamp. Its effort is then empty, because it would be a torque.
 struct JointCurrents {
   static constexpr std::string_view type = "lumo_msgs/msg/JointCurrents";
   static std::string definition() { return detail::ros_definition("float64[] current_a\n"); }
