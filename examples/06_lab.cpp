@@ -53,7 +53,7 @@ int main(int argc, char** argv) {
   rig.camera.frames_per_s = 15.0;
   const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, rig, {}, side_geometry(pad));
 
-  const auto leave = [](const auto& recorded, RecordedLog log) {
+  const auto leave = [](const auto& recorded, Recording log) {
     std::filesystem::create_directories(log.path + "/frames");
     log.session = recorded.session(), log.frames = recorded.frames(), log.joints = recorded.joints();
     for (std::size_t k = 0; k < log.frames.size(); ++k)

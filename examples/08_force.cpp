@@ -9,7 +9,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
-  const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
+  const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
   const auto camera = [&] { return FolderCamera(log.path + "/frames", log.frames); };
   std::vector<std::int64_t> stamps;
   for (const FrameRecord& f : log.frames) stamps.push_back(f.stamp_ns);

@@ -41,14 +41,14 @@ struct PressCurve {
   int holds = 0;
 };
 
-PressCurve press_curve(const RecordedLog& log) {
+PressCurve press_curve(const Recording& log) {
   PressCurve curve;
   const auto& all = log.session.segments;
-  const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == "hold" && s.place >= 0; });
+  const auto first = std::find_if(all.begin(), all.end(), [](const Segment& s) { return s.kind == SegmentKind::hold && s.place >= 0; });
   if (first == all.end() || log.wrenches.empty() || log.markers.empty()) throw InputError(log.path + ": has no press: holds, forces (wrench.csv) and displacements (marker.csv) are needed");
   curve.y_m = 1e-3 * first->y_mm;
   const TimeSeries series = normal_force(log.wrenches, log.session.wrench_clock);
-  for (auto s = first; s != all.end() && s->kind == "hold" && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
+  for (auto s = first; s != all.end() && s->kind == SegmentKind::hold && s->place == first->place && s->repetition == first->repetition; ++s, ++curve.holds)
     for (const MarkerSample& m : log.markers)
       if (const std::int64_t t = log.session.wrench_clock(m.stamp_ns); 2 * t >= s->from_ns + s->to_ns && t <= s->to_ns)
         if (const auto f = series.at(t, 0.1)) curve.depth_m.push_back(m.displacement_m), curve.force_N.push_back((*f)[0]);

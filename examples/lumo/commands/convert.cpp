@@ -134,7 +134,7 @@ void copy_truth(const std::string& from, const std::string& to, bool& copied) {
 
 void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
   NewFile out(o.target);
-  RecordedLog tables = log;
+  Recording tables = log;
   tables.session.video.clear();  // its frames go into the file
   LogPictures taken(log);
   int width = 0, height = 0;
@@ -162,7 +162,7 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
 
 void write_folder(const OpenLog& log, const Convert& o, Progress& progress, bool& truth) {
   NewFolder folder(o.target);
-  RecordedLog tables = log;
+  Recording tables = log;
   tables.path = folder.path().string();
   tables.session.video.clear();
   LogPictures taken(log);

@@ -5,7 +5,7 @@
 #include "sensing/live.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/sense/live/live_hand.hpp"
 
 #include <algorithm>

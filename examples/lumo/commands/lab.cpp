@@ -24,7 +24,7 @@ bool in_contact(const HandTruth& s) { return !s.touches.empty(); }
 
 /// The log that a virtual rig or hand leaves, and its truth beside it.
 template <class Lab>
-void leave(const Lab& rig, RecordedLog log, NewFolder& folder, Progress& progress) {
+void leave(const Lab& rig, Recording log, NewFolder& folder, Progress& progress) {
   progress.stage("pictures", int(rig.frames().size()));
   for (std::size_t k = 0; k < rig.frames().size(); ++k) {
     write_bytes((folder.path() / "frames" / rig.frames()[k].file).string(), pictures().encode(".png", rig.image(k).view()));
@@ -89,7 +89,7 @@ struct Lab : Common {
       return summary(hand, "grasps", hand.plan().grasps.size());
     }
     const VirtualRig rig(light, plan(), whole_seed, noise, instruments, side);
-    RecordedLog log;
+    Recording log;
     log.wrenches = rig.wrenches();
     log.markers = rig.markers();
     leave(rig, std::move(log), made, progress);

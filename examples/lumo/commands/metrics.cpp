@@ -18,7 +18,7 @@ using namespace sense;
 namespace {
 
 /// How far the marker goes from the first touch to 15 N, in the log's first contact that gets there.
-std::optional<double> displacement(const RecordedLog& log) {
+std::optional<double> displacement(const Recording& log) {
   std::vector<double> force, marker;
   const TimeSeries series = normal_force(log.wrenches);
   for (const MarkerSample& m : log.markers)

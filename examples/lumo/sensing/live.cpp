@@ -73,7 +73,7 @@ namespace {
 
 /// What the plan asks for next.
 std::string wanted(const Segment& s) {
-  std::string text = one_line(s.kind);
+  std::string text = one_line(s.kind_name());
   if (s.place >= 0) text += lumo::message(", place ", s.place, " (y ", short_number(s.y_mm), " mm)");
   if (s.load_N > 0.0) text += ", " + short_number(s.load_N) + " N";
   if (s.angle_deg != 0.0) text += ", " + short_number(s.angle_deg) + "°";

@@ -24,7 +24,7 @@ using namespace sense;
 using LogFile = McapReader<Lz4, Zstd>;
 
 /// A log, and what is needed to get at its pictures.
-struct OpenLog : RecordedLog {
+struct OpenLog : Recording {
   std::shared_ptr<LogFile> file;       ///< none: `path` is a folder
   std::vector<McapPicture> pictures;   ///< of the frames in `file`
 

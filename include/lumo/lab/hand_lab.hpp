@@ -8,7 +8,7 @@
 #include "lumo/lab/sensor.hpp"
 #include "lumo/lab/side_geometry.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
@@ -190,11 +190,11 @@ inline HandLab::HandLab(const PadLight& light, HandPlan plan, std::uint64_t seed
   session_.material = r.material;
   session_.theta_mm = r.theta_mm;
   session_.torque_constant_Nm_per_A.assign(4, rig_.motor.torque_constant_Nm_per_A);
-  const auto segment = [&](double from_s, double to_s, const char* kind) {
+  const auto segment = [&](double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   };
-  segment(0.0, free_s, "free");
-  for (const auto& [from, to] : held) segment(from, to, "hold");
+  segment(0.0, free_s, sense::SegmentKind::free);
+  for (const auto& [from, to] : held) segment(from, to, sense::SegmentKind::hold);
 
   const CameraRig& c = rig_.camera;
   const LightRig& l = rig_.light;

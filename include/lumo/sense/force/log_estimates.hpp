@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"

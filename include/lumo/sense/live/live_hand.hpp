@@ -2,7 +2,7 @@
 
 #include "lumo/sense/devices/actuator.hpp"
 #include "lumo/sense/live/live_rest.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 
 #include <cmath>
 #include <cstdint>

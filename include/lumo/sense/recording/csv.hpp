@@ -19,7 +19,8 @@ namespace lumo::sense {
 /// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
-  static constexpr std::size_t max_line = 65536, max_columns = 256;
+  static constexpr std::size_t max_line = 65536;
+  max_columns = 256;
 
   /// Reads the header. `name` stands in messages.
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {
@@ -84,7 +85,7 @@ class CsvReader {
   }
   long line() const { return line_; }
   const std::string& name() const { return name_; }
-  /// Throws the error of a field: file, line, column, what it says, what is wrong.
+  /// Throws the error of a field: file, line, column, text, reason.
   [[noreturn]] void fail(int column, std::string_view why) const {
     throw InputError(message(name_, ":", line_, ": column ", printable(columns_[std::size_t(column)]), ": '",
                              printable(text(column)), "' ", why));
@@ -133,7 +134,7 @@ class CsvReader {
   long line_ = 0;
 };
 
-/// The shortest text that reads back as the same number. Throws InvalidArgument for what is not finite.
+/// The shortest text that reads back as the same number. Throws InvalidArgument unless it is finite.
 inline std::string csv_number(double v) {
   if (!std::isfinite(v)) throw InvalidArgument("a table's number must be finite");
   char buffer[32];
