@@ -104,7 +104,7 @@ template <class Localizer, class Make> void run(const Setup& setup, const char* 
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, Localizer>;
-  Estimator estimator(camera, actuator, readout, make(readout.positions_m(), reference), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, make(readout.positions_m(), reference), MomentArm{0.05},
                       typename Estimator::Config{});
   std::vector<double> whole, reading;
   ForceEstimate e;
@@ -149,7 +149,7 @@ void paced(const Setup& setup, int frames) {
   FedCamera camera;
   FedActuator actuator;
   using Estimator = ForceEstimator<FedCamera, FedActuator, BayesLocalizer>;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(c), MomentArm{0.05}, reference,
+  Estimator estimator(camera, actuator, {readout, reference}, BayesLocalizer(c), MomentArm{0.05},
                       typename Estimator::Config{});
   std::mutex lock;
   std::deque<Frame> arriving;

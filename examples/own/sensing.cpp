@@ -69,7 +69,7 @@ int main() {
   config.torque = {TorqueModel{.torque_constant_Nm_per_A = 1.0, .noise_Nm = 0.01}};
   // Both recordings give what they have at once: a step takes a picture, and what the motor said meanwhile.
   config.max_samples = 33, config.max_frames = 1;
-  ForceEstimator estimator(camera, actuator, readout, localizer, MomentArm{arm_m}, unloaded, config);
+  ForceEstimator estimator(camera, actuator, {readout, unloaded}, localizer, MomentArm{arm_m}, config);
   ForceEstimate last;
   for (int k = 1; k <= pictures; ++k) last = estimator.step(std::int64_t(1e9 * period_s * k));
   //! [estimate]

@@ -19,7 +19,7 @@ using namespace sense;
 namespace {
 
 /// Means over the segments of one kind.
-MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* transfer = nullptr) {
+MeanImage mean_picture(const OpenLog& log, SegmentKind kind, PhotonTransfer* transfer = nullptr) {
   MeanImage mean;
   LogCamera camera(log);
   const Segment* used = nullptr;
@@ -30,7 +30,7 @@ MeanImage mean_picture(const OpenLog& log, const char* kind, PhotonTransfer* tra
       mean.add(f->image);
       if (transfer) transfer->add(f->image);
     }
-  if (mean.count() == 0) throw InputError(log.path + ": has no pictures in a segment of kind \"" + kind + "\"");
+  if (mean.count() == 0) throw InputError(log.path + ": has no pictures in a segment of kind \"" + std::string(to_string(kind)) + "\"");
   return mean;
 }
 
@@ -122,7 +122,7 @@ struct Calibrate : LogCommand {
   }
   Specimen measured(const OpenLog& opened, Progress& progress) const {
     PhotonTransfer transfer;
-    const Image lit = mean_picture(opened, "unloaded", &transfer).image(), dark = mean_picture(opened, "dark").image();
+    const Image lit = mean_picture(opened, SegmentKind::unloaded, &transfer).image(), dark = mean_picture(opened, SegmentKind::dark).image();
     const PressCurve press = press_curve(opened);
     const PadLight light(responses(nominal, log, progress));
     Specimen s;

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/estimate.hpp"
 #include "lumo/sense/recording/mcap/mcap_camera.hpp"
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/support/json.hpp"
@@ -40,8 +40,6 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
 /// A log of a hand: its session describes links, and it has joint samples. Throws InputError.
 OpenLog open_hand_log(const std::string& path, Progress& progress);
 
-/// A log's joint samples, stamped on the frames' clock.
-std::vector<JointSample> on_frames_clock(const OpenLog& log);
 /// When nothing touches the log's finger for the first time.
 UnloadedStretch unloaded_stretch(const OpenLog& log);
 /// As the session describes it.
@@ -67,7 +65,6 @@ static_assert(Camera<LogCamera>);
 struct SensedLog {
   OpenLog log;
   std::vector<JointSample> joints;       ///< on the frames' clock
-  std::vector<std::int64_t> frame_ns;
   UnloadedStretch stretch;
   FingerView view;
   std::vector<Profile> profiles;         ///< of `bins`

@@ -142,8 +142,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   config.torque = {torque.model};
   config.joints.period_s = 2e-3;
   config.filter.torque_bias_Nm = 0.01;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m},
-                      unloaded, config);
+  Estimator estimator(camera, actuator, {readout, unloaded}, BayesLocalizer(localizer),
+                      MomentArm{session.joint_to_origin_m}, config);
   const ContactTorques torques(joints, {torque.model});
   std::vector<ForceSample> samples;
   double location_error = 0.0;
@@ -174,8 +174,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   CHECK(located == int(samples.size()));
   CHECK(location_error / located < 0.5e-3);
   CHECK(covered >= located * 9 / 10);
-  const ForceErrors e = force_errors(MomentArm{session.joint_to_origin_m}, std::span<const ForceSample>(samples), 0,
-                                     -25.0_mm, 25.0_mm, 0.01);
+  const ForceErrors e = force_errors(MomentArm{session.joint_to_origin_m}, std::span<const ForceSample>(samples),
+                                     {0, -25.0_mm, 25.0_mm}, 0.01);
   INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N
                     << ", fixed arm " << e.fixed_arm.mae_N << " N");
   CHECK(e.fused.samples == int(samples.size()));
