@@ -13,11 +13,11 @@ namespace {
 template <class State>
 std::string line(const State& state, int id, const Verdict& v, Pace& pace) {
   const auto& optimizer = state.optimizer();
-  const int told = optimizer.told(), wanted = optimizer.problem().evaluations;
-  std::string text = pad(std::to_string(told), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
+  const int done = optimizer.told(), wanted = optimizer.problem().evaluations;
+  std::string text = pad(std::to_string(done), 3) + "/" + std::to_string(wanted) + "  #" + pad(std::to_string(id), -3) + " " + pad(joined(optimizer.trials()[std::size_t(id)].x), -20) + "  ";
   if (v.outputs.empty()) text += "failed, " + v.why;
   else text += "J_contact " + cell(v.outputs[0], 4) + "  J_obs " + scientific(v.outputs[1]);
-  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - told, !v.outputs.empty());
+  return text + "  hypervolume " + scientific(optimizer.hypervolume()) + "  " + pace.after(wanted - done, !v.outputs.empty());
 }
 
 struct CampaignRun : StoreCommand {

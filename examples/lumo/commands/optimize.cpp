@@ -98,7 +98,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
   const auto keep = [&](const Json& event) {
     if (transcript) transcript->append(event);
   };
-  const std::string resumable = path.empty() ? "" : "; transcript '" + path + "' holds all that was told";
+  const std::string resumable = path.empty() ? "" : "; transcript '" + path + "' holds all answers";
 
   std::vector<Trial> open;  // asked before an interruption
   for (const Trial& t : optimizer.trials())
@@ -115,7 +115,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     do {
       if (!std::getline(std::cin, line))
         throw InputError(lumo::detail::text("standard input ended after ", number, " lines, with ", optimizer.told(), " of ", optimizer.problem().evaluations,
-                                            " evaluations told and trial ", trial->id, " not answered", resumable));
+                                            " evaluations answered and trial ", trial->id, " not answered", resumable));
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
     try {
@@ -125,7 +125,7 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     }
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
-    std::cerr << lumo::detail::text("lumo: every feasible design that can be found has been asked, with ", optimizer.told(), " of ", optimizer.problem().evaluations, " evaluations told")
+    std::cerr << lumo::detail::text("lumo: every feasible design that can be found has been asked, with ", optimizer.told(), " of ", optimizer.problem().evaluations, " evaluations answered")
               << std::endl;
   Json front = Json::array();
   for (const Outcome& o : optimizer.front()) front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});
@@ -137,7 +137,7 @@ struct Optimize : Common {
 
   void declare(CLI::App& app) {
     add_text(app, "--space", space, "FILE", "Variables, constraints, objectives and budget (JSON)")->required();
-    add_text(app, "--transcript", transcript, "FILE", "Keeps all that is asked and told; continues from it where it exists");
+    add_text(app, "--transcript", transcript, "FILE", "Keeps all that is asked and answered; continues from it where it exists");
   }
   Result run(Output&, Progress&) const {
     const SpaceFile file = read_space(space);
