@@ -114,6 +114,6 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
 
   o.designs = 3;  // a store may hold more than are asked for
   CHECK(Json::parse(run(o, scratch.path / "fewer"))["designs"].size() == 8);
-  o.material = "Sol";
+  o.tools.material = "Sol";
   CHECK_THROWS_AS(run(o, scratch.path / "other"), StoreError);
 }

@@ -52,7 +52,12 @@ void add_presses(Json& campaigns, int threads, Progress& progress) {
     }
   }
   if (requests.empty()) return;
-  const std::vector<PressOutcome> outcomes = make_presses(requests, threads, progress);
+  std::vector<PressOutcome> outcomes(requests.size());
+  try {
+    outcomes = make_presses(requests, threads, progress);
+  } catch (const Error& e) {
+    for (PressOutcome& outcome : outcomes) outcome.why = e.what();
+  }
   for (const auto& [c, k] : wanted) campaigns[c]["design"]["presses"].push_back(press_model(requests[k], outcomes[k]));
 }
 

@@ -12,7 +12,7 @@ namespace lumo::program {
 
 namespace {
 
-/// A quantity of which a study tells the difference between designs and one of their variants.
+/// A quantity whose difference a study reports, between designs and one of their variants.
 struct Comparison {
   std::string quantity;      ///< key in the record
   std::string variant;

@@ -28,7 +28,7 @@ class Output {
 /// To standard output. Throws InputError when it does not hold; a reader who has closed it has seen enough, which is no error.
 void print(const std::string& text);
 
-/// The end of a command: its files are written, its result is printed, and each file is told of. The result is printed even where the files cannot be
+/// The end of a command: its files are written, its result is printed, and each file is named. The result is printed even where the files cannot be
 /// written: the work is done, and not to be lost with them. Throws InputError.
 void hand_out(const std::string& result, Output& files, Progress& progress);
 

@@ -37,7 +37,7 @@ std::string excluding(const CLI::App& command) {
   return both + " exclude each other";
 }
 
-/// What the parser objects to. It tells the option in its own sentences only, so that the options and the words are looked at again.
+/// What the parser objects to. CLI11 names the option in its own sentences only: options and words are looked at again.
 std::string objection(const CLI::App& command, std::span<char* const> arguments, const CLI::ParseError& e) {
   if (dynamic_cast<const CLI::RequiredError*>(&e)) return missing(command);
   if (dynamic_cast<const CLI::ExcludesError*>(&e)) return excluding(command);

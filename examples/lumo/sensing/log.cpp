@@ -2,8 +2,6 @@
 
 namespace lumo::program {
 
-using namespace sense;
-
 std::unique_ptr<AnyCamera> LogCamera::open(const OpenLog& log) {
   using FileCamera = McapCamera<Decoder, Lz4, Zstd>;
   if (!log.session.video.empty()) return pictures().video(log.path + '/' + log.session.video, log.frames);
@@ -18,7 +16,7 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm tells of ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
+    throw InputError(lumo::detail::text(log.session_place(), ": joint_to_joint_mm has ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
   JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
@@ -61,8 +59,8 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
 
 OpenLog open_hand_log(const std::string& path, Progress& progress) {
   OpenLog log = open_log(path, progress);
-  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, nothing tells of a hand's links (docs/log_format.md)");
-  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which tell the unloaded pictures apart");
+  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, which describes the links of a hand (docs/log_format.md)");
+  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which distinguish the unloaded pictures");
   return log;
 }
 

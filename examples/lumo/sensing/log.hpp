@@ -34,7 +34,7 @@ struct OpenLog : Recording {
   std::string truth_file() const { return file ? std::filesystem::path(path).replace_extension(".truth.csv").string() : path + "/truth.csv"; }
 };
 
-/// Reads a log's folder, or an MCAP file; where that was cut, a note tells it and the log ends there. Throws InputError.
+/// Reads a log's folder, or an MCAP file; where that was cut, a note reports it and the log ends there. Throws InputError.
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics = {});
 
 /// A log of a hand: its session describes links, and it has joint samples. Throws InputError.
@@ -44,7 +44,7 @@ OpenLog open_hand_log(const std::string& path, Progress& progress);
 UnloadedStretch unloaded_stretch(const OpenLog& log);
 /// As the session describes it.
 PlanarFinger finger_of(const OpenLog& log);
-/// What the log's samples before a time, without contact, tell of the finger's joints. Throws InputError where there are none, or of other joints than the session's.
+/// What the log's samples before a time, without contact, show of the finger's joints. Throws InputError where there are none, or of other joints than the session's.
 JointReference finger_joints(const OpenLog& log, std::int64_t until_ns);
 
 /// A log's pictures, from a folder, a video or an MCAP file.
@@ -71,7 +71,7 @@ struct SensedLog {
   LongitudinalBins bins = LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55);
 };
 
-/// What a lab left beside a log of what was really so; nothing where there is none. For whoever compares, when all estimates are made. Throws InputError.
+/// What a lab left beside a log of what was really so; nullopt if there is none. For whoever compares, when all estimates are made. Throws InputError.
 template <class Table>
 std::optional<Table> left_truth(const OpenLog& log) {
   const std::string file = log.truth_file();
