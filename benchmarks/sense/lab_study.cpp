@@ -106,7 +106,7 @@ struct Totals {
 
 template <class Make> void run_force(const Painted& log, Totals& totals, Make make, const FingerOptics& assumed) {
   const VirtualRig& rig = *log.rig;
-  const RecordedLog recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
+  const Recording recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
   const auto camera = [&] { return log.camera(); };
   const FingerModel<> finger = known_finger(recording, camera, assumed);
   const auto estimates = estimate(recording, camera, finger, make);

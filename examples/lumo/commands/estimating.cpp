@@ -10,12 +10,10 @@ namespace lumo::program {
 
 using namespace sense;
 
-std::optional<ContactLocation> seen(const LogEstimate& e) { return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt; }
-
 /// A further column of a table, empty for what is not known.
 std::string field(const std::optional<double>& v, double scale) { return ',' + (v ? csv_number(scale * *v) : std::string()); }
 
-double seconds_between(const LogEstimate& first, const LogEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
+double seconds_between(const FrameEstimate& first, const FrameEstimate& e) { return 1e-9 * double(e.stamp_ns - first.stamp_ns); }
 
 namespace {
 

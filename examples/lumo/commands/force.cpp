@@ -5,7 +5,7 @@
 #include "sensing/localizers.hpp"
 #include "sensing/log.hpp"
 
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -70,10 +70,10 @@ std::string shown(const ForceResult& r, bool as_json) {
 
 
 /// A table and a chart of all estimates.
-void add_estimates(const std::vector<LogEstimate>& estimates, const LogTruth& truth, Output& files) {
+void add_estimates(const std::vector<FrameEstimate>& estimates, const LogTruth& truth, Output& files) {
   std::string table = "stamp_ns,state,force_N,force_sigma_N,y_mm,y_sigma_mm,true_force_N,true_y_mm,faults\n";
   Timeline chart{"Force", "normal force [N]"};
-  for (const LogEstimate& e : estimates) {
+  for (const FrameEstimate& e : estimates) {
     const auto t = truth.at(e.stamp_ns);
     const ContactForce& c = e.force.contact[0];
     table += std::to_string(e.stamp_ns) + ',' + to_string(e.force.state) + field(c.force_N) + field(std::sqrt(c.force_variance_N2)) + field(c.y_m, 1e3) + field(std::sqrt(c.y_variance_m2), 1e3) +
@@ -87,40 +87,38 @@ void add_estimates(const std::vector<LogEstimate>& estimates, const LogTruth& tr
 }
 
 /// Places that are judged, ± from the middle.
-constexpr double judged_m = 25.0_mm, least_force_N = 0.5;
+constexpr double judged_m = 25.0_mm;
 
 Result Force::on_log(Output& files, Progress& progress) const {
   progress.stage("reading the log");
   const SensedLog s = read_sensed_log(log, SensedLog{}.bins, progress);
-  const PlanarFinger finger = finger_of(s.log);
-  const LogReference reference{s.view, unloaded_reference(s.profiles, s.stretch, log), finger_joints(s.log, s.stretch.to_ns)};
-  const std::vector<TorqueModel>& torque = reference.joints.torque;
-  const double map_sigma = std::sqrt(s.view.leds.map.variance_m2(0.0));
+  FingerModel<> finger = finger_model(s.log.session);
+  finger.optics = optics_of(s, log);
+  finger.joints = finger_joints(s.log, s.stretch.to_ns);
+  const std::vector<TorqueModel>& torque = finger.joints.torque;
   const auto estimates = about(log, [&] {
-    return with_localizer(localizer, s, reference.unloaded, [&](const auto& l) {
-      return estimate_forces([&] { return LogCamera(s.log); }, s.joints, s.frame_ns, reference, s.bins, l, finger, s.log.session, map_sigma, finger.pad_link());
-    });
+    return with_maker(localizer, [&](auto make) { return estimate(s.log, [&] { return LogCamera(s.log); }, finger, make); });
   });
   const Eigen::VectorXd residual = ContactTorques(s.joints, torque).residual();   // positions, torques
   const Eigen::Index joints = residual.size() / 2;
   double noise_Nm = 0.0;
   for (const TorqueModel& t : torque) noise_Nm = std::max(noise_Nm, t.noise_Nm);
   const LogTruth truth = truth_of(s.log);
-  ForceResult r{force_score(estimates, truth, finger, -judged_m, judged_m, noise_Nm, least_force_N, finger.pad_link()),
+  ForceResult r{force_score(estimates, truth, finger.jacobian, {finger.link, -judged_m, judged_m}, noise_Nm),
                 {},
                 residual.head(joints).maxCoeff(),
                 residual.tail(joints).maxCoeff(),
                 s.log.session.joint_clock.residual_s};
-  for (const LogEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
+  for (const FrameEstimate& e : estimates) r.times_ms.push_back(1e3 * e.seconds);
   add_estimates(estimates, truth, files);
   return shown(r, json);
 }
 
 void Force::live(LiveLines& lines, Progress& progress) const {
   const OpenLog opened = open_log(log, progress);
-  const PlanarFinger finger = about(opened.session_place(), [&] { return finger_of(opened); });
-  const JointReference joints = finger_joints(opened, unloaded_stretch(opened).to_ns);
-  require_motors(camera, finger.joints());
+  FingerModel<> finger = about(opened.session_place(), [&] { return finger_model(opened.session); });
+  finger.joints = finger_joints(opened, unloaded_stretch(opened).to_ns);
+  require_motors(camera, finger.jacobian.joints());
   const auto source = pictures().live(settings_of(camera));
   MiniCheetahMotors motors = motors_of(camera);
   progress.tell("leave the finger alone for a second");
@@ -142,9 +140,7 @@ void Force::live(LiveLines& lines, Progress& progress) const {
     if (json) return lines(picture, good, Json{{"stamp_ns", e.stamp_ns}, {"frame_stamp_ns", e.frame_stamp_ns}, {"state", to_string(e.state)}, {"contacts", contacts}, {"faults", to_string(e.faults)}}.dump());
     return lines(picture, good, cell(seconds, 3) + " s  " + to_string(e.state) + (e.faults.any() ? ", " + to_string(e.faults) : std::string()) + (text.empty() ? "  no contact" : text));
   };
-  with_maker(localizer, [&](auto make) {
-    estimate_forces_live(*source, motors, joints, opened.session, SensedLog{}.bins, make, finger, line, camera.device(), finger.pad_link());
-  });
+  with_maker(localizer, [&](auto make) { estimate_live(*source, motors, finger, make, line, {.name = camera.device()}); });
 }
 
 }  // namespace

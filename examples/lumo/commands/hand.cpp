@@ -6,7 +6,7 @@
 #include "sensing/log.hpp"
 
 #include "lumo/sense/hand/hand_log.hpp"
-#include "lumo/sense/live/live_hand.hpp"
+#include "lumo/sense/live/live.hpp"
 
 #include <algorithm>
 #include <array>
@@ -253,7 +253,7 @@ void Hand::live(LiveLines& lines, Progress& progress) const {
         if (json) return lines(e.stamp_ns, seen > 0, text_of(Json{{"stamp_ns", e.stamp_ns}, {"seen", seen}, {"contacts", contacts}}, -1));
         return lines(e.stamp_ns, seen > 0, cell(seconds, 3) + " s  " + lumo::message(seen, " links seen") + (text.empty() ? "  no contact" : text));
       },
-      camera.device());
+      {.name = camera.device()});
 }
 
 }  // namespace

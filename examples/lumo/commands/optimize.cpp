@@ -22,7 +22,7 @@ Json ask_event(const Trial& trial) { return {{"ask", {{"id", trial.id}, {"x", tr
 int whole(const Json& object, const char* key) {
   if (!object.contains(key) || !object[key].is_number_integer()) throw InvalidArgument(std::string("needs a whole number \"") + key + "\"");
   const auto value = object[key].get<std::int64_t>();
-  if (value < 0 || value > std::numeric_limits<int>::max()) throw InvalidArgument(lumo::detail::text("trial ", value, " was never asked"));
+  if (value < 0 || value > std::numeric_limits<int>::max()) throw InvalidArgument(lumo::message("trial ", value, " was never asked"));
   return int(value);
 }
 
@@ -79,12 +79,12 @@ Json parse(const std::string& line) {
 template <class Optimizer>
 void replay(Optimizer& optimizer, const Transcript& transcript, const std::string& path) {
   for (const auto& event : transcript.events()) try {
-      if (event.content.contains("ask") && optimizer.told() + optimizer.pending() >= optimizer.problem().evaluations)
-        throw InvalidArgument(lumo::detail::text("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
+      if (event.content.contains("ask") && optimizer.observed() + optimizer.pending() >= optimizer.problem().evaluations)
+        throw InvalidArgument(lumo::message("asks for more than the ", optimizer.problem().evaluations, " evaluations of the space"));
       if (event.content.contains("ask")) optimizer.restore(whole(event.content["ask"], "id"), numbers(event.content["ask"], "x"));
       else answer(optimizer, event.content);
     } catch (const Error& e) {
-      throw InputError(lumo::detail::text("transcript '", path, "' line ", event.line, ": ", one_line(e.what())));
+      throw InputError(lumo::message("transcript '", path, "' line ", event.line, ": ", one_line(e.what())));
     }
 }
 
@@ -114,18 +114,18 @@ void ask_and_tell(Optimizer& optimizer, const std::string& path, const Json& spa
     std::string line;
     do {
       if (!std::getline(std::cin, line))
-        throw InputError(lumo::detail::text("standard input ended after ", number, " lines, with ", optimizer.told(), " of ", optimizer.problem().evaluations,
+        throw InputError(lumo::message("standard input ended after ", number, " lines, with ", optimizer.observed(), " of ", optimizer.problem().evaluations,
                                             " evaluations answered and trial ", trial->id, " not answered", resumable));
       ++number;
     } while (line.find_first_not_of(" \t\r") == std::string::npos);
     try {
       keep(answer(optimizer, parse(line)));
     } catch (const InvalidArgument& e) {
-      throw InputError(lumo::detail::text("standard input line ", number, ": ", one_line(e.what()), resumable));
+      throw InputError(lumo::message("standard input line ", number, ": ", one_line(e.what()), resumable));
     }
   }
   if (optimizer.status() == OptimizerStatus::exhausted)
-    std::cerr << lumo::detail::text("lumo: every feasible design that can be found has been asked, with ", optimizer.told(), " of ", optimizer.problem().evaluations, " evaluations answered")
+    std::cerr << lumo::message("lumo: every feasible design that can be found has been asked, with ", optimizer.observed(), " of ", optimizer.problem().evaluations, " evaluations answered")
               << std::endl;
   Json front = Json::array();
   for (const Outcome& o : optimizer.front()) front.push_back({{"x", optimizer.trials()[std::size_t(o.id)].x}, {"y", o.objectives}});

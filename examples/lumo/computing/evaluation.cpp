@@ -7,7 +7,7 @@ namespace lumo::program {
 
 Evaluation make_evaluation(const EvaluationRequest& r, int threads, Progress& progress) {
   const auto pipeline = pipeline_for(r.material, r.mechanics, r.ray_error_percent);
-  return evaluate(FingerDesign::from(r.theta_mm), silicone(r.material), contacts(r.ensemble), pipeline, finger_options(r.mechanics),
+  return evaluate({FingerDesign::from(r.theta_mm), silicone(r.material), finger_options(r.mechanics)}, contacts(r.ensemble), pipeline,
                          TbbExecutor{threads}, shown_in(progress));
 }
 

@@ -91,7 +91,7 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
       const Evaluation e =
-          evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{threads}, report_stage);
+          evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)}, contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
       return trial_result(e, o.mechanics.holds());
@@ -104,7 +104,7 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
   const auto pipeline = shared(pipeline_for(o.material, {}));
   return [o, study, ensemble, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
+      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline, TbbExecutor{o.threads}, report_stage);
       TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
@@ -142,7 +142,7 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
       const std::vector<AssumptionVariant> rows = assumption_variants();
       FingerAssumptions usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_assumptions(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
       return put_readings(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);

@@ -7,7 +7,7 @@
 
 #include "lumo/core/stopwatch.hpp"
 #include "lumo/core/files.hpp"
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 
@@ -127,8 +127,8 @@ Recorded record(const CameraOptions& o, const std::string& log, const std::strin
     LogRecorder recorder(to, to_json(session), [](const ImageView& v) { return pictures().encode(".png", v); });
     try {
       NoActuator none;
-      if (motors) record_live(*camera, *motors, recorder, going_on, device);
-      else record_live(*camera, none, recorder, going_on, device);
+      if (motors) record_live(*camera, *motors, recorder, going_on, {.name = device});
+      else record_live(*camera, none, recorder, going_on, {.name = device});
       recorder.finish();
     } catch (const Error& e) {
       fault = e.what();

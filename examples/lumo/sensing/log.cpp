@@ -16,16 +16,10 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::detail::text(log.session_place(), ": joint_to_joint_mm has ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
-  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session, until_ns); });
+    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
+  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
-}
-
-std::vector<JointSample> on_frames_clock(const OpenLog& log) {
-  std::vector<JointSample> samples = log.joints;
-  for (JointSample& j : samples) j.stamp_ns = log.session.joint_clock(j.stamp_ns);
-  return samples;
 }
 
 UnloadedStretch unloaded_stretch(const OpenLog& log) { return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns); }
@@ -39,6 +33,14 @@ OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& 
   return {std::move(read.log), file, std::move(read.pictures)};
 }
 
+FingerOptics optics_of(const SensedLog& s, const std::string& path) {
+  FingerOptics optics;
+  optics.bins = s.bins;
+  optics.view = s.view;
+  optics.unloaded = unloaded_reference(s.profiles, s.stretch, path);
+  return optics;
+}
+
 SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress) {
   SensedLog s;
   s.bins = bins;
@@ -46,7 +48,6 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
   s.joints = on_frames_clock(s.log);
   s.stretch = unloaded_stretch(s.log);
   about(path, [&] {
-    for (const FrameRecord& f : s.log.frames) s.frame_ns.push_back(f.stamp_ns);
     LogCamera first(s.log);
     s.view = view_finger(first, s.log.session, s.stretch, path);
     GreenProfile readout = s.view.readout(bins);

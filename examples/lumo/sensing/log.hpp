@@ -94,6 +94,9 @@ auto about(const std::string& path, Work work) {
 /// The truth where a lab left one, else what segments and the force sensor say. For whoever compares, when all estimates are made.
 LogTruth truth_of(const OpenLog& log);
 
+/// What its unloaded pictures show. Throws InputError; `path` is named in it.
+FingerOptics optics_of(const SensedLog& s, const std::string& path);
+
 /// Throws InputError.
 SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins, Progress& progress);
 

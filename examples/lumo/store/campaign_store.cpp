@@ -38,8 +38,8 @@ int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
 }
 
-StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
-  const std::vector<LogEntry> entries = log.entries();
+StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store) {
+  const std::vector<JournalEntry> entries = log.entries();
   StoredCampaign campaign;
   campaign.problem_text = entries.front().content;
   campaign.problem = read_problem(campaign.problem_text, store);
@@ -53,13 +53,13 @@ StoredCampaign read_campaign(const SqliteLog& log, const std::string& store) {
       StoredTrial s;
       s.id = t.id;
       std::copy_n(t.x.begin(), 5, s.theta_mm.begin());
-      s.state = t.state == Trial::State::told ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
+      s.state = t.state == Trial::State::observed ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
         s.record = json_or_null(log.record(*number));
         s.notes = json_or_null(entries[std::size_t(*number)].notes);
       }
-      if (t.state == Trial::State::told) rated.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
+      if (t.state == Trial::State::observed) rated.push_back({campaign.trials.size(), {t.outputs[0], t.outputs[1]}});
       campaign.trials.push_back(std::move(s));
     }
     campaign.asked = state.optimizer().trials();
