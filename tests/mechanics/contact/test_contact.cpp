@@ -121,6 +121,9 @@ TEST_CASE("contact area and overlap of known fields are exact up to the facets")
   };
   CHECK(contact_area(surface, half_plane(3.3e-3), x) ==
         Approx(33e-6).epsilon(1e-9));  // linear fields are clipped exactly
+  std::vector<test::Dual> receding;    // its derivative by the edge's place is the edge's length
+  for (const Vec3d& p : mesh.nodes) receding.emplace_back(3.3e-3 - p.x(), 1.0);
+  CHECK(contact_area(surface, receding, x).slope == Approx(10e-3).epsilon(1e-6));
   const SetOverlap o = contact_overlap(surface, half_plane(3.3e-3), half_plane(6.6e-3), x);
   CHECK(o.both == Approx(33e-6).epsilon(1e-9));
   CHECK(o.either == Approx(66e-6).epsilon(1e-9));

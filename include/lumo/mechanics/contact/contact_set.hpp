@@ -32,7 +32,7 @@ ContactField contact_field(const TetMesh& mesh, const ContactSurface& surface, c
                            const Moving<Tool>& rigid, const Positions& x);
 
 /// Area of {φ > 0} on the given node positions: undeformed ones give A_0(C), deformed ones A(C; X) [m²].
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x);
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x);
 
 /// Overlap of {φ_a > 0} and {φ_b > 0}, measured on the given node positions.
 inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vector<double>& a,
@@ -41,12 +41,16 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
 namespace detail {
 
 // A convex polygon in the barycentric plane of a triangle, with the values of the fields at its corners.
-struct ClipPolygon {
+template <class S> struct ClipPolygon {
   struct Corner {
-    double u, v;
-    std::array<double, 2> field;
+    S u, v;
+    std::array<S, 2> field;
   };
   std::vector<Corner> corners;
+
+  /// The whole triangle.
+  ClipPolygon(const std::array<S, 2>& a, const std::array<S, 2>& b, const std::array<S, 2>& c)
+      : corners{{0.0, 0.0, a}, {1.0, 0.0, b}, {0.0, 1.0, c}} {}
 
   /// Keeps the part where field `k` is positive (Sutherland and Hodgman 1974).
   void clip(std::size_t k) {
@@ -55,7 +59,7 @@ struct ClipPolygon {
       const Corner &a = corners[i], &b = corners[(i + 1) % corners.size()];
       if (a.field[k] > 0.0) kept.push_back(a);
       if ((a.field[k] > 0.0) != (b.field[k] > 0.0)) {
-        const double t = a.field[k] / (a.field[k] - b.field[k]);
+        const S t = a.field[k] / (a.field[k] - b.field[k]);
         kept.push_back({a.u + t * (b.u - a.u),
                         a.v + t * (b.v - a.v),
                         {a.field[0] + t * (b.field[0] - a.field[0]), a.field[1] + t * (b.field[1] - a.field[1])}});
@@ -64,12 +68,13 @@ struct ClipPolygon {
     corners = std::move(kept);
   }
   /// Part of the triangle's area that it covers.
-  double fraction() const {
-    double twice = 0.0;
+  S fraction() const {
+    using std::abs;
+    S twice = 0.0;
     for (std::size_t i = 1; i + 1 < corners.size(); ++i)
       twice += (corners[i].u - corners[0].u) * (corners[i + 1].v - corners[0].v) -
                (corners[i + 1].u - corners[0].u) * (corners[i].v - corners[0].v);
-    return std::abs(twice);
+    return abs(twice);
   }
 };
 
@@ -229,11 +234,11 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
     const auto at = [&](std::size_t k) {
       return std::array<double, 2>{a[std::size_t(node[k])], b[std::size_t(node[k])]};
     };
-    const detail::ClipPolygon whole{{{0, 0, at(0)}, {1, 0, at(1)}, {0, 1, at(2)}}};
-    detail::ClipPolygon in_a = whole, in_b = whole;
+    const detail::ClipPolygon<double> whole(at(0), at(1), at(2));
+    detail::ClipPolygon<double> in_a = whole, in_b = whole;
     in_a.clip(0);
     in_b.clip(1);
-    detail::ClipPolygon in_both = in_a;
+    detail::ClipPolygon<double> in_both = in_a;
     in_both.clip(1);
     const double both = in_both.fraction();
     sum.both += area * both;
@@ -242,8 +247,19 @@ inline SetOverlap contact_overlap(const ContactSurface& surface, const std::vect
   return sum;
 }
 
-inline double contact_area(const ContactSurface& surface, const std::vector<double>& field, const Positions& x) {
-  return contact_overlap(surface, field, field, x).both;
+template <class S> S contact_area(const ContactSurface& surface, const std::vector<S>& field, const Positions& x) {
+  S sum = 0.0;
+  detail::for_sub_triangles(surface, x, [&](double area, const std::array<int, 3>& node) {
+    const auto at = [&](std::size_t k) {
+      const S& f = field[std::size_t(node[k])];
+      return std::array<S, 2>{f, f};
+    };
+    detail::ClipPolygon<S> inside(at(0), at(1), at(2));
+    inside.clip(0);
+    inside.clip(1);  // once more, as an overlap of the field with itself
+    sum += area * inside.fraction();
+  });
+  return sum;
 }
 
 }  // namespace lumo
