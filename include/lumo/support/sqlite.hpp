@@ -241,7 +241,11 @@ inline void SqliteLog::insert(const LogEntry& e, const std::string& before) cons
   const std::string digest = digest_of(e, before);
   const Statement s = prepare("INSERT INTO entry VALUES(?, ?, ?, ?, ?, ?)");
   sqlite3_bind_int64(s.get(), 1, e.number);
-  bind(s, 2, e.kind), bind(s, 3, e.content), bind(s, 4, e.record), bind(s, 5, e.notes), bind(s, 6, digest);
+  bind(s, 2, e.kind);
+  bind(s, 3, e.content);
+  bind(s, 4, e.record);
+  bind(s, 5, e.notes);
+  bind(s, 6, digest);
   step(s);
   const Statement head = prepare("INSERT OR REPLACE INTO head VALUES(0, ?, ?)");
   sqlite3_bind_int64(head.get(), 1, e.number);
