@@ -38,7 +38,7 @@ Stability stability_of(const StoredCampaign& c, int seeds, int threads, Progress
   const int evaluations = c.count("evaluated");
   const auto chosen = with_optimizer(c.problem, evaluations, [&]<class O>(const O& optimizer) {
     return choices_over_seeds(
-        optimizer.problem(), c.asked, seeds, evaluations, [](const Problem& problem) { return O(problem); }, TbbExecutor{threads}, [&] { progress.step(); });
+        optimizer.problem(), c.asked, {seeds, evaluations}, [](const Problem& problem) { return O(problem); }, TbbExecutor{threads}, [&] { progress.step(); });
   });
   Stability s;
   std::map<Design, int> count;
