@@ -23,15 +23,15 @@ TEST_CASE("a link's map is the turn, shift and scale that its points were given"
   for (const bool clockwise : {false, true}) {
     const LinkMap made{{320.5, 111.25}, {2100.0, -1300.0}, clockwise, 0.0};
     for (Eigen::Index k = 0; k < 4; ++k) pixels.col(k) = made.pixel(points(0, k), points(1, k));
-    const LinkMap fit = LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, clockwise);
+    const LinkMap fit = LinkMap::fit(points, pixels, clockwise);
     CHECK((fit.origin_px - made.origin_px).norm() < 1e-9);
     CHECK((fit.along_px_per_m - made.along_px_per_m).norm() < 1e-6);
     CHECK(fit.residual_px < 1e-9);
-    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
+    CHECK(LinkMap::fit(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
   }
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
   points.setZero();
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points, pixels, true), InvalidArgument);
 }
 
 TEST_CASE("links are found by their holes to a fraction of a pixel, and are not where holes are hidden", "[hand]") {

@@ -19,8 +19,7 @@ namespace lumo::sense {
 /// Every fault is an InputError of one line with file, line and column.
 class CsvReader {
  public:
-  static constexpr std::size_t max_line = 65536;
-  max_columns = 256;
+  static constexpr std::size_t max_line = 65536, max_columns = 256;
 
   /// Reads the header. `name` stands in messages.
   CsvReader(std::istream& in, std::string name) : in_(in), name_(std::move(name)) {

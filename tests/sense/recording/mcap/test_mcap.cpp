@@ -67,56 +67,33 @@ template <class Codec> std::string mcap_example(std::size_t chunk_bytes = 300, i
 template <class Fill> std::string mcap_by_hand(Fill fill) {
   McapBytes b;
   b.bytes(mcap_magic);
-  b.record(McapOpcode::header, [&] {
-    b.string("p");
-    b.string("l");
-  });
+  b.record(McapOpcode::header, [&] { b.fields("p", "l"); });
   fill(b);
   b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-  b.record(McapOpcode::footer, [&] {
-    b.number(std::uint64_t(0));
-    b.number(std::uint64_t(0));
-    b.number(std::uint32_t(0));
-  });
+  b.record(McapOpcode::footer, [&] { b.fields(std::uint64_t(0), std::uint64_t(0), std::uint32_t(0)); });
   b.bytes(mcap_magic);
   return {b.since(0).begin(), b.since(0).end()};
 }
 
 void put_schema(McapBytes& b, std::uint16_t id = 1) {
-  b.record(McapOpcode::schema, [&] {
-    b.number(id);
-    b.string("S");
-    b.string("ros2msg");
-    b.string("x");
-  });
+  b.record(McapOpcode::schema, [&] { b.fields(id, "S", "ros2msg", "x"); });
 }
 void put_channel(McapBytes& b, std::uint16_t id = 1, std::uint16_t schema = 1) {
   b.record(McapOpcode::channel, [&] {
-    b.number(id);
-    b.number(schema);
-    b.string("/s");
-    b.string("cdr");
+    b.fields(id, schema, "/s", "cdr");
     b.map({});
   });
 }
 void put_message(McapBytes& b, std::uint64_t t, std::uint16_t channel = 1) {
   b.record(McapOpcode::message, [&] {
-    b.number(channel);
-    b.number(std::uint32_t(0));
-    b.number(t);
-    b.number(t);
+    b.fields(channel, std::uint32_t(0), t, t);
     b.bytes(span_of("x"));
   });
 }
 void put_chunk(McapBytes& b, std::string_view compression, std::uint64_t size, std::span<const std::uint8_t> packed,
                std::uint32_t crc = 0) {
   b.record(McapOpcode::chunk, [&] {
-    b.number(std::uint64_t(0));
-    b.number(std::uint64_t(0));
-    b.number(size);
-    b.number(crc);
-    b.string(compression);
-    b.number(std::uint64_t(packed.size()));
+    b.fields(std::uint64_t(0), std::uint64_t(0), size, crc, compression, std::uint64_t(packed.size()));
     b.bytes(packed);
   });
 }
@@ -212,10 +189,7 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
     put_schema(b);
     put_schema(b);  // again, the same
     b.record(McapOpcode::channel, [&] {
-      b.number(std::uint16_t(1));
-      b.number(std::uint16_t(1));
-      b.string("/s");
-      b.string("cdr");
+      b.fields(std::uint16_t(1), std::uint16_t(1), "/s", "cdr");
       b.map({});
       b.string("a later field");
     });
@@ -253,20 +227,14 @@ TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
           put_schema(b);
           put_channel(b);
           b.record(McapOpcode::channel, [&] {
-            b.number(std::uint16_t(1));
-            b.number(std::uint16_t(1));
-            b.string("/other");
-            b.string("cdr");
+            b.fields(std::uint16_t(1), std::uint16_t(1), "/other", "cdr");
             b.map({});
           });
         })).find("there is another channel 1") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode(0), [&] {}); })).find("opcode 0") !=
         std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::header, [&] {
-            b.string("");
-            b.string("");
-          });
+          b.record(McapOpcode::header, [&] { b.fields("", ""); });
         })).find("there is a second header") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
           b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
@@ -278,10 +246,7 @@ TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
           b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
         })).find("the data are damaged") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::schema, [&] {
-            b.number(std::uint16_t(1));
-            b.number(std::uint32_t(0xFFFFFFFF));
-          });
+          b.record(McapOpcode::schema, [&] { b.fields(std::uint16_t(1), std::uint32_t(0xFFFFFFFF)); });
         })) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
           put_chunk(b, "lzma", 1, span_of("x"));
@@ -303,13 +268,8 @@ TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
           put_chunk(b, "", inner.size(), inner.since(0));
         })).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
   CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          b.record(McapOpcode::attachment, [&] {
-            b.number(std::uint64_t(0));
-            b.number(std::uint64_t(0));
-            b.string("a");
-            b.string("b");
-            b.number(~std::uint64_t(0));
-          });
+          b.record(McapOpcode::attachment,
+                   [&] { b.fields(std::uint64_t(0), std::uint64_t(0), "a", "b", ~std::uint64_t(0)); });
         })).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
   const std::string large = mcap_example<Uncompressed>(1u << 20, 40);
   CHECK(mcap_refusal(large, {.record_bytes = 1000}).find("read are at most 1000") != std::string::npos);

@@ -115,6 +115,8 @@ class McapFields {
     }
     return m;
   }
+  /// Numbers, texts and maps, one after the other.
+  template <class... Fields> void read(Fields&... f) { (field(f), ...); }
   std::span<const std::uint8_t> bytes(std::uint64_t size) {
     if (size > rest()) fail(message("a field of ", size, " bytes goes beyond the end of its record"));
     at_ += std::size_t(size);
@@ -127,6 +129,10 @@ class McapFields {
   }
 
  private:
+  template <std::unsigned_integral T> void field(T& v) { v = number<T>(); }
+  void field(std::string& s) { s = string(); }
+  void field(std::map<std::string, std::string>& m) { m = map(); }
+
   std::span<const std::uint8_t> bytes_;
   const std::string& where_;
   std::uint64_t offset_;

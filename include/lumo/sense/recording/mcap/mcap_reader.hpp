@@ -167,15 +167,11 @@ template <ChunkCodec... Codecs> class McapReader {
   void take(McapOpcode opcode, McapFields& in, McapEntry place) {
     switch (opcode) {
       case McapOpcode::header:
-        profile_ = in.string();
-        library_ = in.string();
+        in.read(profile_, library_);
         break;
       case McapOpcode::schema: {
         McapSchema s;
-        s.id = in.number<std::uint16_t>();
-        s.name = in.string();
-        s.encoding = in.string();
-        s.data = in.string();
+        in.read(s.id, s.name, s.encoding, s.data);
         if (s.id == 0) in.fail("a schema has the number 0");
         if (const auto [it, added] = schemas_.emplace(s.id, s); !added && it->second != s)
           in.fail(message("there is another schema ", s.id));
@@ -183,11 +179,7 @@ template <ChunkCodec... Codecs> class McapReader {
       }
       case McapOpcode::channel: {
         McapChannel c;
-        c.id = in.number<std::uint16_t>();
-        c.schema = in.number<std::uint16_t>();
-        c.topic = in.string();
-        c.encoding = in.string();
-        c.metadata = in.map();
+        in.read(c.id, c.schema, c.topic, c.encoding, c.metadata);
         if (c.schema != 0 && !schemas_.contains(c.schema))
           in.fail(message("channel ", c.id, " is of schema ", c.schema, ", which was not there before it"));
         if (const auto [it, added] = channels_.emplace(c.id, c); !added && it->second != c)
@@ -203,8 +195,8 @@ template <ChunkCodec... Codecs> class McapReader {
         break;
       }
       case McapOpcode::metadata: {
-        McapMetadata m{in.string(), {}};
-        m.values = in.map();
+        McapMetadata m;
+        in.read(m.name, m.values);
         metadata_.push_back(std::move(m));
         break;
       }
@@ -217,9 +209,7 @@ template <ChunkCodec... Codecs> class McapReader {
     const auto channel = channels_.find(id);
     if (channel == channels_.end()) in.fail(message("a message is of channel ", id, ", which was not there before it"));
     m.channel = &channel->second;
-    m.sequence = in.number<std::uint32_t>();
-    m.log_ns = in.number<std::uint64_t>();
-    m.publish_ns = in.number<std::uint64_t>();
+    in.read(m.sequence, m.log_ns, m.publish_ns);
     m.data = in.bytes(in.rest());
   }
 
@@ -291,9 +281,7 @@ template <ChunkCodec... Codecs> class McapReader {
     McapAttachment a;
     a.log_ns = in.number<std::uint64_t>();
     in.number<std::uint64_t>();  // when it was made
-    a.name = in.string();
-    a.media_type = in.string();
-    a.size = in.number<std::uint64_t>();
+    in.read(a.name, a.media_type, a.size);
     a.offset = in.offset();
     const std::uint64_t rest = length - (a.offset - begin);
     if (rest < 4 || a.size > rest - 4)
