@@ -147,7 +147,7 @@ TEST_CASE("mechanics: contact", "[mechanics]") {
     return first_touch(q.pad.body, q.pad.mesh, q.pad.ball).point;
   };
 
-  // On the whole mesh, as results are told.
+  // On the whole mesh, as results are reported.
   const PressedPad& pad = q.pad;
   const ContactSurface whole(pad.mesh, pad.body, [](const Patch& p) { return p.contactable; });
   Positions x = positions_of(pad.mesh);

@@ -65,7 +65,7 @@ TEST_CASE("a user's emitter sends all of its power, as densely as it draws direc
   CHECK(image.as<own::LensedLed>() != nullptr);
 }
 
-TEST_CASE("a user's objective is the ratio that it names, and nothing where there is none") {
+TEST_CASE("a user's objective is the ratio that it names, and nullopt if there is none") {
   const auto scenario = [](double size, double noise) {
     ScenarioRecord s;
     StateRecord state;

@@ -159,7 +159,7 @@ def without_control(statement):
 
 def is_declaration(part):
     """Does the first of some parts declare its variable: has its target a type before the name?"""
-    target = part[: next((k for k, t in enumerate(part) if t == "="), len(part))]
+    target = part[: next((k for k, t in enumerate(part) if t.kind == "sign" and t.text in ASSIGNMENTS), len(part))]
     if target and target[0].text in ("using", "typedef", "auto", "const", "constexpr", "static"):
         return True
     for k in range(1, len(target)):
