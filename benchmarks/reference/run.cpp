@@ -100,13 +100,17 @@ std::map<std::string, std::map<std::string, Row>> read(const std::string& file) 
     std::string key = cell[0];
     for (std::size_t k = 1; k < 8; ++k) key += ',' + cell[k];
     Row r;
-    r.level = cell[8], r.status = cell[9];
+    r.level = cell[8];
+    r.status = cell[9];
     const auto number = [&](std::size_t k) { return std::stod(cell[k]); };
-    r.nodes = number(10), r.factors = number(11), r.seconds = number(12);
+    r.nodes = number(10);
+    r.factors = number(11);
+    r.seconds = number(12);
     std::size_t at = 13;
     for (PerLoad* list : {&r.depth, &r.area, &r.area0, &r.area_fit})
       for (double& v : *list) v = number(at++);
-    r.iou = number(at++), r.iou_fit = number(at);
+    r.iou = number(at++);
+    r.iou_fit = number(at);
     all[key][r.level] = r;
   }
   return all;
@@ -174,21 +178,26 @@ std::array<double, 2> areas_by_gap(const Body& body, const TetMesh& mesh, const 
     for (int i = 0; i < n; ++i)
       for (int j = 0; j < n; ++j) {
         double u = (i + 1.0 / 3.0) / n, v = (j + 1.0 / 3.0) / n;
-        if (i + j >= n) u = 1.0 - u, v = 1.0 - v;
+        if (i + j >= n) {
+          u = 1.0 - u;
+          v = 1.0 - v;
+        }
         const auto shape = face_shape(u, v, 2);
         const auto slope = face_shape_derivatives(u, v, 2);
         Vec3d at = Vec3d::Zero(), by_u = at, by_v = at, by_u0 = at, by_v0 = at;
         for (std::size_t a = 0; a < 6; ++a) {
           at += shape[a] * x.col(f.nodes[a]);
-          by_u += slope[a][0] * x.col(f.nodes[a]), by_v += slope[a][1] * x.col(f.nodes[a]);
-          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])],
-              by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
+          by_u += slope[a][0] * x.col(f.nodes[a]);
+          by_v += slope[a][1] * x.col(f.nodes[a]);
+          by_u0 += slope[a][0] * mesh.nodes[std::size_t(f.nodes[a])];
+          by_v0 += slope[a][1] * mesh.nodes[std::size_t(f.nodes[a])];
         }
         const double gap = sphere.distance(at - origin);
         for (std::size_t k = 0; k < levels; ++k)
-          if (gap < level[k])
-            sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm(),
-                sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
+          if (gap < level[k]) {
+            sum[0][k] += 0.5 / (n * n) * by_u.cross(by_v).norm();
+            sum[1][k] += 0.5 / (n * n) * by_u0.cross(by_v0).norm();
+          }
       }
   }
   Eigen::Matrix<double, levels, 3> A;
@@ -213,10 +222,12 @@ Body spelled_out(Body b, int axis) {
     Patch p = b.patches[k];
     std::visit(
         [&](auto& shape) {
-          if constexpr (requires { shape.direction; })
-            shape.point = reflect(shape.point), shape.direction = reflect(shape.direction);
-          else
+          if constexpr (requires { shape.direction; }) {
+            shape.point = reflect(shape.point);
+            shape.direction = reflect(shape.direction);
+          } else {
             shape.center = reflect(shape.center);
+          }
         },
         p.shape);
     b.patches.push_back(p);
@@ -256,10 +267,14 @@ Row reference_solution(const Case& c, double size, const std::string& level, con
   row.level = level;
   FingerOptions options;
   options.mesh = base_mesh;
-  options.mesh.contact_edge *= size, options.mesh.coarsest_edge *= size, options.mesh.growth *= size,
-      options.mesh.max_turn_rad *= size;
+  options.mesh.contact_edge *= size;
+  options.mesh.coarsest_edge *= size;
+  options.mesh.growth *= size;
+  options.mesh.max_turn_rad *= size;
   Focus focus = base_focus;
-  focus.finest *= size, focus.growth *= size, focus.depth_growth *= size;
+  focus.finest *= size;
+  focus.growth *= size;
+  focus.depth_growth *= size;
   const Body coarse = finger(c.design, dragon_skin());
   const Scenario<Sphere> scenario = c.scenario();
   const Touch touch = first_touch(coarse, mesh_body(coarse, mesher), scenario);

@@ -1,8 +1,8 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
-// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers are told of their
-// own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache
-// DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: the offset that the localisers assume
+// of themselves, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab …
+// --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
@@ -47,8 +47,10 @@ struct PaintedCamera {
 
 struct Painted {
   explicit Painted(const VirtualRig& r) : rig(&r) {
-    for (std::size_t k = 0; k < r.frames().size(); ++k)
-      images.push_back(r.image(k)), stamps.push_back(r.frames()[k].stamp_ns);
+    for (std::size_t k = 0; k < r.frames().size(); ++k) {
+      images.push_back(r.image(k));
+      stamps.push_back(r.frames()[k].stamp_ns);
+    }
   }
   PaintedCamera camera() const { return {rig, &images}; }
 
@@ -82,16 +84,18 @@ struct Totals {
 
   double mae(ForceErrors::Error ForceErrors::*way) const {
     double sum = 0.0, count = 0.0;
-    for (const Sequence& s : sequences)
-      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples, count += (s.score.errors.*way).samples;
+    for (const Sequence& s : sequences) {
+      sum += (s.score.errors.*way).mae_N * (s.score.errors.*way).samples;
+      count += (s.score.errors.*way).samples;
+    }
     return count > 0.0 ? sum / count : 0.0;
   }
   static double recovery(const std::vector<Sequence>& list, const std::vector<std::size_t>& chosen) {
     double gap = 0.0, won = 0.0;
     for (const std::size_t i : chosen) {
       const ForceErrors& e = list[i].score.errors;
-      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples,
-          won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
+      gap += (e.fixed_arm.mae_N - e.known_location.mae_N) * e.fixed_arm.samples;
+      won += (e.fixed_arm.mae_N - e.optical.mae_N) * e.fixed_arm.samples;
     }
     return won / gap;
   }
@@ -106,7 +110,8 @@ struct Totals {
       for (auto& i : some) i = random() % all.size();
       drawn.push_back(recovery(sequences, some));
     }
-    r.low = quantile(drawn, 0.025), r.high = quantile(drawn, 0.975);
+    r.low = quantile(drawn, 0.025);
+    r.high = quantile(drawn, 0.975);
     return r;
   }
 };
@@ -126,8 +131,10 @@ template <class Make> void run_force(const Painted& log, Totals& totals, Make ma
                                          std::sqrt(reference.view.leds.map.variance_m2(0.0)));
   const LogTruth truth = truth_of(rig);
   const LocationScore where = location_score(estimates, truth, 5.0, seen);
-  totals.samples += where.samples, totals.located += where.located, totals.location += where.mae_m * where.located,
-      totals.location_held += where.coverage_90 * where.located;
+  totals.samples += where.samples;
+  totals.located += where.located;
+  totals.location += where.mae_m * where.located;
+  totals.location_held += where.coverage_90 * where.located;
   for (int c = 0; c < int(rig.plan().contacts.size()); ++c) {
     std::vector<LogEstimate> part;
     for (std::size_t k = 0; k < estimates.size(); ++k)
@@ -135,7 +142,8 @@ template <class Make> void run_force(const Painted& log, Totals& totals, Make ma
     const LocationScore there = location_score(part, truth, 5.0, seen);
     const int place = rig.plan().contacts[std::size_t(c)].place;
     totals.held_at_place[place] += there.coverage_90 * there.located;
-    totals.at_place[place] += there.mae_m * there.located, totals.at_place_count[place] += there.located;
+    totals.at_place[place] += there.mae_m * there.located;
+    totals.at_place_count[place] += there.located;
     totals.sequences.push_back(
         {force_score(part, truth, arm, -25.0_mm, 25.0_mm, reference.joints.torque[0].noise_Nm), place});
     totals.force_samples += totals.sequences.back().score.samples;
@@ -173,7 +181,8 @@ PeakLocalizer peak(const GreenProfile& readout, const UnloadedReference& unloade
 struct Tally {
   int right = 0, all = 0;
   void add(const DecodingReport& r) {
-    right += int(std::lround(r.accuracy.value * double(r.predictions.size()))), all += int(r.predictions.size());
+    right += int(std::lround(r.accuracy.value * double(r.predictions.size())));
+    all += int(r.predictions.size());
   }
   double percent() const { return 100.0 * right / std::max(1, all); }
 };

@@ -65,7 +65,8 @@ Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Spher
 
 }  // namespace lumo::program
 
-TEST_CASE("a study of assumptions reports each assumption once, the largest change first, and what conclusions depend on") {
+TEST_CASE(
+    "a study of assumptions reports each assumption once, the largest change first, and what conclusions depend on") {
   const TemporaryFolder scratch;
   StudyReadings o;
   o.designs = 8;
@@ -85,7 +86,10 @@ TEST_CASE("a study of assumptions reports each assumption once, the largest chan
     for (; std::getline(table, line); ++lines) {
       bool quoted = false;
       std::size_t commas = 0;
-      for (const char c : line) quoted = quoted != (c == '"'), commas += c == ',' && !quoted;
+      for (const char c : line) {
+        quoted = quoted != (c == '"');
+        commas += c == ',' && !quoted;
+      }
       fields.insert(commas + 1);
     }
     return std::pair(lines, fields);
