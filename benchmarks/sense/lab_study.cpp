@@ -14,8 +14,9 @@
 #include "lumo/sense/decode/segment_responses.hpp"
 #include "lumo/sense/force/log_estimates.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "program/chart.hpp"
+#include "drawing/chart.hpp"
 
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -195,31 +196,25 @@ void draw_curves(const std::string& file, const char* title, const char* of, con
     std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
 }
 
-}  // namespace
+constexpr std::array<double, 4> noises = {0.5, 1.0, 2.0, 4.0};  // times the assumed one
 
-int main(int argc, char** argv) {
-  if (argc < 3)
-    return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"),
-           2;
-  const std::string folder = argv[2];
-  if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
-  const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
-  if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
-  if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);
-  const auto kept = read_pad_responses(argv[1]);
-  if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
-  const PadLight light(*kept);
+/// A computed pad, and the seeds of its logs.
+struct Study {
+  const PadLight& light;
+  int first, seeds;
+};
 
+void study_location_and_force(const Study& study, const std::string& folder) {
   std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
                                      {"peak", std::string(program::palette[1]), {}, 2.0, true}},
       gaps = errors;
   std::printf(
       "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
       "fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
+  for (const double noise : noises) {
     Totals a, b;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, force_plan(), std::uint64_t(s), noise);
+    for (int s = study.first; s < study.first + study.seeds; ++s) {
+      const VirtualRig rig(study.light, force_plan(), std::uint64_t(s), noise);
       const Painted log(rig);
       run_force(log, a, bayes);
       run_force(log, b, peak);
@@ -236,38 +231,66 @@ int main(int argc, char** argv) {
               "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
   draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
               "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
+}
 
+/// What all decoders and metrics say of re-contacts at one noise.
+struct Decoding {
+  Tally nearest, linear, process, filter;
+  std::vector<double> D, W, Q;
+
+  void add(const VirtualRig& rig) {
+    VirtualCamera start(rig), camera(rig);
+    const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+    GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+    const std::vector<Profile> profiles = read_profiles(camera, fine);
+    const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
+    D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
+    std::vector<Profile> regions;  // five bins each
+    for (const Profile& p : profiles)
+      regions.push_back(
+          {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
+    const auto holds = hold_responses(regions, rig.session().segments);
+    const DecodingTask task = decoding_task(holds, {2.0, 5.0});
+    const std::vector<double> loads = common_loads(holds, 2.0);
+    const DecodingTask whole = decoding_task(holds, loads);
+    nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
+    linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
+    process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
+    filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
+  }
+};
+
+void study_decoding(const Study& study) {
   std::printf(
       "\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | "
       "D_neighbor DN/N | W_recontact DN/N | Q |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
-    Tally nearest, linear, process, filter;
-    std::vector<double> D, W, Q;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, recontact_plan(), std::uint64_t(s), noise);
-      VirtualCamera start(rig), camera(rig);
-      const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
-      GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
-      const std::vector<Profile> profiles = read_profiles(camera, fine);
-      const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-      D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
-      std::vector<Profile> regions;  // five bins each
-      for (const Profile& p : profiles)
-        regions.push_back(
-            {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
-      const auto holds = hold_responses(regions, rig.session().segments);
-      const DecodingTask task = decoding_task(holds, {2.0, 5.0});
-      const std::vector<double> loads = common_loads(holds, 2.0);
-      const DecodingTask whole = decoding_task(holds, loads);
-      nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
-      linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
-      process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
-      filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
-    }
-    const Interval w = wilson_interval(nearest.right, nearest.all);
-    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all,
-                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(), filter.percent(),
-                median(D), median(W), median(Q));
+  for (const double noise : noises) {
+    Decoding d;
+    for (int s = study.first; s < study.first + study.seeds; ++s)
+      d.add(VirtualRig(study.light, recontact_plan(), std::uint64_t(s), noise));
+    const Interval w = wilson_interval(d.nearest.right, d.nearest.all);
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, d.nearest.all,
+                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, d.linear.percent(), d.process.percent(),
+                d.filter.percent(), median(d.D), median(d.W), median(d.Q));
     std::fflush(stdout);
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 3)
+    return std::fprintf(stderr, "usage: lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]\n"),
+           2;
+  const std::string folder = argv[2];
+  if (!std::filesystem::is_directory(folder)) return std::fprintf(stderr, "%s: no such folder\n", argv[2]), 5;
+  const int seeds = argc > 3 ? std::atoi(argv[3]) : 50, first = argc > 4 ? std::atoi(argv[4]) : 1;
+  if (argc > 5) bias_m = 1e-3 * std::atof(argv[5]);
+  if (argc > 6) end_bias_m = 1e-3 * std::atof(argv[6]);
+  const auto kept = read_pad_responses(argv[1]);
+  if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
+  const PadLight light(*kept);
+  const Study study{light, first, seeds};
+  study_location_and_force(study, folder);
+  study_decoding(study);
 }
