@@ -4,6 +4,7 @@
 // of themselves, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab …
 // --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
+#include "drawing/chart.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
@@ -14,7 +15,6 @@
 #include "lumo/sense/decode/segment_responses.hpp"
 #include "lumo/sense/force/log_estimates.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "drawing/chart.hpp"
 
 #include <array>
 #include <cstdio>
