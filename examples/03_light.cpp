@@ -1,4 +1,4 @@
-// 03 Light: trace the LEDs' light through the pressed finger; what changes at its sides tells where it is touched.
+// 03 Light: trace the LEDs' light through the pressed finger; what changes at its sides shows where it is touched.
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/simulator.hpp"

@@ -55,7 +55,9 @@ int main(int argc, char** argv) {
 
   const auto leave = [](const auto& recorded, Recording log) {
     std::filesystem::create_directories(log.path + "/frames");
-    log.session = recorded.session(), log.frames = recorded.frames(), log.joints = recorded.joints();
+    log.session = recorded.session();
+    log.frames = recorded.frames();
+    log.joints = recorded.joints();
     for (std::size_t k = 0; k < log.frames.size(); ++k)
       write_image(log.path + "/frames/" + log.frames[k].file, recorded.image(k).view());
     write_log_folder(log);

@@ -154,7 +154,8 @@ TEST_CASE("optics: at an interface", "[optics]") {
 TEST_CASE("optics: paths", "[optics]") {
   const PressedPad& pad = pressed_pad();
   Medium turbid = pad.body.medium;
-  turbid.scattering_albedo = 0.5, turbid.anisotropy = 0.8;
+  turbid.scattering_albedo = 0.5;
+  turbid.anisotropy = 0.8;
   Steps<BeerLambert, Bvh> own{BeerLambert(pad.body.medium)};
   Steps<BeerLambert, Embree> fast{BeerLambert(pad.body.medium)};
   Steps<ScatteringMedium, Bvh> scattering{ScatteringMedium(turbid)};
@@ -187,7 +188,9 @@ TEST_CASE("optics: paths", "[optics]") {
 TEST_CASE("optics: responses", "[optics]") {
   const PressedPad& pad = pressed_pad();
   const auto configured = [](auto config) {
-    config.rays_per_emitter /= 32, config.carrier_rays /= 32, config.exit_rays /= 32;
+    config.rays_per_emitter /= 32;
+    config.carrier_rays /= 32;
+    config.exit_rays /= 32;
     return config;
   };
   using Own = Tracer<BeerLambert, ExitPower, Bvh>;

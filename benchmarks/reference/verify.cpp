@@ -39,7 +39,10 @@ void quadrature() {
 }
 
 Body all_round(Body b) {
-  for (Patch& p : b.patches) p.bonded = true, p.contactable = false;
+  for (Patch& p : b.patches) {
+    p.bonded = true;
+    p.contactable = false;
+  }
   return b;
 }
 
@@ -83,17 +86,20 @@ void derivatives() {
     const int j = solver.equation(node, 2);
     if (j < 0) continue;
     auto up = at, down = at;
-    up.x(2, node) += stretch, down.x(2, node) -= stretch;
+    up.x(2, node) += stretch;
+    down.x(2, node) -= stretch;
     const Eigen::VectorXd by =
         (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
     for (int i = 0; i < solver.count(); ++i) {
       const double entry = i >= j ? K.coeff(i, j) : K.coeff(j, i);
-      worst = std::max(worst, std::abs(entry - by[i])), largest = std::max(largest, std::abs(by[i]));
+      worst = std::max(worst, std::abs(entry - by[i]));
+      largest = std::max(largest, std::abs(by[i]));
     }
   }
   check("tangent against finite differences, relative", worst / largest, 1e-5);
   auto up = at, down = at;
-  up.advance += stretch, down.advance -= stretch;
+  up.advance += stretch;
+  down.advance -= stretch;
   const Eigen::VectorXd by =
       (solver.residual(up, nullptr, false) - solver.residual(down, nullptr, false)) / (2 * stretch);
   check("coupling to the advance, relative", (by - coupling).norm() / by.norm(), 1e-3);

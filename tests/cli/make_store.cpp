@@ -5,9 +5,9 @@
 // failure; 0: all fail
 //        make_store FILE DS|Sol flat|curved h,h,w,h,w     a campaign whose one result is this design
 // With a number behind, the store says that its results are of that version.
-#include "store/campaign_problem.hpp"
 #include "computing/contacts.hpp"
 #include "report/records.hpp"
+#include "store/campaign_problem.hpp"
 
 #include "lumo/support/sqlite.hpp"
 
@@ -122,7 +122,8 @@ void keep(SqliteJournal& log, const CampaignProblem& problem, const Design& x) {
   log.append([&](const auto&) { return std::optional(lumo::ask_entry(0, x)); });
   const TrialResult v = verdict(x, problem, false);
   JournalEntry entry = lumo::tell_entry(0, v.outputs);
-  entry.record = v.record, entry.notes = v.notes;
+  entry.record = v.record;
+  entry.notes = v.notes;
   log.append([&](const auto&) { return std::optional(entry); });
 }
 

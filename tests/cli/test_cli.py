@@ -67,7 +67,7 @@ class Refusals(unittest.TestCase):
             check_refusal(self, done, code, words)
             self.assertEqual(os.listdir(folder), [])
 
-    def bad_store(self, words, *arguments):   # where the build lacks SQLite, it is the build that is told of
+    def bad_store(self, words, *arguments):   # where the build lacks SQLite, the refusal names the build
         on = [c["name"] for c in json.loads(run("doctor", "--json").stdout)["components"] if c["on"]]
         if "SQLite" in on:
             self.refused(BAD_FILE, words, *arguments)

@@ -65,7 +65,8 @@ Evaluator readings_evaluator(const StudyTools&, const std::vector<Scenario<Spher
 
 }  // namespace lumo::program
 
-TEST_CASE("a readings study tells each reading once, the largest change first, and what conclusions depend on") {
+TEST_CASE(
+    "a study of assumptions reports each assumption once, the largest change first, and what conclusions depend on") {
   const TemporaryFolder scratch;
   StudyReadings o;
   o.designs = 8;
@@ -85,14 +86,17 @@ TEST_CASE("a readings study tells each reading once, the largest change first, a
     for (; std::getline(table, line); ++lines) {
       bool quoted = false;
       std::size_t commas = 0;
-      for (const char c : line) quoted = quoted != (c == '"'), commas += c == ',' && !quoted;
+      for (const char c : line) {
+        quoted = quoted != (c == '"');
+        commas += c == ',' && !quoted;
+      }
       fields.insert(commas + 1);
     }
     return std::pair(lines, fields);
   };
-  const std::size_t readings = assumption_variants().size();
-  CHECK(shape("study_readings.csv") == std::pair(readings + 1, std::set<std::size_t>{16}));
-  CHECK(shape("study_readings_designs.csv") == std::pair(13 * (readings + 1) + 1, std::set<std::size_t>{11}));
+  const std::size_t others = assumption_variants().size();
+  CHECK(shape("study_readings.csv") == std::pair(others + 1, std::set<std::size_t>{16}));
+  CHECK(shape("study_readings_designs.csv") == std::pair(13 * (others + 1) + 1, std::set<std::size_t>{11}));
   CHECK(scratch.read("out/study_readings_designs.csv").find("\"mesh: none, \"\"at all\"\"\"") != std::string::npos);
   for (const char* name : {"study_readings_J_contact.svg", "study_readings_J_obs.svg"}) {
     const std::string picture = scratch.read(std::string("out/") + name);

@@ -44,9 +44,19 @@ WORDS = [
     (re.compile(r"\b\w*[Rr]eadings\w*"), "assumptions", ALL),
 ]
 ALLOWED_WORDS = re.compile(
-    r'study[ _/]?readings\w*|"readings"|--store readings\.db|readings\.db'
-)  # the command keeps its name, and so do its files
+    r'[Ss]tudy[ _/]?[Rr]eadings\w*|"readings"|--store readings\.db|readings\.db'
+)  # the command keeps its name, and so do its type and its files
 WORD_LISTS = {"check_house.py", "test_checks.py"}  # which have to name the words
+
+# Paths that pages name: headers and sources by any name, all else below the folders of the tree.
+PAGES = ["docs", "benchmarks", "README.md", "CONTRIBUTING.md"]
+FOLDERS = ["include", "examples", "tests", "benchmarks", "docs", "cmake", "single_include"]
+NAMED_PATH = re.compile(
+    rf"(?<![\w/.<…-])((?:[\w-]+/)*[\w-]+\.(?:hpp|cpp)|(?:{'|'.join(FOLDERS)})/[\w./-]*\w)(?![\w<*…(/]|\.[\w*])"
+)
+BASES = ["", "include", "include/lumo", "examples", "examples/lumo", "tests"]  # from which a path may start
+MAP = re.compile(r"^```\n(include/lumo/\n.*?)^```$", re.MULTILINE | re.DOTALL)  # of the tree, in CONTRIBUTING.md
+MAP_LINES = 30
 
 ASSIGNMENTS = {"=", "+=", "-=", "*=", "/=", "%=", "&=", "|=", "^=", "<<=", "++", "--"}
 
@@ -140,6 +150,64 @@ def words(tree):
                         yield f"{name}:{number}: word '{match.group(0).strip('(')}': write {better}"
 
 
+# ---- pages that are true to the tree
+
+
+def pages(tree):
+    """Name and text of each page."""
+    for top in PAGES:
+        start = tree.root / top
+        for path in sorted(start.rglob("*.md")) if start.is_dir() else [start]:
+            if path.is_file():
+                yield tree.name(path), path.read_text(encoding="utf-8")
+
+
+def dead_paths(tree):
+    names = {name.rsplit("/", 1)[-1] for name in tree.code}
+    for page, text in pages(tree):
+        bases = [tree.root / base for base in BASES] + [(tree.root / page).parent]
+        for number, line in enumerate(text.splitlines(), 1):
+            for path in NAMED_PATH.findall(line):
+                if not (path in names or any((base / path).exists() for base in bases)):
+                    yield f"{page}:{number}: no such file: {path}"
+
+
+def rooms_of_map(text):
+    """Rooms that the map names, each before its `/` and behind two spaces: at the start of a line that is indented by
+    two, or else inside the room of the last such line."""
+    found, above = [], ""
+    for line in text.splitlines()[1:]:
+        if not line.startswith(" "):
+            break
+        for match in re.finditer(r"(?<=  )([a-z_]+(?:/[a-z_]+)*)/(?=\s)", line):
+            if match.start() == 2:
+                above = match[1]
+            found.append(above if match.start() == 2 else f"{above}/{match[1]}")
+    return found
+
+
+def map_of_tree(tree):
+    page = tree.root / "CONTRIBUTING.md"
+    text = page.read_text(encoding="utf-8")
+    found = MAP.search(text)
+    if not found:
+        yield "CONTRIBUTING.md:1: has no map of include/lumo/"
+        return
+    line = text[: found.start()].count("\n") + 2
+    lines = found[1].count("\n")
+    if lines > MAP_LINES:
+        yield f"CONTRIBUTING.md:{line}: map is too long ({lines} lines, {MAP_LINES})"
+    root = tree.root / "include" / "lumo"
+    there = {p.parent.relative_to(root).as_posix() for p in root.rglob("*.hpp")} - {"."}
+    there = {room for room in there if not room.endswith("/detail")}
+    named = rooms_of_map(found[1])
+    for room in sorted(there - set(named)):
+        yield f"CONTRIBUTING.md:{line}: map lacks the room {room}"
+    for room in sorted(set(named)):
+        if room not in there and not any(r.startswith(room + "/") for r in there):
+            yield f"CONTRIBUTING.md:{line}: map names a room that is not there: {room}"
+
+
 # ---- chains of assignments
 
 
@@ -159,7 +227,7 @@ def without_control(statement):
 
 def is_declaration(part):
     """Does the first of some parts declare its variable: has its target a type before the name?"""
-    target = part[: next((k for k, t in enumerate(part) if t == "="), len(part))]
+    target = part[: next((k for k, t in enumerate(part) if t.kind == "sign" and t.text in ASSIGNMENTS), len(part))]
     if target and target[0].text in ("using", "typedef", "auto", "const", "constexpr", "static"):
         return True
     for k in range(1, len(target)):
@@ -295,6 +363,8 @@ CHECKS = {
     "rooms": rooms,
     "details": details,
     "words": words,
+    "paths": dead_paths,
+    "map": map_of_tree,
     "comma chains": comma_chains,
     "phantom parameters": phantoms,
 }

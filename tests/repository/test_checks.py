@@ -205,14 +205,17 @@ class House(unittest.TestCase):
         self.root = pathlib.Path(self.folder.name)
         for top in check_house.CODE_FOLDERS + ["docs"]:
             (self.root / top).mkdir()
-        for page in ["README.md", "CONTRIBUTING.md"]:
-            self.plant(page, "# lumo\n")
+        self.plant("README.md", "# lumo\n")
+        self.plant_map("  core/    units\n")
         self.plant("include/lumo/core/a.hpp", "#pragma once\n")
 
     def plant(self, name, text):
         path = self.root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
+
+    def plant_map(self, rooms):
+        self.plant("CONTRIBUTING.md", f"# lumo\n\n```\ninclude/lumo/\n{rooms}tests/\n```\n")
 
     def faults(self, kind, text, name="include/lumo/core/a.hpp"):
         self.plant(name, text)
@@ -279,6 +282,7 @@ class House(unittest.TestCase):
         self.plant("include/lumo/core/one_more.hpp", "\n")
         self.assertIn("include/lumo/core:1: room has too much in it (15 headers, 14)", self.faults("rooms", "\n"))
         (self.root / "include/lumo/core/one_more.hpp").unlink()
+        self.plant_map("  core/    units\n  misc/    b\n")
         self.plant("include/lumo/misc/b.hpp", "\n")
         self.assertIn("no such room", self.faults("rooms", "\n")[0])
 
@@ -295,7 +299,7 @@ class House(unittest.TestCase):
             self.plant(f"{folder}/a.cpp", "int f() { return nlohmann::detail::g(); }  // detail::\n")
 
     def test_words(self):
-        self.passes('// To ask and tell.\nauto c = "study readings";  // how to read; dearth\n')
+        self.passes('// To ask and tell.\nauto c = "study readings";  StudyReadings s;  // how to read; dearth\n')
         for text in [
             "// what is " + "told\n",
             "// it tells " + "which\n",
@@ -317,6 +321,38 @@ class House(unittest.TestCase):
         self.plant("CHANGELOG.md", "is told\n")
         self.passes("\n")
 
+    def test_paths(self):
+        self.plant("tests/core/b_laws.hpp", "\n")
+        self.plant("docs/manual.md", "`lumo/core/a.hpp`, `core/a.hpp`, include/lumo/core/a.hpp, `a.hpp`, `b_laws.hpp`\n")
+        self.plant("README.md", "[a](docs/manual.md), `tests/core/`, tests/<room>/, cmake/copyright.*.in, out/a.csv\n")
+        self.passes("\n")
+        for page in ["docs/pages/a.md", "README.md", "benchmarks/a.md"]:
+            for path in ["lumo/mesh/a.hpp", "core/c.hpp", "c.hpp", "tests/mesh/run", "docs/none.md"]:
+                self.fails("paths", f"\nSee `{path}`.\n", f"no such file: {path}", page, 2)
+            self.plant(page, "\n")
+
+    def test_map(self):
+        self.plant("include/lumo/mesh/detail/d.hpp", "\n")
+        self.plant("include/lumo/mesh/m.hpp", "\n")
+        self.plant("include/lumo/mechanics/contact/c.hpp", "\n")
+        self.plant("include/lumo/mechanics/solvers/s.hpp", "\n")
+        whole = "  core/       units\n  mesh/       tetrahedra  \n"
+        inner = "  mechanics/  presses\n    contact/  laws  solvers/  equilibrium\n"
+        self.plant_map(whole + inner)
+        self.passes("\n")
+        for rooms, words in [
+            ("  core/  units\n" + inner, "lacks the room mesh"),
+            (whole + inner.replace("solvers/", "solving "), "lacks the room mechanics/solvers"),
+            (whole + inner + "  optics/  light\n", "a room that is not there: optics"),
+            (whole + inner + 26 * "    more\n", "map is too long (32 lines, 30)"),
+        ]:
+            self.plant_map(rooms)
+            found = self.faults("map", "\n")
+            self.assertEqual(len(found), 1, found)
+            self.assertIn(words, found[0])
+        self.plant("CONTRIBUTING.md", "# lumo\n")
+        self.assertIn("has no map", self.faults("map", "\n")[0])
+
     def test_comma_chains(self):
         self.passes(
             "void f() {\n"
@@ -329,6 +365,7 @@ class House(unittest.TestCase):
         for text in [
             "a = 1, b = 2;",
             "if (a) a.x = 1, b[2] = 3;",
+            "a += b * c.d, e -= 1;",
             "for (;;) i++, j += 2;",
             "g([&](int c) { c = 1, *b = 2; });",
             "case 1: a = 1, b = 2;",

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Puts what `lumo study readings` found into the page that says what the paper leaves open.
 
-usage: benchmarks/readings/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script
+usage: benchmarks/assumptions/table.py FOLDER    (the study's --out; its tables and pictures are copied beside this script
 and beside the page)
 
 The page's part between its two markers is written anew: a row for each assumption, largest change of J_obs first, and
@@ -17,8 +17,8 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 import pages
 
-PAGE = HERE.parents[1] / "docs/pages/readings.md"
-BEGIN, END = "<!-- found: made by benchmarks/readings/table.py -->\n", "<!-- found: end -->\n"
+PAGE = HERE.parents[1] / "docs/pages/assumptions.md"
+BEGIN, END = "<!-- found: made by benchmarks/assumptions/table.py -->\n", "<!-- found: end -->\n"
 WEAK = 0.8   # Kendall's tau below which conclusions depend on an assumption, as the program says
 
 
