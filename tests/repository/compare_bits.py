@@ -374,7 +374,7 @@ def sqlite_lines(path):
     """Each field of each row but what is masked; JSON in a field by its own fields."""
     lines = []
     with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as db:
-        db.text_factory = lambda b: b.decode("utf-8", "replace")  # stores may hold words that are no UTF-8
+        db.text_factory = lambda raw: raw.decode("utf-8", errors="backslashreplace")   # a failure's text may be any bytes
         for (table,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name").fetchall():
             if table in MASKED_TABLES:
                 continue
@@ -411,7 +411,7 @@ def content(path):
 
 
 def files_of(folder):
-    """Files that are compared. Standard error reports progress; the rest of SQLite's files come and go."""
+    """Files that are compared. Standard error tells of progress; the rest of SQLite's files come and go."""
     skipped = re.compile(r"\.stderr$|\.db-(wal|shm|journal)$|^(store\.db|record\.json)$")
     return sorted(
         p.relative_to(folder).as_posix()
