@@ -10,7 +10,7 @@
 int main(int argc, char** argv) {
   using namespace lumo;
   using namespace lumo::sense;
-  const RecordedLog log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
+  const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
   const auto camera = [&] { return FolderCamera(log.path + "/frames", log.frames); };
 
   // What is known before the first contact: the finger in the picture, its light at rest, its joint's friction, weight

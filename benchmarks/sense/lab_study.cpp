@@ -1,9 +1,10 @@
 // What the sensing library makes of logs of the virtual lab, over many seeds; the tables of results.md.
 //   lumo_lab_study PAD_FILE FOLDER [seeds] [first seed] [bias_mm] [end_bias_mm]
-// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: what the localisers assume of their
-// own offset, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab … --cache
-// DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
+// FOLDER gets curves against noise. bias_mm, and end_bias_mm near the pad's ends: the offset that the localisers assume
+// of themselves, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab …
+// --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
+#include "drawing/chart.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"
@@ -13,8 +14,8 @@
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
 #include "lumo/sense/estimate.hpp"
-#include "program/chart.hpp"
 
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
@@ -109,7 +110,7 @@ struct Totals {
 
 template <class Make> void run_force(const Painted& log, Totals& totals, Make make, const FingerOptics& assumed) {
   const VirtualRig& rig = *log.rig;
-  const RecordedLog recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
+  const Recording recording{"lab", rig.session(), rig.frames(), rig.joints(), {}, {}, {}};
   const auto camera = [&] { return log.camera(); };
   const FingerModel<> finger = known_finger(recording, camera, assumed);
   const auto estimates = estimate(recording, camera, finger, make);
@@ -171,6 +172,89 @@ void draw_curves(const std::string& file, const char* title, const char* of, con
     std::fprintf(stderr, "%s: cannot be written\n", file.c_str());
 }
 
+constexpr std::array<double, 4> noises = {0.5, 1.0, 2.0, 4.0};  // times the assumed one
+
+/// A computed pad, and the seeds of its logs.
+struct Study {
+  const PadLight& light;
+  int first, seeds;
+  FingerOptics assumed = {};  ///< what the localisers assume of their bias
+};
+
+void study_location_and_force(const Study& study, const std::string& folder) {
+  std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
+                                     {"peak", std::string(program::palette[1]), {}, 2.0, true}},
+      gaps = errors;
+  std::printf(
+      "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
+      "fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
+  for (const double noise : noises) {
+    Totals a, b;
+    for (int s = study.first; s < study.first + study.seeds; ++s) {
+      const VirtualRig rig(study.light, force_plan(), std::uint64_t(s), noise);
+      const Painted log(rig);
+      run_force(log, a, bayes_localizer, study.assumed);
+      run_force(log, b, peak_localizer, study.assumed);
+    }
+    print("probabilistic", noise, a);
+    print("peak", noise, b);
+    for (std::size_t k = 0; k < 2; ++k) {
+      const Totals& t = k == 0 ? a : b;
+      errors[k].points.push_back({noise, 1e3 * t.location / std::max(1, t.located)});
+      gaps[k].points.push_back({noise, 100.0 * t.recovery().value});
+    }
+  }
+  draw_curves(folder + "/location_against_noise.svg", "Error of location",
+              "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
+  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
+              "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
+}
+
+/// What all decoders and metrics say of re-contacts at one noise.
+struct Decoding {
+  Tally nearest, linear, process, filter;
+  std::vector<double> D, W, Q;
+
+  void add(const VirtualRig& rig) {
+    VirtualCamera start(rig), camera(rig);
+    const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
+    GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
+    const std::vector<Profile> profiles = read_profiles(camera, fine);
+    const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
+    D.push_back(m.D_neighbor);
+    W.push_back(m.W_recontact);
+    Q.push_back(m.Q.value_or(0.0));
+    std::vector<Profile> regions;  // five bins each
+    for (const Profile& p : profiles)
+      regions.push_back(
+          {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
+    const auto holds = hold_responses(regions, rig.session().segments);
+    const DecodingTask task = decoding_task(holds, {2.0, 5.0});
+    const std::vector<double> loads = common_loads(holds, 2.0);
+    const DecodingTask whole = decoding_task(holds, loads);
+    nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
+    linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
+    process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
+    filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
+  }
+};
+
+void study_decoding(const Study& study) {
+  std::printf(
+      "\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | "
+      "D_neighbor DN/N | W_recontact DN/N | Q |\n");
+  for (const double noise : noises) {
+    Decoding d;
+    for (int s = study.first; s < study.first + study.seeds; ++s)
+      d.add(VirtualRig(study.light, recontact_plan(), std::uint64_t(s), noise));
+    const Interval w = wilson_interval(d.nearest.right, d.nearest.all);
+    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, d.nearest.all,
+                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, d.linear.percent(), d.process.percent(),
+                d.filter.percent(), median(d.D), median(d.W), median(d.Q));
+    std::fflush(stdout);
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -186,67 +270,7 @@ int main(int argc, char** argv) {
   const auto kept = read_pad_responses(argv[1]);
   if (!kept) return std::fprintf(stderr, "%s: no such file\n", argv[1]), 5;
   const PadLight light(*kept);
-
-  std::vector<program::Curve> errors{{"probabilistic", std::string(program::palette[0]), {}, 2.0, true},
-                                     {"peak", std::string(program::palette[1]), {}, 2.0, true}},
-      gaps = errors;
-  std::printf(
-      "| localiser | noise | frames ≥ 5 N | located %% | error mm | 90 %% holds %% | frames | known N | optical N | "
-      "fixed arm N | fused N | fused 90 %% holds %% | gap recovered %% |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
-    Totals a, b;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, force_plan(), std::uint64_t(s), noise);
-      const Painted log(rig);
-      run_force(log, a, bayes_localizer, assumed);
-      run_force(log, b, peak_localizer, assumed);
-    }
-    print("probabilistic", noise, a);
-    print("peak", noise, b);
-    for (std::size_t k = 0; k < 2; ++k) {
-      const Totals& t = k == 0 ? a : b;
-      errors[k].points.push_back({noise, 1e3 * t.location / std::max(1, t.located)});
-      gaps[k].points.push_back({noise, 100.0 * t.recovery().value});
-    }
-  }
-  draw_curves(folder + "/location_against_noise.svg", "Error of location",
-              "baseline design, Solaris, 10 mm sphere, at 5 N and more", "mean error [mm]", errors);
-  draw_curves(folder + "/gap_against_noise.svg", "Way from a fixed arm to the known place, recovered by the place seen",
-              "baseline design, Solaris, 10 mm sphere, all frames in contact", "gap recovered [%]", gaps);
-
-  std::printf(
-      "\n| noise | predictions | right %%: nearest | Wilson 95 %% | linear | Gaussian process | Bayes filter | "
-      "D_neighbor DN/N | W_recontact DN/N | Q |\n");
-  for (const double noise : {0.5, 1.0, 2.0, 4.0}) {
-    Tally nearest, linear, process, filter;
-    std::vector<double> D, W, Q;
-    for (int s = first; s < first + seeds; ++s) {
-      const VirtualRig rig(light, recontact_plan(), std::uint64_t(s), noise);
-      VirtualCamera start(rig), camera(rig);
-      const FingerView view = view_finger(start, rig.session(), UnloadedStretch::of(rig.session(), 0), "lab");
-      GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
-      const std::vector<Profile> profiles = read_profiles(camera, fine);
-      const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-      D.push_back(m.D_neighbor);
-      W.push_back(m.W_recontact);
-      Q.push_back(m.Q.value_or(0.0));
-      std::vector<Profile> regions;  // five bins each
-      for (const Profile& p : profiles)
-        regions.push_back(
-            {p.stamp_ns, Eigen::Map<const Eigen::MatrixXd>(p.value.data(), 5, 11).colwise().mean().transpose()});
-      const auto holds = hold_responses(regions, rig.session().segments);
-      const DecodingTask task = decoding_task(holds, {2.0, 5.0});
-      const std::vector<double> loads = common_loads(holds, 2.0);
-      const DecodingTask whole = decoding_task(holds, loads);
-      nearest.add(cross_validate(NearestTemplate{}, task.data, task.fold));
-      linear.add(cross_validate(LinearDecoder{}, task.data, task.fold));
-      process.add(cross_validate(GaussianProcessDecoder{}, task.data, task.fold));
-      filter.add(cross_validate(BayesDecoder{int(loads.size()) - 1}, whole.data, whole.fold));
-    }
-    const Interval w = wilson_interval(nearest.right, nearest.all);
-    std::printf("| %g | %d | %.2f | %.2f … %.2f | %.2f | %.2f | %.2f | %.3f | %.3f | %.1f |\n", noise, nearest.all,
-                100.0 * w.value, 100.0 * w.low, 100.0 * w.high, linear.percent(), process.percent(), filter.percent(),
-                median(D), median(W), median(Q));
-    std::fflush(stdout);
-  }
+  const Study study{light, first, seeds, assumed};
+  study_location_and_force(study, folder);
+  study_decoding(study);
 }

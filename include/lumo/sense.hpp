@@ -6,12 +6,9 @@
 #include "lumo/version.hpp"
 
 #include "lumo/sense/devices/mini_cheetah.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
-#include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/devices/replay.hpp"
 
-#include "lumo/sense/recording/hand_log.hpp"
 #include "lumo/sense/recording/log_truth.hpp"
-#include "lumo/sense/recording/photodiode_log.hpp"
 
 #include "lumo/sense/recording/mcap/mcap_log.hpp"
 #include "lumo/sense/recording/mcap/mcap_log_writer.hpp"
@@ -36,7 +33,7 @@
 #include "lumo/sense/decode/nearest_template.hpp"
 #include "lumo/sense/decode/segment_responses.hpp"
 
-#include "lumo/sense/hand/hand_observer.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"

@@ -2,7 +2,7 @@
 
 #include "lab/plain_pad.hpp"
 #include "lumo/lab/hand_lab.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 
 #include <algorithm>
 

@@ -36,7 +36,8 @@ TEST_CASE("same seed, same log, another seed, another one, without noise no scat
   CHECK(truth_text(a.truth()) == truth_text(b.truth()));
   CHECK(truth_text(a.truth()) != truth_text(c.truth()));
   for (const Segment& s : a.session().segments)
-    if (s.kind == "hold") CHECK((s.load_N == 5.0 || s.load_N == 20.0));  // what was asked for; what came out scatters
+    if (s.kind == SegmentKind::hold)
+      CHECK((s.load_N == 5.0 || s.load_N == 20.0));  // what was asked for; what came out scatters
   const VirtualRig quiet(light, short_plan(), 3, 0.0);
   for (const TruthSample& t : quiet.truth())
     if (t.contact >= 0) CHECK(std::abs(t.y_m) == Approx(15e-3));

@@ -7,7 +7,7 @@
 #include "lumo/lab/random_stream.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/sense/devices/joint_sample.hpp"
-#include "lumo/sense/hand/hand_link.hpp"
+#include "lumo/sense/hand/link_map.hpp"
 #include "lumo/sense/recording/session.hpp"
 #include "lumo/sense/recording/tables.hpp"
 
@@ -70,7 +70,7 @@ class HandLab {
   void close_grasps();
   void record_frames();
   void record_joints();
-  void add_segment(double from_s, double to_s, const char* kind) {
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   }
 
@@ -175,7 +175,7 @@ inline void HandLab::sweep_workspace() {
       const double a = node(i), b = node(i % 2 == 0 ? j : plan_.sweep_steps - 1 - j);
       move_to({a, b, a, b});
     }
-  add_segment(0.0, keys_.back().t_s, "free");
+  add_segment(0.0, keys_.back().t_s, sense::SegmentKind::free);
 }
 
 inline void HandLab::describe_links() {
@@ -210,7 +210,7 @@ inline void HandLab::close_grasps() {
     keys_.push_back({t + plan_.close_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 1.0});
     keys_.push_back({t + 2.0 * plan_.close_s + plan_.hold_s, grasp.joints_rad, g, 0.0});
-    add_segment(t + plan_.close_s, t + plan_.close_s + plan_.hold_s, "hold");
+    add_segment(t + plan_.close_s, t + plan_.close_s + plan_.hold_s, sense::SegmentKind::hold);
   }
 }
 

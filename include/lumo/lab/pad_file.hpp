@@ -1,8 +1,7 @@
 #pragma once
 
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
 #include <charconv>

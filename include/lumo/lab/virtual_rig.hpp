@@ -87,7 +87,7 @@ class VirtualRig {
 
   void draw_contacts();
   void lay_out_time();
-  void add_segment(double from_s, double to_s, const char* kind) {
+  void add_segment(double from_s, double to_s, sense::SegmentKind kind) {
     session_.segments.push_back({lab_stamp(from_s), lab_stamp(to_s), kind});
   }
   void deform();
@@ -189,13 +189,13 @@ inline void VirtualRig::draw_contacts() {
 
 inline void VirtualRig::lay_out_time() {
   double t = plan_.free_run_s;
-  if (t > 0.0) add_segment(0.0, t, "free");
+  if (t > 0.0) add_segment(0.0, t, sense::SegmentKind::free);
   for (std::size_t i = 0; i < plan_.contacts.size(); ++i) {
     const LabContact& c = plan_.contacts[i];
     phases_.push_back({t, t + c.rest_s, 0.0, 0.0, -1});
     const double from = t + std::min(settle_s, 0.5 * c.rest_s), to = t + c.rest_s - margin_s;
-    add_segment(from, to, "unloaded");
-    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, "dark");
+    add_segment(from, to, sense::SegmentKind::unloaded);
+    if (plan_.views[std::size_t(c.view)].lamps == 0.0) add_segment(from, to, sense::SegmentKind::dark);
     t += c.rest_s;
     double load = 0.0;
     for (std::size_t k = 0; k < c.steps.size(); ++k) {

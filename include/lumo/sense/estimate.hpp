@@ -2,7 +2,6 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/stopwatch.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/finger_model.hpp"
 #include "lumo/sense/force/frame_estimate.hpp"
@@ -19,7 +18,7 @@ namespace lumo::sense {
 /// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
 /// `make_camera()` gives the pictures from their start. Throws InputError where no unloaded finger is seen.
 template <class MakeCamera>
-FingerModel<> known_finger(const RecordedLog& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
+FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
   const std::int64_t start_ns = recording.frames.empty() ? 0 : recording.frames.front().stamp_ns;
   const UnloadedStretch rest = UnloadedStretch::of(recording.session, start_ns);
   FingerModel<> finger = finger_model(recording.session);
@@ -53,7 +52,7 @@ std::vector<FrameEstimate> locate(const std::vector<Profile>& profiles, const Fi
 /// Picture → profile → unloaded reference → location → torque → force: the recording plays as it came, one step at
 /// each frame. Throws InputError without joint samples, InvalidArgument for parts that do not fit.
 template <class MakeCamera, ContactJacobian J, class MakeLocalizer = BayesLocalizer (*)(const FingerOptics&)>
-std::vector<FrameEstimate> estimate(const RecordedLog& recording, MakeCamera make_camera, const FingerModel<J>& finger,
+std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_camera, const FingerModel<J>& finger,
                                     MakeLocalizer make_localizer = bayes_localizer) {
   const std::vector<JointSample> samples = on_frames_clock(recording);
   if (samples.size() < 2 || finger.joints.torque.empty())

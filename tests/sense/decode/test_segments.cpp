@@ -31,9 +31,9 @@ struct Made {
       for (int r = 0; r < 2; ++r) {
         lamps += 7.0;
         Segment s;
-        s.kind = "unloaded";
+        s.kind = SegmentKind::unloaded;
         add(s, Eigen::Vector3d::Zero());
-        s.kind = "hold";
+        s.kind = SegmentKind::hold;
         s.place = place;
         s.y_mm = 10.0 * place - 10.0;
         s.repetition = r;
@@ -41,7 +41,7 @@ struct Made {
           s.load_N = load;
           add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
         }
-        s.kind = "cycle";
+        s.kind = SegmentKind::cycle;
         for (int cycle = 0; cycle < 2; ++cycle) {
           s.cycle = cycle;
           add(s, channels * (10.0 + cycle));
@@ -91,8 +91,9 @@ TEST_CASE("slopes, decoding tasks and cycles are those that were put in", "[segm
   CHECK(common_loads(holds, 2.0) == std::vector<double>{2.0, 5.0, 10.0});
   CHECK(common_loads(holds, 4.0) == std::vector<double>{5.0, 10.0});
   auto fewer = holds;  // one re-contact ends early
-  fewer.erase(std::find_if(fewer.begin(), fewer.end(),
-                           [](const HoldResponse& h) { return h.segment.kind == "hold" && h.segment.load_N == 10.0; }));
+  fewer.erase(std::find_if(fewer.begin(), fewer.end(), [](const HoldResponse& h) {
+    return h.segment.kind == SegmentKind::hold && h.segment.load_N == 10.0;
+  }));
   CHECK(common_loads(fewer, 2.0) == std::vector<double>{2.0, 5.0});
 
   const auto runs = cycle_runs(holds);

@@ -1,8 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
-#include "lumo/sense/devices/recorded_camera.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/live/live.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>
@@ -23,15 +23,15 @@ TEST_CASE("a link's map is the turn, shift and scale that its points were given"
   for (const bool clockwise : {false, true}) {
     const LinkMap made{{320.5, 111.25}, {2100.0, -1300.0}, clockwise, 0.0};
     for (Eigen::Index k = 0; k < 4; ++k) pixels.col(k) = made.pixel(points(0, k), points(1, k));
-    const LinkMap fit = LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, clockwise);
+    const LinkMap fit = LinkMap::fit(points, pixels, clockwise);
     CHECK((fit.origin_px - made.origin_px).norm() < 1e-9);
     CHECK((fit.along_px_per_m - made.along_px_per_m).norm() < 1e-6);
     CHECK(fit.residual_px < 1e-9);
-    CHECK(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
+    CHECK(LinkMap::fit(points, pixels, !clockwise).residual_px > 1.0);  // a mirror image is no turn
   }
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points.leftCols(1), pixels.leftCols(1), true), InvalidArgument);
   points.setZero();
-  CHECK_THROWS_AS(LinkMap::fit<Eigen::Matrix2Xd>(points, pixels, true), InvalidArgument);
+  CHECK_THROWS_AS(LinkMap::fit(points, pixels, true), InvalidArgument);
 }
 
 TEST_CASE("links are found by their holes to a fraction of a pixel, and are not where holes are hidden", "[hand]") {
@@ -69,7 +69,8 @@ TEST_CASE("contacts on several links at once are found where they are, bright an
     const double q1 = 0.03 + 0.015 * round, q2 = 0.21 - 0.012 * round;
     s.joints = {q1, q2, -q1, -q2};
     s.seed = std::uint64_t(500 + round);
-    s.lamps = 1.0 + 0.08 * std::cos(round), s.slope_DN = 4.0 * std::sin(round);
+    s.lamps = 1.0 + 0.08 * std::cos(round);
+    s.slope_DN = 4.0 * std::sin(round);
     const HandEstimate free = hand.observe(round, s.sample(), s.paint().view());
     CHECK(free.seen == std::vector<bool>(4, true));
     INFO("round " << round);
@@ -169,10 +170,13 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
     scenes.push_back(s);
   }
   Segment free;
-  free.kind = "free", free.from_ns = SceneCamera::stamp(0), free.to_ns = SceneCamera::stamp(15);
+  free.kind = SegmentKind::free;
+  free.from_ns = SceneCamera::stamp(0);
+  free.to_ns = SceneCamera::stamp(15);
   session.segments = {free};
   session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
-  session.frame_delay_s = 0.010, session.joint_delay_s = 0.004;
+  session.frame_delay_s = 0.010;
+  session.joint_delay_s = 0.004;
   std::vector<JointSample> joints;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
@@ -231,7 +235,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   CHECK_THROWS_AS(HandTouches::from_table(none, "truth.csv"), InputError);
 }
 
-TEST_CASE("a live hand is told picture by picture, with the joints at the time of each", "[hand][live]") {
+TEST_CASE("a live hand is reported picture by picture, with the joints at the time of each", "[hand][live]") {
   struct Stage {
     int picture = -1;  ///< the newest
     static std::int64_t stamp(int k) { return 1'000'000'000 + 40'000'000LL * k; }
@@ -245,7 +249,8 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
       const int k = ++stage->picture;
       HandScene s;
       const double q = Stage::turn(k);
-      s.joints = {q, 0.06, -q, -0.06}, s.seed = std::uint64_t(800 + k);
+      s.joints = {q, 0.06, -q, -0.06};
+      s.seed = std::uint64_t(800 + k);
       if (k >= 3) s.touches = {{1, 8.0, 30.0}};
       image = s.paint();
       return Frame{image.view(), Stage::stamp(k), 0.0, 0.0, k};
@@ -271,10 +276,10 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
     StreamState state() const { return StreamState::open; }
   } motors{&stage};
   HandObserver hand = practised_hand();
-  int told = 0;
+  int reported = 0;
   observe_hand_live(camera, motors, hand, Session{},
                     [&](const HandEstimate& e, const ImageView& image) {
-                      const int k = told++;
+                      const int k = reported++;
                       INFO("picture " << k);
                       CHECK(e.stamp_ns == Stage::stamp(k));
                       CHECK(image.width == 640);
@@ -288,5 +293,5 @@ TEST_CASE("a live hand is told picture by picture, with the joints at the time o
                       return true;
                     },
                     {.name = "hand", .max_gap_s = 0.06});
-  CHECK(told == 10);
+  CHECK(reported == 10);
 }

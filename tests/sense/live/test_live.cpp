@@ -224,7 +224,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   BenchMotor motor(bench);
   Session plan;
   plan.title = "plan";
-  plan.segments = {{0, 500 * ms, "unloaded"}};
+  plan.segments = {{0, 500 * ms, SegmentKind::unloaded}};
   std::vector<double> asked;
   {
     LogRecorder recorder(name, to_json(plan), [](const ImageView& v) { return encode_image(".png", v); });
@@ -237,7 +237,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   }
   CHECK(asked.front() == 0.0);
   CHECK(std::is_sorted(asked.begin(), asked.end()));
-  const RecordedLog log = read_log_folder(name);
+  const Recording log = read_log_folder(name);
   CHECK(log.session.title == "plan");
   CHECK(log.session.segments == plan.segments);
   REQUIRE(log.frames.size() == 31);
@@ -325,7 +325,7 @@ TEST_CASE("a recording that breaks off is a log up to there", "[live]") {
   } catch (const InputError& e) {
     CHECK(std::string(e.what()) == "bench: has given no picture for 2 s");
   }
-  const RecordedLog log = read_log_folder(name);  // written by the recorder's end
+  const Recording log = read_log_folder(name);  // written by the recorder's end
   CHECK(log.frames.size() == 15);
   CHECK(log.joints.size() > 1000);
 }

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/core/units.hpp"
-#include "lumo/sense/devices/recorded_actuator.hpp"
+#include "lumo/sense/devices/replay.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/bayes_localizer.hpp"
@@ -33,14 +33,17 @@ double force(std::int64_t t) {
 
 TorqueModel joint_truth() {
   TorqueModel m;
-  m.torque_constant_Nm_per_A = constant, m.bias_Nm = 0.03, m.coulomb_Nm = 0.01, m.noise_Nm = 0.006;
+  m.torque_constant_Nm_per_A = constant;
+  m.bias_Nm = 0.03;
+  m.coulomb_Nm = 0.01;
+  m.noise_Nm = 0.006;
   return m;
 }
 
 /// Everything that a rig would leave behind, in a folder.
 void record(const std::string& folder) {
   synthetic::View view{320, 240, {160.0, 120.0}, 0.05, 4700.0, 1.5};
-  RecordedLog log;
+  Recording log;
   log.path = folder;
   log.session.joint_to_origin_m = joint_to_origin_m;
   log.session.torque_constant_Nm_per_A = {constant};
@@ -67,7 +70,7 @@ void record(const std::string& folder) {
     log.joints.push_back({t + joint_clock_ahead, JointVector::Constant(1, q), JointVector::Constant(1, v),
                           JointVector::Constant(1, torque / constant), Effort::current_A});
   }
-  log.session.segments = {{0, 480 * ms, "unloaded"}};
+  log.session.segments = {{0, 480 * ms, SegmentKind::unloaded}};
   write_log_folder(log);
 }
 
@@ -77,7 +80,7 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   const TemporaryFolder folder;
   const std::string name = folder.path.string();
   record(name);
-  const RecordedLog log = read_log_folder(name);
+  const Recording log = read_log_folder(name);
   const Session& session = log.session;
   const Segment& quiet = session.segments.at(0);
 
@@ -93,11 +96,12 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   for (auto f = first.next(); f && f->stamp_ns <= quiet.to_ns; f = first.next())
     if (readout.read(*f, p)) unloaded.add(p);
   BayesLocalizer::Config localizer;
-  localizer.position_m = readout.positions_m(), localizer.noise = unloaded.noise(),
+  localizer.position_m = readout.positions_m();
+  localizer.noise = unloaded.noise();
   localizer.unloaded = unloaded.mean();
 
-  // The torque model from the same stretch: friction and bias are not told apart there, and do not need to be: it turns
-  // one way only.
+  // The torque model from the same stretch: friction and bias are not distinguished there, and do not need to be: it
+  // turns one way only.
   std::vector<JointSample> joints = log.joints;
   for (JointSample& s : joints) s.stamp_ns = session.joint_clock(s.stamp_ns);
   std::vector<JointSample> still;
@@ -152,11 +156,16 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
     if (truth < 5.0 || !measured) continue;
     CHECK(e.state == EstimatorState::ok);
     ForceSample s;
-    s.stamp_ns = now, s.position_rad = measured->head(1), s.contact_torque_Nm = measured->tail(1),
-    s.fused_N = e.contact[0].force_N, s.true_y_m = place(now), s.true_force_N = truth;
+    s.stamp_ns = now;
+    s.position_rad = measured->head(1);
+    s.contact_torque_Nm = measured->tail(1);
+    s.fused_N = e.contact[0].force_N;
+    s.true_y_m = place(now);
+    s.true_force_N = truth;
     if (e.contacts == 1) s.estimated_y_m = estimator.location().contact[0].y_m;
     if (e.contacts == 1 && e.contact[0].y_m) {
-      location_error += std::abs(*e.contact[0].y_m - s.true_y_m), ++located;
+      location_error += std::abs(*e.contact[0].y_m - s.true_y_m);
+      ++located;
       covered += std::abs(e.contact[0].force_N.value_or(1e9) - truth) < 2.0 * std::sqrt(e.contact[0].force_variance_N2);
     }
     samples.push_back(s);
@@ -171,8 +180,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
                     << ", fixed arm " << e.fixed_arm.mae_N << " N");
   CHECK(e.fused.samples == int(samples.size()));
   CHECK(e.fused.mae_N < 0.15);
-  CHECK(e.optical.mae_N <
-        0.6);  // half a second without contact tells little of the joint; the filter goes on learning between presses
+  CHECK(e.optical.mae_N < 0.6);  // half a second without contact has little information on the joint; the filter goes
+                                 // on learning between presses
   CHECK(e.fused.mae_N < 0.5 * e.optical.mae_N);
   CHECK(e.fixed_arm.mae_N > 1.0);
   CHECK(*e.recovery() > 0.95);

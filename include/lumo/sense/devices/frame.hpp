@@ -65,11 +65,11 @@ struct Image {
 /// One picture of a camera and how it was taken.
 struct Frame {
   ImageView image;
-  std::int64_t stamp_ns = 0;  ///< as the source tells it, on the clock that the session names; by how much that is
-                              ///< after the exposure's middle is the session's frame delay
-  double exposure_s = 0.0;    ///< 0: not known
-  double gain = 0.0;          ///< linear factor, or the driver's own number where that is all there is; 0: not known
-  std::int64_t index = 0;     ///< counted by the source
+  /// The source's stamp on the session's clock: the middle of the exposure plus the session's frame delay.
+  std::int64_t stamp_ns = 0;
+  double exposure_s = 0.0;  ///< 0: unknown
+  double gain = 0.0;        ///< linear factor, or else the driver's own number; 0: unknown
+  std::int64_t index = 0;   ///< counted by the source
 };
 
 }  // namespace lumo::sense

@@ -100,7 +100,7 @@ inline StreamRates stream_rates(std::span<const FrameRecord> frames, std::span<c
 }
 
 /// A recording's joint samples, stamped on the frames' clock.
-inline std::vector<JointSample> on_frames_clock(const RecordedLog& recording) {
+inline std::vector<JointSample> on_frames_clock(const Recording& recording) {
   std::vector<JointSample> samples = recording.joints;
   for (JointSample& s : samples) s.stamp_ns = recording.session.joint_clock(s.stamp_ns);
   return samples;

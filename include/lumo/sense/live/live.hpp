@@ -5,8 +5,8 @@
 #include "lumo/sense/devices/actuator.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/force/finger_model.hpp"
+#include "lumo/sense/hand/hand_log.hpp"
 #include "lumo/sense/profile/frame_monitor.hpp"
-#include "lumo/sense/recording/hand_log.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/core/write_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/sense/devices/actuator.hpp"
 #include "lumo/sense/live/live.hpp"
 #include "lumo/sense/recording/tables.hpp"
