@@ -104,7 +104,7 @@ class Optimizer {
     const Evidence e = evidence();
     models_.clear();
     for (Eigen::Index k = 0; k < e.outputs.rows(); ++k)
-      models_.push_back(GaussianProcess<K>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
+      models_.push_back(GaussianProcess<Kernel>::fit({e.x, e.outputs.row(k).transpose(), e.lower, e.upper}, config_.model));
     modelled_ = observed();
     return models_;
   }
@@ -157,7 +157,7 @@ class Optimizer {
   std::optional<SuccessModel<Kernel>> success(const Evidence& e) const {
     const Eigen::MatrixXd failed = trials_.designs(Trial::State::failed);
     if (failed.cols() == 0) return std::nullopt;
-    return SuccessModel<K>(e.x, failed, e.lower, e.upper, config_.model);
+    return SuccessModel<Kernel>(e.x, failed, e.lower, e.upper, config_.model);
   }
 
   /// The candidate of highest acquisition; a fresh design while there is too little for a model.
