@@ -146,7 +146,6 @@ class OpticalScene {
     point = upper ? Vec3d((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3d((1.0 - u - v) * a + u * b + v * c);
     return t;
   }
-  const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
   std::array<Vec3d, 3> reference_corners(int face, int sub) const {
     const std::array<Vec3d, 6>& x = faces_[std::size_t(face)].reference;
