@@ -53,7 +53,7 @@ struct BoxSlicer {
 
   explicit BoxSlicer(const Eigen::VectorXd& r) : reference(r), low(r.size()), high(r.size()) {}
 
-  /// Slices what no column of `y` dominates along objective `along`, and each slice along those after it.
+  /// Slices the space that no column of `y` dominates along objective `along`, and each slice along those after it.
   void slice(const Eigen::MatrixXd& y, Eigen::Index along) {
     const double infinite = std::numeric_limits<double>::infinity();
     if (along + 1 == reference.size()) {
@@ -103,7 +103,7 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
   return boxes;
 }
 
-/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above
+/// Volume above `reference` that the columns of `y` (objectives × points, maximised) dominate; points not above
 /// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
 /// Hingston, Barone & Huband, 2006.
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {

@@ -26,7 +26,7 @@
 
 namespace lumo {
 
-/// A body in one state as its light meets it, and the readout: what all steps of a trace share.
+/// A body in one state as its light meets it, and the readout: the input of all steps of a trace.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> struct LitBody {
   const OpticalScene& surface;
   const Scene& scene;
@@ -117,7 +117,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     Vec3d back, on;  ///< directions of the reflected and of the refracted ray
   };
 
-  // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
+  // Russian roulette. Its losses and gains have their own account, so that the ledger closes. False: ended.
   bool survives(Branch& b) {
     b.direct = false;
     if (!(b.power > 0.0)) return false;
