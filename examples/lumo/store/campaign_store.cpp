@@ -2,7 +2,7 @@
 
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/hypervolume.hpp"
-#include "lumo/optimize/pareto.hpp"
+#include "lumo/optimize/hypervolume.hpp"
 
 #include <algorithm>
 #include <limits>
