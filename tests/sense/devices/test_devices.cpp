@@ -69,35 +69,32 @@ TEST_CASE("motors over a socket pair: commands go out, samples come back in the 
   motors.enter();
   const std::array<MiniCheetahProtocol::Command, 2> command{{{0.5, 1.0, 10.0, 1.0, 0.2}, {-1.5, 2.0, 10.0, 1.0, -0.7}}};
   motors.command(command);
-  can_frame noise{};
-  noise.can_id = 5;
-  noise.can_dlc = 8;
-  fake.send(noise);  // another node
-  noise.can_id = 0;
-  noise.can_dlc = 3;
-  fake.send(noise);  // cut short
-  noise.can_dlc = 6;
-  noise.data[0] = 99;
-  fake.send(noise);  // a motor that is none of ours
+  const auto send = [&](canid_t id, std::uint8_t length, std::uint8_t motor) {
+    can_frame noise{};
+    noise.can_id = id;
+    noise.can_dlc = length;
+    noise.data[0] = motor;
+    fake.send(noise);
+  };
+  send(5, 8, 0);   // another node
+  send(0, 3, 0);   // cut short
+  send(0, 6, 99);  // a motor that is none of ours
   fake.answer_all();
   const auto s = motors.next();
   REQUIRE(s);
   CHECK(fake.enters == 2);
   CHECK(s->stamp_ns == 123);
   CHECK(s->unit == Effort::torque_Nm);
-  CHECK(s->position_rad[0] == Approx(0.5).margin(2e-4));
-  CHECK(s->position_rad[1] == Approx(-1.5).margin(2e-4));
+  CHECK((s->position_rad - Eigen::Vector2d(0.5, -1.5)).cwiseAbs().maxCoeff() < 2e-4);
   CHECK(s->velocity_rad_per_s[1] == Approx(2.0).margin(0.02));
-  CHECK(s->effort[0] == Approx(0.2).margin(0.005));
-  CHECK(s->effort[1] == Approx(-0.7).margin(0.005));
+  CHECK((s->effort - Eigen::Vector2d(0.2, -0.7)).cwiseAbs().maxCoeff() < 0.005);
   CHECK_FALSE(s->saturated);
   CHECK_FALSE(motors.next());
   for (const int motor : {1, 2}) {  // torques at the end of the range may be any that are larger
     can_frame full{};
     full.can_dlc = 6;
     full.data[0] = std::uint8_t(c.motors[std::size_t(motor - 1)]);
-    full.data[1] = 0x80;
-    full.data[3] = 0x80;
+    full.data[1] = full.data[3] = 0x80;
     full.data[4] = motor == 1 ? 0x0f : 0x08;
     full.data[5] = 0xff;
     fake.send(full);
@@ -108,8 +105,7 @@ TEST_CASE("motors over a socket pair: commands go out, samples come back in the 
   JointMonitor::Config watch;
   watch.joints = 2;
   const auto verdict = JointMonitor(watch).check(*clipped, clipped->stamp_ns);
-  CHECK(verdict.faults.has(Fault::torque_saturated));
-  CHECK_FALSE(verdict.usable);
+  CHECK((verdict.faults.has(Fault::torque_saturated) && !verdict.usable));
   CHECK(motors.state() == StreamState::open);
   CHECK_THROWS_AS(motors.command(std::span(command).first(1)), InvalidArgument);
 
