@@ -10,8 +10,8 @@ int main(int argc, char** argv) {
   using namespace lumo;
   const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
 
-  // The session tells each link's mounting holes and about where they are in the first picture; from then on they are
-  // followed.
+  // The session states each link's mounting holes and roughly where they are in the first picture. From then on they
+  // are followed.
   HandObserver hand = hand_observer(log.session);
   FolderCamera camera(log.path + "/frames", log.frames);
   std::vector<HandEstimate> estimates;

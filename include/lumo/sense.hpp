@@ -24,7 +24,7 @@
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/estimate.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"
@@ -35,7 +35,5 @@
 
 #include "lumo/sense/hand/hand_log.hpp"
 
-#include "lumo/sense/live/live_force.hpp"
-#include "lumo/sense/live/live_hand.hpp"
-#include "lumo/sense/live/live_location.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"

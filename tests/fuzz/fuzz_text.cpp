@@ -32,7 +32,7 @@ template <class Read, class Write> void check_table(const std::string& text, Rea
 }
 
 void check_surface(const char* kind, const std::string& text) {
-  const TriangleSurface s = surface_of(kind, text, "surface", 1e-3);
+  const TriangleSurface s = parse_surface(kind, text, "surface", 1e-3);
   for (const auto& t : s.triangles)
     for (const int v : t)
       if (v < 0 || std::size_t(v) >= s.vertices.size()) fuzz::finding("a triangle without a vertex");

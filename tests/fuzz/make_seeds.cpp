@@ -28,13 +28,13 @@ template <class Codec> std::string mcap_of(const Recording& log, bool raw, Codec
         McapPictureData p;
         p.width = image.width;
         p.height = image.height;
-        if (raw)
+        if (raw) {
           p.pixels = image.view();
-        else {
-          p.format = "png";
-          p.file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I',
-                    'H',  'D', 'R', 0,   0,    0,    4,    0,    0, 0, 3, 8,  2};
+          return p;
         }
+        p.format = "png";
+        p.file = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I',
+                  'H',  'D', 'R', 0,   0,    0,    4,    0,    0, 0, 3, 8,  2};
         return p;
       },
       codec);

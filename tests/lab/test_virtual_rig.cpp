@@ -3,7 +3,7 @@
 #include "lab/plain_pad.hpp"
 #include "lumo/lab/side_camera.hpp"
 #include "lumo/lab/virtual_rig.hpp"
-#include "lumo/sense/force/log_estimates.hpp"
+#include "lumo/sense/estimate.hpp"
 #include "lumo/sense/profile/finger_view.hpp"
 
 #include <cmath>
@@ -77,7 +77,7 @@ TEST_CASE("pixels scatter as the sensor's model says", "[lab]") {
   double sum = 0.0, squares = 0.0;
   constexpr int n = 1500;
   for (int k = 0; k < n; ++k) {
-    const double g = painter.paint(level, 1.0, 5.0, 1.0, Draws(7, std::uint64_t(k))).view().green(u, v);
+    const double g = painter.paint(level, 1.0, 5.0, 1.0, RandomStream(7, std::uint64_t(k))).view().green(u, v);
     sum += g, squares += g * g;
   }
   const double mean = sum / n, variance = squares / n - mean * mean;
@@ -156,16 +156,14 @@ TEST_CASE("the finger's localiser finds places along a pad with clear ends, and 
     const VirtualRig rig(light, plan, seed);
     const UnloadedStretch rest = UnloadedStretch::of(rig.session(), rig.frames().front().stamp_ns);
     VirtualCamera first(rig), all(rig);
-    const FingerView view = view_finger(first, rig.session(), rest, "lab");
-    GreenProfile readout = view.readout(LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55));
+    FingerOptics finger;
+    finger.view = view_finger(first, rig.session(), rest, "lab");
+    GreenProfile readout = finger.readout();
     const std::vector<Profile> profiles = read_profiles(all, readout);
-    const UnloadedReference unloaded = unloaded_reference(profiles, rest, "lab");
-    const auto estimates = locate(profiles, unloaded, BayesLocalizer(finger_localizer(readout, unloaded)));
+    finger.unloaded = unloaded_reference(profiles, rest, "lab");
+    const auto estimates = locate(profiles, finger, bayes_localizer);
     std::istringstream table(truth_text(rig.truth()));
-    const LocationScore s =
-        location_score(estimates, LogTruth::from_table(table, "truth"), 4.5, [](const LogEstimate& e) {
-          return e.location.contacts == 1 ? std::optional(e.location.contact[0]) : std::nullopt;
-        });
+    const LocationScore s = location_score(estimates, LogTruth::from_table(table, "truth"), 4.5);
     samples += s.samples, located += s.located, error += s.mae_m * s.located, held += s.coverage_90 * s.located;
   }
   INFO(located << " of " << samples << " located, mean error " << 1e3 * error / located << " mm, "

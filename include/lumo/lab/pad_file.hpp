@@ -1,8 +1,7 @@
 #pragma once
 
-#include "lumo/core/read_whole.hpp"
+#include "lumo/core/files.hpp"
 #include "lumo/core/sobol.hpp"
-#include "lumo/core/write_whole.hpp"
 #include "lumo/lab/pad_responses.hpp"
 
 #include <charconv>
@@ -89,8 +88,11 @@ inline std::string to_text(const PadResponses& r, const std::string& key) {
   const auto add = [&](const char* name, const Eigen::MatrixXd& m) { append_block(t, name, m); };
   add("theta_mm", Eigen::Map<const Eigen::VectorXd>(r.theta_mm.data(), Eigen::Index(r.theta_mm.size())));
   add("diameter_m", Eigen::MatrixXd::Constant(1, 1, r.diameter_m));
-  add("position_m", r.position_m), add("unloaded", r.unloaded), add("place_m", r.place_m), add("load_N", r.load_N),
-      add("depth_m", r.depth_m);
+  add("position_m", r.position_m);
+  add("unloaded", r.unloaded);
+  add("place_m", r.place_m);
+  add("load_N", r.load_N);
+  add("depth_m", r.depth_m);
   for (const auto& m : r.change) add("change", m);
   add("tilt_place_m", r.tilt_place_m);
   for (const auto& m : r.tilt) add("tilt", m);
@@ -118,8 +120,10 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   const Eigen::MatrixXd diameter = reader.block("diameter_m");
   if (diameter.size() != 1) reader.fail("the diameter is missing");
   r.diameter_m = diameter(0, 0);
-  r.position_m = reader.column("position_m"), r.unloaded = reader.column("unloaded"),
-  r.place_m = reader.column("place_m"), r.load_N = reader.column("load_N");
+  r.position_m = reader.column("position_m");
+  r.unloaded = reader.column("unloaded");
+  r.place_m = reader.column("place_m");
+  r.load_N = reader.column("load_N");
   r.depth_m = reader.block("depth_m");
   for (Eigen::Index k = 0; k < r.place_m.size(); ++k) r.change.push_back(reader.block("change"));
   r.tilt_place_m = reader.column("tilt_place_m");

@@ -9,7 +9,7 @@
 
 namespace lumo {
 
-/// Of a Gaussian process without output scale, on inputs normalised to the unit box and outputs standardised.
+/// Hyper-parameters of a Gaussian process without output scale, on inputs normalised to the unit box and outputs standardised.
 struct Hyperparameters {
   Eigen::VectorXd length_scale;  ///< one per input
   double noise = 0.0;            ///< variance of an observation

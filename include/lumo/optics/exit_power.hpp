@@ -34,7 +34,7 @@ struct Connection {
   double solid_angle_sr = 0.0;
 };
 
-/// A readout behind openings that are small seen from the body: few paths come there by themselves. What Lambertian
+/// A readout behind openings that are small seen from the body: few paths come there by themselves. Light that Lambertian
 /// faces send is gathered from ways that start at an opening (next-event estimation: Coveyou, Cain & Yost 1967); light
 /// that never met such a face is traced forward, as for others. Laws: connect(k, p, u, v) leads from the point p
 /// through a point of opening k, and the mean of f(direction)·solid_angle over (u, v) in (0, 1)² is the integral of f

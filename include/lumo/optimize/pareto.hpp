@@ -25,7 +25,7 @@ inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
       if (y(j, i) != y(j, k)) return y(j, i) > y(j, k);
     return false;
   });
-  // In this order nothing is dominated by what comes after it.
+  // No point dominates one before it in this order.
   std::vector<Eigen::Index> front;
   for (const Eigen::Index i : order) {
     const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))

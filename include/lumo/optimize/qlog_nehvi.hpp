@@ -29,7 +29,7 @@ inline double fat_minimum(double a, double b, double tau) {
 /// smoothing).
 struct QLogNehvi {
   int draws = 128;
-  bool noisy = true;       ///< false: told values stand as they are (qLogEHVI)
+  bool noisy = true;       ///< false: observed values stand as they are (qLogEHVI)
   double tau_relu = 1e-6;  ///< smoothing of max(·, 0), in the units of the objectives
   double tau_max = 1e-3;   ///< smoothing of minima of logarithms
 

@@ -1,10 +1,7 @@
 #include "catch.hpp"
 
 #include "lumo/sense/joints/joint_monitor.hpp"
-#include "lumo/support/serial.hpp"
 #include "lumo/support/socketcan.hpp"
-
-#include <stdlib.h>
 
 #include <cstdio>
 
@@ -147,57 +144,4 @@ TEST_CASE("no bus, bad motors: typed errors", "[device]") {
   c.motors = {1, 2, 3};
   c.sign = {1.0, -1.0};
   CHECK_THROWS_AS(MiniCheetahMotors(Descriptor(), c), InvalidArgument);
-}
-
-TEST_CASE("photodiodes over a pipe: whole lines only, bad ones are counted", "[device]") {
-  int fd[2];
-  REQUIRE(::pipe(fd) == 0);
-  const auto write = [&](const std::string& s) { REQUIRE(::write(fd[1], s.data(), s.size()) == ssize_t(s.size())); };
-  SerialPhotodiodes diodes(Descriptor{fd[0]}, {3, 115200, fixed_time});
-  CHECK_FALSE(diodes.next());
-  write("1.5,2.25,");
-  CHECK_FALSE(diodes.next());
-  write("-0.5\r\n1,2\nx,y,z\n1,2,3,4\n1,2,nan\n 1, 2, 3\n");
-  const auto a = diodes.next(), b = diodes.next();
-  REQUIRE((a && b));
-  CHECK(a->signal_V == Eigen::VectorXd{{1.5, 2.25, -0.5}});
-  CHECK(a->stamp_ns == 123);
-  CHECK(b->signal_V == Eigen::VectorXd{{1.0, 2.0, 3.0}});
-  CHECK(diodes.bad_lines() == 4);
-  write(std::string(20000, '1') + "\n4,5,6\n");  // a line without end
-  const auto c = diodes.next();
-  REQUIRE(c);
-  CHECK(c->signal_V[2] == 6.0);
-  CHECK(diodes.state() == StreamState::open);
-  ::close(fd[1]);
-  CHECK_FALSE(diodes.next());
-  CHECK(diodes.state() == StreamState::failed);
-}
-
-TEST_CASE("photodiodes over a pseudo-terminal, what is no serial line is refused", "[device]") {
-  Descriptor master(::posix_openpt(O_RDWR | O_NOCTTY));
-  if (master.get() < 0 || ::grantpt(master.get()) != 0 || ::unlockpt(master.get()) != 0) {
-    FAIL("no pseudo-terminals here: this test says nothing of serial lines");
-  }
-  char name[128];
-  REQUIRE(::ptsname_r(master.get(), name, sizeof name) == 0);
-  REQUIRE(::write(master.get(), "7.5,8.", 6) == 6);  // sent before: thrown away
-  SerialPhotodiodes diodes = SerialPhotodiodes::open(name, {2, 115200, fixed_time});
-  REQUIRE(::write(master.get(), "31,1.5\n0.5,0.75\n", 16) == 16);  // the rest of a line reads like one
-  std::optional<PhotodiodeSample> s;
-  for (int k = 0; k < 1000 && !s; ++k) {
-    s = diodes.next();
-    if (!s) ::usleep(1000);  // the terminal's buffer is flushed by the kernel
-  }
-  REQUIRE(s);
-  CHECK(s->signal_V == Eigen::VectorXd{{0.5, 0.75}});
-  CHECK(diodes.bad_lines() == 0);
-  Descriptor line(::open(name, O_RDWR | O_NOCTTY));
-  termios settings{};
-  REQUIRE(::tcgetattr(line.get(), &settings) == 0);
-  CHECK((settings.c_cflag & (CSTOPB | CRTSCTS)) == 0);
-  CHECK((settings.c_cflag & (CLOCAL | CREAD)) == (CLOCAL | CREAD));
-  CHECK_THROWS_AS(SerialPhotodiodes::open("/dev/null", {}), InputError);
-  CHECK_THROWS_AS(SerialPhotodiodes::open("/nonexistent", {}), InputError);
-  CHECK_THROWS_AS(SerialPhotodiodes::open(name, {2, 1234, fixed_time}), InvalidArgument);
 }

@@ -306,7 +306,7 @@ void run_faults(int seeds) {
       const double y = seed % 2 ? 8e-3 : -13e-3, force = 6.0 + seed % 5;
       Scene scene(y, force, 1000 + std::uint64_t(seed));
       kind.plant(scene, 77 + std::uint64_t(seed));
-      Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+      Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
                           estimator_config());
       bool all_finite = true, all_ok = true, all_right = true, seen = false, ok_before = true;
       for (std::int64_t t = 0; t < Scene::length; t += 5 * ms) {
@@ -343,7 +343,7 @@ TEST_CASE("from frames and currents to place and force, with intervals", "[estim
   const UnloadedReference reference = unloaded();
   for (const double y : {-20e-3, 0.0, 14e-3}) {
     Scene scene(y, 9.0, 5);
-    Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+    Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
                         estimator_config());
     ForceEstimate e;
     for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) {
@@ -372,7 +372,8 @@ TEST_CASE("an error of the map widens place and force as a shift of the place wo
     Scene scene(10e-3, 9.0, 5);
     auto c = estimator_config();
     c.map_sigma_m = 1e-3 * k;
-    Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference, c);
+    Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
+                        c);
     for (std::int64_t t = 0; t < 1000 * ms; t += 10 * ms) scene.clock.now = t, e[k] = estimator.step(t);
   }
   const ContactForce &a = e[0].contact[0], &b = e[1].contact[0];
@@ -386,9 +387,9 @@ TEST_CASE("one stream alone: what is not known is not given as a number", "[esti
   Scene blind(8e-3, 9.0, 6), numb(8e-3, 9.0, 7);
   blind.camera.items.clear();
   numb.actuator.items.clear();
-  Estimator a(blind.camera, blind.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+  Estimator a(blind.camera, blind.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
               estimator_config());
-  Estimator b(numb.camera, numb.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+  Estimator b(numb.camera, numb.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
               estimator_config());
   ForceEstimate e, f;
   for (std::int64_t t = 0; t < 2000 * ms; t += 10 * ms) {
@@ -432,7 +433,7 @@ TEST_CASE("two joints tell place and force while the camera is silent", "[estima
   c.torque.resize(2);
   for (TorqueModel& m : c.torque) m.noise_Nm = 0.004;
   c.joints.joints = 2, c.filter.link = 1, c.filter.torque_bias_Nm = 0.003, c.filter.torque_Nm_per_sqrt_s = 0.05;
-  Blind estimator(scene.camera, scene.actuator, readout(), localizer(reference), chain, reference, c);
+  Blind estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), chain, c);
   ForceEstimate e;
   for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) scene.clock.now = t, e = estimator.step(t);
   CHECK(e.state == EstimatorState::torque_only);
@@ -449,7 +450,7 @@ TEST_CASE("two contacts on one joint: both places, no forces, the null direction
   int k = 0;
   for (auto& i : scene.camera.items) i.image = &pictures().get(-15e-3, 12.0, k++ % Pictures::kinds, 10e-3);
   for (auto& i : scene.actuator.items) i.sample.effort[0] += 4.0 * (arm_m - 15e-3) + 5.0 * (arm_m + 10e-3);
-  Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+  Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
                       estimator_config());
   ForceEstimate e;
   for (std::int64_t t = 0; t < 1000 * ms; t += 10 * ms) scene.clock.now = t, e = estimator.step(t);
@@ -496,8 +497,8 @@ TEST_CASE("the estimator works on recordings and with the paper's localiser, and
     c.frames.max_age_s = 10.0;
     c.max_frames = 1000, c.max_samples = 100000;
     c.filter.history = 4096;
-    Peak estimator(camera, actuator, readout(), PeakLocalizer({readout().positions_m(), reference.noise()}),
-                   MomentArm{arm_m}, reference, c);
+    Peak estimator(camera, actuator, {readout(), reference},
+                   PeakLocalizer({readout().positions_m(), reference.noise()}), MomentArm{arm_m}, c);
     return estimator.step(1000 * ms);
   };
   const ForceEstimate a = run(), b = run();
@@ -532,7 +533,7 @@ TEST_CASE("forces of two contacts carry the errors of torques, places and map", 
     for (TorqueModel& m : c.torque) m.noise_Nm = noise;
     c.joints.joints = 2, c.joints.period_s = 1e-9 * double(period), c.filter.link = 1, c.filter.torque_bias_Nm = 0.0,
     c.map_sigma_m = map_sigma;
-    Two estimator(scene.camera, scene.actuator, readout(), localizer(reference), chain, reference, c);
+    Two estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), chain, c);
     ForceEstimate e;
     for (std::int64_t t = 0; t < 600 * ms; t += 10 * ms) scene.clock.now = t, e = estimator.step(t);
     REQUIRE(e.contacts == 2);
@@ -567,7 +568,7 @@ TEST_CASE("over many scenes intervals of place and force hold what they promise"
     Scene scene(y, force, 900 + std::uint64_t(seed));
     const double offset = 0.02 * draw();  // of the torque, as its configuration assumes; learnt before the touch
     for (auto& i : scene.actuator.items) i.sample.effort[0] += offset;
-    Estimator estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference,
+    Estimator estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m},
                         estimator_config());
     ForceEstimate e;
     for (std::int64_t t = 0; t < 1500 * ms; t += 10 * ms) scene.clock.now = t, e = estimator.step(t);
@@ -625,7 +626,7 @@ TEST_CASE("parts that do not fit are refused", "[estimator]") {
     Scene s(0.0, 1.0, 1);
     auto config = estimator_config();
     change(config);
-    CHECK_THROWS_AS(Estimator(s.camera, s.actuator, readout(), localizer(u), MomentArm{arm_m}, u, config),
+    CHECK_THROWS_AS(Estimator(s.camera, s.actuator, {readout(), u}, localizer(u), MomentArm{arm_m}, config),
                     InvalidArgument);
   };
   refuses([](auto& config) { config.torque[0].rest_velocity_rad_per_s = 0.0; });
@@ -640,7 +641,7 @@ TEST_CASE("parts that do not fit are refused", "[estimator]") {
   auto c = estimator_config();
   c.torque.resize(2);
   CHECK_THROWS_AS(
-      Estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m}, reference, c),
+      Estimator(scene.camera, scene.actuator, {readout(), reference}, localizer(reference), MomentArm{arm_m}, c),
       InvalidArgument);
   CHECK_THROWS_AS(Estimator(scene.camera, scene.actuator, readout(), localizer(reference), MomentArm{arm_m},
                             UnloadedReference{}, estimator_config()),

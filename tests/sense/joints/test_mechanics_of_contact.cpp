@@ -139,15 +139,15 @@ TEST_CASE("torque alone: two joints tell place and force, one tells their produc
   const JointVector q = angles(0.3, 0.8);
   for (const double y : {-0.021, 0.004, 0.02}) {
     const JointVector torque = 6.0 * chain.column(q, {1, y});
-    const auto s = solve_torque_only(chain, q, torque, 1, -27.5_mm, 27.5_mm, 0.005);
+    const auto s = solve_torque_only(chain, q, torque, {1, -27.5_mm, 27.5_mm}, 0.005);
     CHECK(s.rank == 2);
     CHECK(s.y_m == Approx(y).margin(1e-6));
     CHECK(s.force_N == Approx(6.0).epsilon(1e-4));
   }
   // The first link's contact shows in one joint only; so does any of a moment arm.
-  CHECK(solve_torque_only(chain, q, 6.0 * chain.column(q, {0, 0.01}), 0, -27.5_mm, 27.5_mm, 0.005).rank == 1);
+  CHECK(solve_torque_only(chain, q, 6.0 * chain.column(q, {0, 0.01}), {0, -27.5_mm, 27.5_mm}, 0.005).rank == 1);
   const MomentArm arm{0.05};
-  const auto s = solve_torque_only(arm, q.head(1), JointVector::Constant(1, 0.3), 0, -27.5_mm, 27.5_mm, 0.005);
+  const auto s = solve_torque_only(arm, q.head(1), JointVector::Constant(1, 0.3), {0, -27.5_mm, 27.5_mm}, 0.005);
   CHECK(s.rank == 1);
   CHECK(s.force_N == Approx(6.0));  // at the middle: the fixed-arm baseline
   const double h = 1e-6;
@@ -159,14 +159,14 @@ TEST_CASE("the torque-only covariance is that of repeated solutions", "[jacobian
   const SerialChain chain = two_links();
   const JointVector q = angles(0.3, 0.8);
   const JointVector torque = 10.0 * chain.column(q, {1, 0.004});
-  const auto exact = solve_torque_only(chain, q, torque, 1, -27.5_mm, 27.5_mm, 0.004);
+  const auto exact = solve_torque_only(chain, q, torque, {1, -27.5_mm, 27.5_mm}, 0.004);
   synthetic::Normal normal(3);
   Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
   constexpr int trials = 3000;
   for (int t = 0; t < trials; ++t) {
     JointVector noisy = torque;
     for (Eigen::Index j = 0; j < 2; ++j) noisy[j] += 0.004 * normal();
-    const auto s = solve_torque_only(chain, q, noisy, 1, -27.5_mm, 27.5_mm, 0.004);
+    const auto s = solve_torque_only(chain, q, noisy, {1, -27.5_mm, 27.5_mm}, 0.004);
     const Eigen::Vector2d error(s.y_m - exact.y_m, s.force_N - exact.force_N);
     scatter += error * error.transpose() / trials;
   }
@@ -264,7 +264,7 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
     s.estimated_y_m = y + 2e-3, s.true_y_m = y, s.true_force_N = 6.0, s.fused_N = 5.5;
     samples.push_back(s);
   }
-  const ForceErrors e = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  const ForceErrors e = force_errors(arm, std::span<const ForceSample>(samples), {0, -0.025, 0.025}, 0.01);
   CHECK(e.known_location.mae_N == Approx(0.5 * (0.006 / 0.03 + 0.006 / 0.07)));
   CHECK(e.optical.mae_N == Approx(0.5 * (std::abs(0.186 / 0.032 - 6.0) + std::abs(0.426 / 0.072 - 6.0))));
   CHECK(e.fixed_arm.mae_N == Approx(0.5 * (std::abs(0.186 / 0.05 - 6.0) + std::abs(0.426 / 0.05 - 6.0))));
@@ -275,7 +275,7 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
   ForceSample hard = samples.front();
   hard.estimated_y_m.reset(), hard.contact_torque_Nm[0] += 0.1;
   samples.push_back(hard);
-  const ForceErrors silent = force_errors(arm, std::span<const ForceSample>(samples), 0, -0.025, 0.025, 0.01);
+  const ForceErrors silent = force_errors(arm, std::span<const ForceSample>(samples), {0, -0.025, 0.025}, 0.01);
   CHECK(silent.known_location.samples == 3);
   CHECK(silent.common.optical.samples == 2);
   CHECK(*silent.recovery() == Approx(*e.recovery()));
@@ -284,7 +284,7 @@ TEST_CASE("baselines on the same samples: errors by hand for one joint, torque a
   ForceSample s;
   s.position_rad = angles(0.3, 0.8), s.contact_torque_Nm = 6.0 * chain.column(s.position_rad, {1, 0.012}),
   s.true_y_m = 0.012, s.true_force_N = 6.0;
-  const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), 1, -0.025, 0.025, 0.01);
+  const ForceErrors two = force_errors(chain, std::span<const ForceSample>(&s, 1), {1, -0.025, 0.025}, 0.01);
   CHECK(two.torque_only.samples == 1);
   CHECK(two.torque_only.mae_N < 1e-3);
   CHECK(two.optical.samples == 0);

@@ -1,7 +1,6 @@
 #include "catch.hpp"
 
-#include "lumo/sense/joints/moment_arm.hpp"
-#include "lumo/sense/live/live_force.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/live/log_recorder.hpp"
 #include "lumo/sense/recording/recording_plan.hpp"
 #include "lumo/support/json.hpp"
@@ -105,21 +104,21 @@ class BenchMotor {
 
 static_assert(Actuator<BenchMotor>);
 
-const LongitudinalBins bench_bins = LongitudinalBins::uniform(-27.5e-3, 27.5e-3, 55);
-
-BayesLocalizer make_bayes(const GreenProfile& readout, const UnloadedReference& unloaded) {
-  return BayesLocalizer(finger_localizer(readout, unloaded));
+LiveWait bench_wait() {
+  return {.name = "bench", .now_ns = [] { return Bench::now; }};
 }
 
 std::vector<ForceEstimate> press(Bench& bench, double seconds, const JointReference& joints) {
   BenchCamera camera(bench);
   BenchMotor motor(bench);
   std::vector<ForceEstimate> told;
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
-  estimate_forces_live(
-      camera, motor, joints, Session{}, bench_bins, make_bayes, MomentArm{Bench::joint_to_origin_m},
-      [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; }, "bench", 0, wait);
+  Session session;
+  session.joint_to_origin_m = Bench::joint_to_origin_m;
+  FingerModel<> finger = finger_model(session);
+  finger.joints = joints;
+  estimate_live(
+      camera, motor, finger, bayes_localizer,
+      [&](const ForceEstimate& e) { return told.push_back(e), bench.since_s(e.stamp_ns) < seconds; }, bench_wait());
   return told;
 }
 std::vector<ForceEstimate> press(Bench& bench, double seconds) {
@@ -160,11 +159,10 @@ TEST_CASE("a motor whose driver tells torque in steps is not taken for stuck, an
   bench.now = Bench::begin + 1500 * ms;
   while (const auto s = motor.next()) before.push_back(*s);
   bench.now = Bench::begin;
-  JointReference joints = identify_joints(before, Session{}, INT64_MAX);
+  JointReference joints = identify_joints(before, {}, INT64_MAX);
   CHECK(joints.effort_step == Approx(bench.step_Nm));
-  CHECK(
-      identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), Session{}, INT64_MAX).effort_step ==
-      0.0);  // too few to tell
+  CHECK(identify_joints(std::vector<JointSample>(before.begin(), before.begin() + 3), {}, INT64_MAX).effort_step ==
+        0.0);  // too few to tell
   const auto told = press(bench, 4.0, joints);
   int stuck = 0, dropped = 0;
   for (const ForceEstimate& e : told)
@@ -217,8 +215,6 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   Bench bench;
   BenchCamera camera(bench), again(bench);
   BenchMotor motor(bench);
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
   Session plan;
   plan.title = "plan";
   plan.segments = {{0, 500 * ms, SegmentKind::unloaded}};
@@ -226,7 +222,7 @@ TEST_CASE("what is recorded reads back as a log, from the first picture on", "[l
   {
     LogRecorder recorder(name, to_json(plan), [](const ImageView& v) { return encode_image(".png", v); });
     record_live(
-        camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, "bench", wait);
+        camera, motor, recorder, [&](double s) { return asked.push_back(s), s <= 1.0; }, bench_wait());
     recorder.finish();
     CHECK(recorder.frames() == 31);
     CHECK(recorder.lost_frames() == 0);
@@ -310,12 +306,10 @@ TEST_CASE("a recording that breaks off is a log up to there", "[live]") {
     }
     StreamState state() const { return StreamState::open; }
   } silent{&camera};
-  LiveWait wait;
-  wait.now_ns = [] { return Bench::now; };
   try {
     LogRecorder recorder(name, to_json(Session{}), [](const ImageView& v) { return encode_image(".png", v); });
     record_live(
-        silent, motor, recorder, [](double) { return true; }, "bench", wait);
+        silent, motor, recorder, [](double) { return true; }, bench_wait());
     FAIL("a silent camera must be told");
   } catch (const InputError& e) {
     CHECK(std::string(e.what()) == "bench: has given no picture for 2 s");

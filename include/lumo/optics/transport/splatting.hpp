@@ -18,13 +18,13 @@ namespace lumo {
 /// regions: rays from one point of an emitter form a grid of directions, and where the three rays of a triangle of
 /// neighbours go the same way, their power is spread over the triangle of their exits, linearly, and cut exactly at the
 /// borders (beams: Heckbert & Hanrahan 1984). Rays whose neighbours go another way are booked where they are. All power
-/// is kept; what spreading changes falls with the square of the grid's spacing.
-template <class Path> class ExitBeams {
+/// is kept; the error of spreading falls with the square of the grid's spacing.
+template <class Path> class Splatting {
  public:
-  explicit ExitBeams(Path& path) : path_(path) {}
+  explicit Splatting(Path& path) : path_(path) {}
 
   /// Traces all rays of a beam: grids of directions, each from one place on the emitter and shifted its own way. Places
-  /// come in pairs opposite each other about the middle; places and shifts are a net. With more rays there are more
+  /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
   void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
     const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
@@ -41,8 +41,11 @@ template <class Path> class ExitBeams {
       for (std::uint32_t i = 0; i < rows; ++i)
         for (std::uint32_t j = 0; j < columns; ++j) {
           const std::array<double, 4> u{(i + shift_u) / rows, (j + shift_v) / columns, place_u, place_v};
-          path_.run(RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j), beam.mirror,
-                    beam.power_W, true, true, &exits_, beam.source.has_intensity());
+          path_.run({.ray = RayPattern::ray(beam, u, sequence.seed, (place * rows + i) * columns + j),
+                     .mirror = beam.mirror,
+                     .power_W = beam.power_W,
+                     .gathers_direct = beam.source.has_intensity(),
+                     .exits = &exits_});
           first_.push_back(exits_.size());
         }
       left_.assign(exits_.size(), 6);
@@ -68,20 +71,23 @@ template <class Path> class ExitBeams {
 
   // Each exit has six triangles about it, and gives each a sixth of its power.
   void spread(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    const auto same = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
+    const auto alike = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
       for (std::size_t k = first_[ray]; k < first_[ray + 1]; ++k)
         if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > 0.5) return k;
       return exits_.size();
     };
     for (std::size_t k = first_[a]; k < first_[a + 1]; ++k) {
-      const std::size_t l = same(b, exits_[k]), m = same(c, exits_[k]);
+      const std::size_t l = alike(b, exits_[k]), m = alike(c, exits_[k]);
       if (l == exits_.size() || m == exits_.size()) continue;
       corner_ = {&exits_[k], &exits_[l], &exits_[m]};
-      --left_[k], --left_[l], --left_[m];
+      for (const std::size_t e : {k, l, m}) --left_[e];
       for (unsigned image : path_.accounts().images()) {
         image_ = image;
         std::array<Corner, 3> t;
-        for (std::size_t n = 0; n < 3; ++n) t[n] = {{}, path_.accounts().channel(*corner_[n], image)}, t[n].at[n] = 1.0;
+        for (std::size_t n = 0; n < 3; ++n) {
+          t[n] = {{}, path_.accounts().channel(*corner_[n], image)};
+          t[n].at[n] = 1.0;
+        }
         book(t[0], t[1], t[2], 1.0, 0);
       }
     }
@@ -105,8 +111,8 @@ template <class Path> class ExitBeams {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. Where one corner differs the border is found on its two edges; else the
-  // triangle is quartered.
+  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
+  // is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
     const Corner* odd = a.channel == b.channel   ? &c
@@ -144,8 +150,10 @@ template <class Path> class ExitBeams {
       return Corner{w, channel(w)};
     };
     const Corner ab = middle(a, b), bc = middle(b, c), ca = middle(c, a);
-    book(a, ab, ca, area / 4.0, depth + 1), book(ab, b, bc, area / 4.0, depth + 1);
-    book(ca, bc, c, area / 4.0, depth + 1), book(ab, bc, ca, area / 4.0, depth + 1);
+    book(a, ab, ca, area / 4.0, depth + 1);
+    book(ab, b, bc, area / 4.0, depth + 1);
+    book(ca, bc, c, area / 4.0, depth + 1);
+    book(ab, bc, ca, area / 4.0, depth + 1);
   }
 
   Path& path_;

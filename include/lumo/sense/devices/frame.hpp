@@ -2,6 +2,7 @@
 
 #include "lumo/core/error.hpp"
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -49,6 +50,13 @@ struct Image {
     require_in_range("image height", height, 1, max_image_side, "px");
     return {width, height, format,
             std::vector<std::uint8_t>(std::size_t(width) * std::size_t(height) * std::size_t(channels(format)))};
+  }
+  /// Copies the pixels. Throws InvalidArgument for an empty view.
+  static Image copy(const ImageView& v) {
+    Image image = black(v.width, v.height, v.format);
+    for (int y = 0; y < v.height; ++y)
+      std::copy_n(v.row(y), std::size_t(v.width) * std::size_t(channels(v.format)), image.row(y));
+    return image;
   }
   ImageView view() const { return {pixels.data(), width, height, std::ptrdiff_t(width) * channels(format), format}; }
   std::uint8_t* row(int y) { return pixels.data() + std::ptrdiff_t(y) * width * channels(format); }

@@ -3,7 +3,6 @@
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
 #include "lumo/core/units.hpp"
-#include "lumo/sense/force/offset_walk.hpp"
 #include "lumo/sense/joints/contact_jacobian.hpp"
 
 #include <Eigen/LU>
@@ -18,11 +17,60 @@
 
 namespace lumo::sense {
 
+/// Kalman filter of a random walk x that is seen together with a slowly changing offset b (first-order Gauss–Markov):
+/// two states, linear, exact. The offset keeps many alike measurements (a motor that sticks, frames of one peak) from
+/// looking like many independent ones.
+struct OffsetWalk {
+  double x = 0.0, b = 0.0;
+  double xx = 0.0, xb = 0.0, bb = 0.0;  ///< covariance
+
+  /// `walk`: growth of the variance of x per second, up to `most`. `offset`: stationary variance of b, which forgets
+  /// within `time_s`.
+  void predict(double dt, double walk, double most, double offset, double time_s) {
+    const double keep = std::exp(-dt / time_s);
+    b *= keep;
+    xb *= keep;
+    bb = keep * keep * bb + (1.0 - keep * keep) * offset;
+    xx += walk * dt;
+    if (xx > most) {
+      xb *= std::sqrt(most / xx);
+      xx = most;
+    }
+  }
+  /// Takes z = x + share · b + noise.
+  void update(double z, double variance, double share = 1.0) {
+    const double px = xx + share * xb, pb = xb + share * bb, s = px + share * pb + variance;
+    const double innovation = (z - x - share * b) / s;
+    x += px * innovation;
+    b += pb * innovation;
+    xx = std::max(xx - px * px / s, 0.0);
+    bb = std::max(bb - pb * pb / s, 0.0);
+    xb -= px * pb / s;
+  }
+  /// Variance of what is seen, without noise.
+  double seen() const { return xx + 2.0 * xb + bb; }
+};
+
 /// Place and normal force of one contact with their covariance.
 struct ContactBelief {
   double y_m = 0.0;
   double force_N = 0.0;
   Eigen::Matrix2d covariance{{0.0, 0.0}, {0.0, 0.0}};  ///< of (y [m], F [N])
+};
+
+/// Settings of a ContactFilter.
+struct ContactFilterConfig {
+  int link = 0;
+  double from_m = -27.5_mm, to_m = 27.5_mm;  ///< of the pad: the prior of y is uniform on it
+  double creep_m_per_sqrt_s = 5.0_mm;        ///< random walk of y
+  double torque_Nm_per_sqrt_s = 0.3;         ///< random walk of the contact's torques
+  double torque_prior_Nm = 2.0, force_prior_N = 100.0;
+  double location_bias_m = 1.0_mm,
+         location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
+  double torque_bias_Nm = 0.02, torque_bias_s = 5.0;  ///< of the torques'; assumed
+  double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
+  double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
+  std::size_t history = 512;  ///< measurements that a late one may precede
 };
 
 /// Fuses contact locations and joint torques, which come at different rates and with different delays. Filtered are
@@ -33,19 +81,7 @@ struct ContactBelief {
 /// is put where it belongs, and what came after it is done again.
 template <ContactJacobian Jacobian> class ContactFilter {
  public:
-  struct Config {
-    int link = 0;
-    double from_m = -27.5_mm, to_m = 27.5_mm;  ///< of the pad: the prior of y is uniform on it
-    double creep_m_per_sqrt_s = 5.0_mm;        ///< random walk of y
-    double torque_Nm_per_sqrt_s = 0.3;         ///< random walk of the contact's torques
-    double torque_prior_Nm = 2.0, force_prior_N = 100.0;
-    double location_bias_m = 1.0_mm,
-           location_bias_s = 0.5;  ///< standard deviation and time constant of the localiser's offset
-    double torque_bias_Nm = 0.02, torque_bias_s = 5.0;  ///< of the torques'; assumed
-    double no_contact_Nm = 0.01;                        ///< torque of what may act on the pad unseen
-    double jump_gate = 5.0;     ///< a location or torque this many standard deviations off is a new contact or load
-    std::size_t history = 512;  ///< measurements that a late one may precede
-  };
+  using Config = ContactFilterConfig;
 
   /// Throws InvalidArgument for numbers that make no sense.
   explicit ContactFilter(Jacobian jacobian, const Config& config = {});

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -103,10 +104,12 @@ inline TorqueIdentification identify_unloaded(std::span<const JointSample> sampl
                high = std::max(low + 1e-3, std::log(std::max(fastest, 1e-6)));
   constexpr int looks = 13;
   int least = 0;
-  double smallest = 1e300;
+  double smallest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < looks; ++k)
-    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9))
-      smallest = r, least = k;
+    if (const double r = fit(std::exp(low + (high - low) * k / (looks - 1))).residual; r < smallest * (1.0 - 1e-9)) {
+      smallest = r;
+      least = k;
+    }
   const double a = low + (high - low) * std::max(0, least - 1) / (looks - 1),
                b = low + (high - low) * std::min(looks - 1, least + 1) / (looks - 1);
   const double best = std::exp(golden_section([&](double at) { return fit(std::exp(at)).residual; }, a, b, 24));

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/byte_order.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 
 #include <array>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/core/crc32.hpp"
+#include "lumo/core/bytes.hpp"
 #include "lumo/core/error.hpp"
 #include "lumo/sense/recording/mcap/mcap.hpp"
 #include "lumo/sense/recording/mcap/mcap_source.hpp"

@@ -1,0 +1,84 @@
+#include "catch.hpp"
+
+#include "lumo/core/files.hpp"
+#include "temporary_folder.hpp"
+
+#include <sys/resource.h>
+#include <sys/stat.h>
+
+#include <atomic>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+using namespace lumo;
+
+TEST_CASE("a file is read whole; what is no file or too large is not read", "[core]") {
+  const TemporaryFolder folder;
+  const std::string bytes("\0a\r\n\xff", 5);
+  CHECK(read_whole(folder.write("file", bytes)) == bytes);
+  CHECK(read_whole(folder.write("empty", "")) == "");
+  CHECK(read_whole(folder / "file", 5) == bytes);
+  CHECK_FALSE(read_whole(folder / "file", 4));
+  CHECK_FALSE(read_whole(folder / "nothing"));
+  CHECK_FALSE(read_whole(folder.path));
+  REQUIRE(::mkfifo((folder / "pipe").c_str(), 0600) == 0);
+  CHECK_FALSE(read_whole(folder / "pipe"));  // and does not wait for a writer
+}
+
+TEST_CASE("a file is whole: new or replaced, with nothing left beside it") {
+  const TemporaryFolder folder;
+  for (const std::string& bytes : {std::string("first\0line\r\n", 12), std::string(100000, 'x'), std::string()}) {
+    write_whole(folder / "file", bytes);
+    CHECK(folder.read("file") == bytes);
+    CHECK(folder.entries() == 1);
+  }
+}
+
+TEST_CASE("a file that cannot be written is reported in one line, and what was there stays") {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder.path / "folder" / "full");
+  CHECK_THROWS_WITH(write_whole(folder / "none/file", "x"),
+                    Catch::Contains("none/file: cannot be written: No such file"));
+  CHECK_THROWS_AS(write_whole(folder / "folder", "x"), InputError);  // written beside it, but not renamed
+  CHECK(folder.entries() == 1);
+
+  folder.write("file", "old");
+  rlimit before;
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1000, before.rlim_max};
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &small) == 0);
+  std::string why;
+  try {
+    write_whole(folder / "file", std::string(100000, 'x'));
+  } catch (const InputError& e) {
+    why = e.what();
+  }
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  CHECK(why.find("File too large") != std::string::npos);
+  CHECK(folder.read("file") == "old");
+  CHECK(folder.entries() == 2);
+}
+
+TEST_CASE("writers of the same file do not get in each other's way") {
+  const TemporaryFolder folder;
+  std::vector<std::thread> writers;
+  std::atomic<int> failed = 0;
+  for (int k = 0; k < 4; ++k)
+    writers.emplace_back([&] {
+      for (int i = 0; i < 100; ++i) try {
+          write_whole(folder / "file", std::string(20000, 'y'));
+        } catch (const InputError&) {
+          ++failed;
+        }
+    });
+  for (std::thread& w : writers) w.join();
+  CHECK(failed == 0);
+  CHECK(folder.read("file") == std::string(20000, 'y'));
+  CHECK(folder.entries() == 1);
+}
