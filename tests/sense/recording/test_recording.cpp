@@ -125,7 +125,7 @@ TorqueModel unloaded_torque(const std::vector<JointSample>& joints, const Sessio
 /// Errors of the samples with a contact, and their bounds.
 void check_errors(const std::vector<ForceSample>& samples) {
   const ForceErrors e =
-      force_errors(MomentArm{joint_to_origin_m}, std::span<const ForceSample>(samples), 0, -25.0_mm, 25.0_mm, 0.01);
+      force_errors(MomentArm{joint_to_origin_m}, std::span<const ForceSample>(samples), {0, -25.0_mm, 25.0_mm}, 0.01);
   INFO("MAE fused " << e.fused.mae_N << ", optical " << e.optical.mae_N << ", known " << e.known_location.mae_N
                     << ", fixed arm " << e.fixed_arm.mae_N << " N");
   CHECK(e.fused.samples == int(samples.size()));
@@ -165,8 +165,8 @@ TEST_CASE("from a folder of pictures and currents to location and force, with th
   config.torque = {torque};
   config.joints.period_s = 2e-3;
   config.filter.torque_bias_Nm = 0.01;
-  Estimator estimator(camera, actuator, readout, BayesLocalizer(localizer), MomentArm{session.joint_to_origin_m},
-                      unloaded, config);
+  Estimator estimator(camera, actuator, {readout, unloaded}, BayesLocalizer(localizer),
+                      MomentArm{session.joint_to_origin_m}, config);
   const ContactTorques torques(joints, {torque});
   std::vector<ForceSample> samples;
   double location_error = 0.0;
