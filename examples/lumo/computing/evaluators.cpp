@@ -32,8 +32,8 @@ Json run_notes(int threads) {
   return {{"lumo", version}, {"threads", threads}, {"machine", machine}};
 }
 
-/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
-/// the design is taken for one of the machine.
+/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What
+/// lumo does not know as a failure of the design is taken for one of the machine.
 template <class Work>
 Verdict recorded(Json record, Json notes, Progress& progress, const Work& work) {
   const lumo::detail::Stopwatch watch;
@@ -90,21 +90,24 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
   const auto pipeline = shared(pipeline_for(o.material, o.mechanics, o.ray_error_percent));
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const Evaluation e =
-          evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline, finger_options(o.mechanics), TbbExecutor{threads}, report_stage);
+      const Evaluation e = evaluate(FingerDesign::from(x), silicone(o.material), contacts(o.ensemble), *pipeline,
+                                    finger_options(o.mechanics), TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
       return verdict_of(e, o.mechanics.holds());
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(threads), progress, work);
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}},
+                    run_notes(threads), progress, work);
   };
 }
 
-Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
+Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble,
+                          Progress& progress) {
   const auto pipeline = shared(pipeline_for(o.material, {}));
   return [o, study, ensemble, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline, {}, TbbExecutor{o.threads}, report_stage);
+      const auto variants = compare_variants(FingerDesign::from(x), silicone(o.material), ensemble, study, *pipeline,
+                                             {}, TbbExecutor{o.threads}, report_stage);
       Verdict verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
@@ -113,8 +116,10 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
         verdict.retry = verdict.retry || of_the_machine(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
-      if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
-      else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
+      if (variants.front().J_contact)
+        verdict.outputs = {variants.front().J_contact->value};
+      else if (verdict.why.empty())
+        verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
@@ -142,7 +147,8 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
       const std::vector<Departure> rows = departures();
       FingerReading usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for, TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_readings(FingerDesign::from(x), usual, rows, contacts, tools_for,
+                                             TbbExecutor{o.threads}, report_stage);
       return put_readings(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);

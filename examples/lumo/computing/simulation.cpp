@@ -30,7 +30,8 @@ AnySimulation of_kind(const Mechanics& m, const Silicone& s, const SolverOf<Meth
     return any(Simulator<decltype(material), decltype(contact), Element, Method>{material, contact, {}, solver});
   };
   const auto touching = [&](auto material) {
-    if (m.points == Mechanics::Points::vertex) return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
+    if (m.points == Mechanics::Points::vertex)
+      return with(material, VertexContact{m.contact_stiffness_N_per_m3, m.friction});
     return with(material, SDFContact{m.contact_stiffness_N_per_m3, m.friction});
   };
   if (m.law == Mechanics::Law::newton) return touching(StableNeoHookean{s.mu_Pa, s.lambda_Pa});
@@ -44,7 +45,8 @@ AnySimulation simulation(const Mechanics& m, const Silicone& s) {
   if (m.solver == Mechanics::Solver::quasi_static)
     return linear ? of_kind<LinearTet, Cholmod>(m, s, {}) : of_kind<QuadraticTet, Cholmod>(m, s, {});
   const SolverOf<VertexBlockDescent> descent{{.sweeps = m.sweeps, .density_kg_per_m3 = s.density_kg_per_m3}, {}};
-  return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent) : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
+  return linear ? of_kind<LinearTet, VertexBlockDescent>(m, s, descent)
+                : of_kind<QuadraticTet, VertexBlockDescent>(m, s, descent);
 }
 
 }  // namespace lumo::program

@@ -1,8 +1,8 @@
 #pragma once
 
+#include "computing/mechanics.hpp"
 #include "lumo/core/short_number.hpp"
 #include "lumo/core/units.hpp"
-#include "computing/mechanics.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lumo/core/plot.hpp"
 #include "drawing/svg.hpp"
 #include "drawing/text_box.hpp"
+#include "lumo/core/plot.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,10 +1,10 @@
 #pragma once
 
+#include "console/text.hpp"
 #include "lumo/campaign/observations.hpp"
 #include "lumo/mechanics/state.hpp"
 #include "lumo/mesh/quality.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
-#include "console/text.hpp"
 
 #include <optional>
 #include <string>

@@ -22,7 +22,8 @@ std::string cache_file(const ResponsesRequest& o, const std::string& log_path, c
   const fs::path folder = o.cache ? fs::path(*o.cache) : (log.has_filename() ? log : log.parent_path()).parent_path();
   fs::create_directories(folder, error);
   char name[48];
-  std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt", static_cast<unsigned long long>(lumo::detail::checksum(key)));
+  std::snprintf(name, sizeof name, "lumo-pad-%016llx.txt",
+                static_cast<unsigned long long>(lumo::detail::checksum(key)));
   return (folder / name).string();
 }
 
