@@ -11,7 +11,7 @@ namespace lumo::program {
 
 namespace {
 
-constexpr int any_number = 100000;   // a store does not say how many evaluations are wanted
+constexpr int any_number = 100000;  // a store does not say how many evaluations are wanted
 
 void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std::pair<double, double>>>& rated) {
   Eigen::MatrixXd y(2, Eigen::Index(rated.size()));
@@ -32,7 +32,9 @@ void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std
 
 }  // namespace
 
-double StoredTrial::seconds() const { return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined; }
+double StoredTrial::seconds() const {
+  return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined;
+}
 
 int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
