@@ -31,8 +31,7 @@ std::vector<double> per_power(const Response& r, const std::vector<double>& watt
 }
 
 /// The part of a press that a trace shares.
-template <class P>
-PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
+template <class P> PressResult pressed(const PressRequest& o, const Body& body, const P& pipeline, Progress& progress) {
   PressResult result;
   Observations& seen = result.seen;
   seen.seconds = {undefined, undefined, undefined, undefined};

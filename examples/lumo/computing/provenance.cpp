@@ -45,8 +45,7 @@ namespace {
 
 /// OpenBLAS reports on itself through functions that other BLAS libraries lack; the one in use is asked for at run
 /// time.
-template <class Function>
-Function* blas_function(const char* symbol) {
+template <class Function> Function* blas_function(const char* symbol) {
   return reinterpret_cast<Function*>(dlsym(RTLD_DEFAULT, symbol));
 }
 

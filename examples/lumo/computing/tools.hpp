@@ -4,9 +4,9 @@
 #include "computing/simulation.hpp"
 #include "console/progress.hpp"
 
-#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/optics/scattering_medium.hpp"
 #include "lumo/optics/tracer.hpp"
+#include "lumo/pipeline/evaluate.hpp"
 #include "lumo/support/embree.hpp"
 #include "lumo/support/tbb.hpp"
 #include "lumo/support/tetgen.hpp"

@@ -57,8 +57,7 @@ class CommandLine {
 
   /// What the help says of commands with that first word: "campaign" of "campaign run".
   void name_group(const std::string& name, const std::string& help) { groups_[name] = {help, nullptr}; }
-  template <Command C>
-  void add(const std::string& name, const std::string& help, C options = {}) {
+  template <Command C> void add(const std::string& name, const std::string& help, C options = {}) {
     const auto command = std::make_shared<C>(std::move(options));
     command->declare(make(name, help, [command] { return run(*command); }));
   }
@@ -69,8 +68,7 @@ class CommandLine {
   std::function<int()> parse(std::span<char* const> arguments, std::string& text);
 
  private:
-  template <Command C>
-  static int run(C& command) {
+  template <Command C> static int run(C& command) {
     if constexpr (requires { command.check(); }) command.check();
     Output files(command.out);
     Progress progress(command.quiet);

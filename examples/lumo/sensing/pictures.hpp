@@ -28,8 +28,7 @@ class AnyCamera {
 };
 static_assert(Camera<AnyCamera>);
 
-template <Camera C>
-class Held : public AnyCamera {
+template <Camera C> class Held : public AnyCamera {
  public:
   explicit Held(C camera) : camera_(std::move(camera)) {}
   std::optional<Frame> next() override { return camera_.next(); }

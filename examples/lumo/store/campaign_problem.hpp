@@ -40,13 +40,11 @@ std::string problem_text(const CampaignProblem& problem);
 CampaignProblem read_problem(const std::string& text, const std::string& store);
 
 /// Calls `use` with an optimiser that has seen nothing yet; candidates come from the "paper"'s or the "default" source.
-template <class Use>
-auto with_optimizer(const Problem& problem, const std::string& source, Use&& use) {
+template <class Use> auto with_optimizer(const Problem& problem, const std::string& source, Use&& use) {
   if (source == "paper") return use(Optimizer<RbfKernel, LogNehvi, FreshCandidates>(problem));
   return use(Optimizer<>(problem));
 }
-template <class Use>
-auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
+template <class Use> auto with_optimizer(const CampaignProblem& p, int evaluations, Use&& use) {
   return with_optimizer(finger_problem(evaluations, p.seed), p.source, std::forward<Use>(use));
 }
 

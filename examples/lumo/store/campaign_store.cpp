@@ -2,7 +2,6 @@
 
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/hypervolume.hpp"
-#include "lumo/optimize/hypervolume.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -55,7 +54,9 @@ StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store)
       StoredTrial s;
       s.id = t.id;
       std::copy_n(t.x.begin(), 5, s.theta_mm.begin());
-      s.state = t.state == Trial::State::observed ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
+      s.state = t.state == Trial::State::observed ? "evaluated"
+                : t.state == Trial::State::failed ? "failed"
+                                                  : "under way";
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
         s.record = json_or_null(log.record(*number));

@@ -3,8 +3,8 @@
 #include "computing/evaluators.hpp"
 #include "report/records.hpp"
 
-#include "lumo/study/paired_differences.hpp"
 #include "lumo/optimize/problem.hpp"
+#include "lumo/study/paired_differences.hpp"
 
 #include <functional>
 #include <string>
