@@ -68,6 +68,6 @@ int main(int argc, char** argv) {
   });
   CampaignState state(Optimizer<>{problem});
   state.read(log.entries());
-  std::printf("told %d, hypervolume %.17g\n", state.optimizer().observed(), state.optimizer().hypervolume());
+  std::printf("observed %d, hypervolume %.17g\n", state.optimizer().observed(), state.optimizer().hypervolume());
   return state.optimizer().observed() == evaluations ? 0 : 1;
 }
