@@ -4,7 +4,7 @@
 // of themselves, for choosing it (on other seeds than those of the tables). PAD_FILE: responses that `lumo lab …
 // --cache DIR` left in DIR. One thread. Frames are painted and read in memory; they are those that `lumo lab` writes.
 
-#include "drawing/chart.hpp"
+#include "charts/chart.hpp"
 #include "lumo/lab/pad_file.hpp"
 #include "lumo/lab/virtual_rig.hpp"
 #include "lumo/sense/decode/bayes_decoder.hpp"

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "drawing/chart.hpp"
-#include "drawing/contact_picture.hpp"
+#include "charts/chart.hpp"
+#include "charts/contact_picture.hpp"
 
 #include <limits>
 

@@ -1,6 +1,6 @@
 #include "catch.hpp"
 
-#include "drawing/contact_outline.hpp"
+#include "charts/contact_outline.hpp"
 #include "report/chart_library.hpp"
 #include "report/report_press.hpp"
 

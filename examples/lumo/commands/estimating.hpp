@@ -1,7 +1,7 @@
 #pragma once
 
 #include "commands/logs.hpp"
-#include "drawing/chart.hpp"
+#include "charts/chart.hpp"
 
 #include "lumo/sense/estimate.hpp"
 

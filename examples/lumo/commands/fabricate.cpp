@@ -36,7 +36,7 @@ void add(Output& files, const std::string& name, const Drawing& drawing) {
   add(files, name + ".svg", [&](std::ostream& out) { write_svg(out, drawing); });
 }
 
-void add_files(const CastSection& s, const CastingOptions& o, const std::vector<CastingPart>& kit, Output& files) {
+void add_files(const HalfSection& s, const CastingOptions& o, const std::vector<CastingPart>& kit, Output& files) {
   std::vector<PrintItem> carrier, mould;
   for (const CastingPart& part : kit) {
     add(files, part.name + ".stl", [&](std::ostream& out) { write_stl(out, part.printed); });
@@ -46,16 +46,17 @@ void add_files(const CastSection& s, const CastingOptions& o, const std::vector<
   add(files, "mould.3mf", [&](std::ostream& out) { write_3mf(out, std::span<const PrintItem>(mould), Zip{}); });
   add(files, "casting_section", section_drawing(s, o));
   add(files, "led_strip", strip_drawing(s, o));
-  if (s.gap_width > 0.0) add(files, "core", core_drawing(s, o));
+  if (s.design.w_v > 0.0) add(files, "core", core_drawing(s, o));
 }
 
 /// What a printer or a caster has to know about this design.
-std::vector<std::string> notes(const CastSection& s, const CastingOptions& o) {
+std::vector<std::string> notes(const HalfSection& s, const CastingOptions& o) {
   std::vector<std::string> list;
-  if (s.gap_width > 0.0 && s.gap_width < CastingOptions::thinnest_wall)
-    list.push_back("the cores are " + short_number(1e3 * s.gap_width) +
+  const CastingLayout at(s, o);
+  if (at.void_width > 0.0 && at.void_width < CastingOptions::thinnest_wall)
+    list.push_back("the cores are " + short_number(1e3 * at.void_width) +
                    " mm thick, less than two lines of a 0.4 mm nozzle: cut them from sheet, by core.dxf");
-  const double beside = 0.5 * s.ridge_width - 0.5 * o.strip_width - o.clearance;
+  const double beside = at.stem_x - 0.5 * o.strip_width - o.clearance;
   if (beside < CastingOptions::thinnest_wall - 1e-9)
     list.push_back("the carrier is " + short_number(1e3 * beside) +
                    " mm thick beside the LED strip, less than two lines of a 0.4 mm nozzle");
@@ -83,7 +84,7 @@ Json silicone_json(const Silicone& rubber, const CastVolume& volume) {
 
 /// The pad's files are added to `files`; what there is to know about them is returned, as text or JSON.
 std::string kit_of(const Pad& pad_request, const CastingOptions& o, bool as_json, Output& files) {
-  const CastSection s = cast_section(FingerDesign::from(pad_request.theta_mm));
+  const HalfSection s = casting_section(FingerDesign::from(pad_request.theta_mm));
   const Silicone rubber = silicone(pad_request.material);
   const std::vector<CastingPart> kit = casting_kit(s, o);
   const CastVolume volume = cast_volume(s, o);

@@ -1,6 +1,6 @@
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
-#include "drawing/chart.hpp"
+#include "charts/chart.hpp"
 #include "report/json.hpp"
 #include "sensing/live.hpp"
 #include "sensing/log.hpp"

@@ -1,7 +1,7 @@
 #include "commands/study_readings.hpp"
 
 #include "console/text.hpp"
-#include "drawing/chart.hpp"
+#include "charts/chart.hpp"
 #include "report/records.hpp"
 #include "store/study_rows.hpp"
 

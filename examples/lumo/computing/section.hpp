@@ -1,7 +1,7 @@
 #pragma once
 
 #include "computing/request.hpp"
-#include "drawing/section_drawing.hpp"
+#include "charts/section_drawing.hpp"
 
 namespace lumo::program {
 

@@ -2,7 +2,7 @@
 
 #include "computing/request.hpp"
 #include "console/output.hpp"
-#include "drawing/section_drawing.hpp"
+#include "charts/section_drawing.hpp"
 #include "lumo/pipeline/evaluate.hpp"
 #include "report/report.hpp"
 

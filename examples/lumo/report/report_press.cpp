@@ -1,6 +1,6 @@
 #include "report/report_press.hpp"
 
-#include "drawing/contact_outline.hpp"
+#include "charts/contact_outline.hpp"
 
 #include <cmath>
 

@@ -1,5 +1,5 @@
 // The module: the only source that uses OpenCV.
-#include "drawing/hand_overlay.hpp"
+#include "charts/hand_overlay.hpp"
 #include "sensing/pictures.hpp"
 
 #include "lumo/support/opencv.hpp"

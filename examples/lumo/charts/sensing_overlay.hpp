@@ -1,6 +1,6 @@
 #pragma once
 
-#include "drawing/svg.hpp"
+#include "charts/svg.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "sensing/log.hpp"
 

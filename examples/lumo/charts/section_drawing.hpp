@@ -1,6 +1,6 @@
 #pragma once
 
-#include "drawing/chart.hpp"
+#include "charts/chart.hpp"
 
 namespace lumo::program {
 

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "drawing/svg.hpp"
-#include "drawing/text_box.hpp"
+#include "charts/svg.hpp"
+#include "charts/text_box.hpp"
 #include "lumo/drawing/plot.hpp"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "drawing/chart.hpp"
-#include "drawing/contact_outline.hpp"
+#include "charts/chart.hpp"
+#include "charts/contact_outline.hpp"
 #include "lumo/mechanics/contact/state.hpp"
 #include "lumo/mesh/tet_mesh.hpp"
 

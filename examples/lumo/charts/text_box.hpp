@@ -1,6 +1,6 @@
 #pragma once
 
-#include "drawing/svg.hpp"
+#include "charts/svg.hpp"
 
 #include <algorithm>
 #include <array>
