@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <string_view>
 
 namespace lumo {
@@ -24,25 +26,10 @@ constexpr bool is_scored(Status s, bool accept_held = false) {
 }
 
 constexpr std::string_view to_string(Status s) {
-  switch (s) {
-    case Status::converged:
-      return "converged";
-    case Status::held:
-      return "held";
-    case Status::max_iterations:
-      return "max_iterations";
-    case Status::line_search:
-      return "line_search";
-    case Status::inverted:
-      return "inverted";
-    case Status::not_positive_definite:
-      return "not_positive_definite";
-    case Status::non_finite:
-      return "non_finite";
-    case Status::time_limit:
-      return "time_limit";
-  }
-  return "non_finite";
+  constexpr std::array<std::string_view, 8> names{"converged",   "held",      "max_iterations",
+                                                  "line_search", "inverted",  "not_positive_definite",
+                                                  "non_finite",  "time_limit"};
+  return names[std::size_t(s)];
 }
 
 }  // namespace lumo

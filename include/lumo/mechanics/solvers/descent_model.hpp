@@ -52,9 +52,20 @@ inline void validate(const DescentConfig& c) {
   require_in_range("largest advance", c.max_advance_m * 1e3, 1e-3, 1e3, "mm");
 }
 
+namespace detail {
+
+struct NoPacks {
+  struct Start {};
+};
+template <class Material, class Element> struct PacksFor { using type = NoPacks; };
+template <DilatationalMaterial Material> struct PacksFor<Material, LinearTet> { using type = VertexPacks<Material>; };
+
+}  // namespace detail
+
 /// All that does not change between scenarios on one mesh: masses, colors, elements, surfaces.
 template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Element> struct DescentModel {
-  static constexpr bool batched = DilatationalMaterial<Material> && std::same_as<Element, LinearTet>;
+  using Packs = typename detail::PacksFor<Material, Element>::type;
+  static constexpr bool batched = !std::same_as<Packs, detail::NoPacks>;
 
   Sector sector;
   Contact contact;
@@ -67,21 +78,7 @@ template <HyperelasticMaterial Material, ContactHandler Contact, TetElement Elem
   VertexColors colors;       ///< of the nodes that move
   bool resists_inversion;    ///< the material's energy has no bound where J ≤ 0
 
-  struct NoPacks {};
-  static auto packs_type() {
-    if constexpr (batched)
-      return std::optional<VertexPacks<Material>>();
-    else
-      return std::optional<NoPacks>();
-  }
-  static auto start_type() {
-    if constexpr (batched)
-      return typename VertexPacks<Material>::Start();
-    else
-      return NoPacks();
-  }
-  using PacksStart = decltype(start_type());
-  decltype(packs_type()) packs;
+  std::optional<Packs> packs;  ///< where they are asked for
 
   /// Throws InvalidArgument when the given colors are none.
   DescentModel(const Body& body, const TetMesh& mesh, Symmetry planes,

@@ -223,7 +223,7 @@ template <class Model, Indenter Tool, Executor E> class Descent {
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Tool> touching_;
   StepContacts<std::decay_t<decltype(std::declval<Model>().contact)>, Carrier> resting_;
   std::vector<SimdPack::Point> points_;  // x_ for the packs
-  typename Model::PacksStart packs_start_;
+  typename Model::Packs::Start packs_start_;
 };
 
 template <Executor E>
