@@ -19,6 +19,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = argc > 1 ? argv[1] : "lab_log";
   const Silicone card = solaris();
   FingerOptions coarse;

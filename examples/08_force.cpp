@@ -9,6 +9,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log");
   const auto camera = [&] { return FolderCamera(log.path + "/frames", log.frames); };
 

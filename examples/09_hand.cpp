@@ -8,6 +8,7 @@
 
 int main(int argc, char** argv) {
   using namespace lumo;
+  using namespace lumo::sense;
   const Recording log = read_log_folder(argc > 1 ? argv[1] : "lab_log_hand");
 
   // The session states each link's mounting holes and roughly where they are in the first picture. From then on they

@@ -221,7 +221,9 @@ struct Decoding {
     GreenProfile fine = view.readout(LongitudinalBins::uniform(-27.5_mm, 27.5_mm, 55));
     const std::vector<Profile> profiles = read_profiles(camera, fine);
     const RecontactMetrics m = recontact_metrics(slope_profiles(hold_responses(profiles, rig.session().segments)));
-    D.push_back(m.D_neighbor), W.push_back(m.W_recontact), Q.push_back(m.Q.value_or(0.0));
+    D.push_back(m.D_neighbor);
+    W.push_back(m.W_recontact);
+    Q.push_back(m.Q.value_or(0.0));
     std::vector<Profile> regions;  // five bins each
     for (const Profile& p : profiles)
       regions.push_back(

@@ -178,8 +178,10 @@ void paced(const Setup& setup, int frames) {
     std::vector<std::int64_t> taken;
     {
       const std::lock_guard hold(lock);
-      for (; !arriving.empty(); arriving.pop_front())
-        taken.push_back(arriving.front().stamp_ns), camera.queue.push_back(arriving.front());
+      for (; !arriving.empty(); arriving.pop_front()) {
+        taken.push_back(arriving.front().stamp_ns);
+        camera.queue.push_back(arriving.front());
+      }
     }
     const std::int64_t now = stamp();
     actuator.queue.push_back({now, JointVector::Zero(1), JointVector::Zero(1),

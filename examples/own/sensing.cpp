@@ -36,6 +36,7 @@ void draw(const std::string& path, std::uint64_t number, bool touched) {
 
 int main() {
   using namespace lumo;
+  using namespace lumo::sense;
   const std::string folder = "own_sensing_log";
   std::filesystem::create_directories(folder);
   std::stringstream joint;
@@ -66,7 +67,7 @@ int main() {
   own::PgmCamera camera(folder, period_s);
   own::TextActuator actuator(joint);
   PeakLocalizer localizer({.position_m = readout.positions_m(), .noise = unloaded.noise()});
-  ForceEstimator<own::PgmCamera, own::TextActuator, PeakLocalizer>::Config config;
+  ForceEstimatorConfig config;
   config.torque = {TorqueModel{.torque_constant_Nm_per_A = 1.0, .noise_Nm = 0.01}};
   // Both recordings give what they have at once: a step takes a picture, and what the motor said meanwhile.
   config.max_samples = 33;

@@ -7,9 +7,11 @@
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 namespace lumo {
 
@@ -81,7 +83,7 @@ class BlockReader {
   std::string name_;
 };
 
-/// `key` says in one line what was computed and how; whoever reads the file must ask for the same.
+/// `key` names in one line what was computed and how; a reader must ask for the same.
 inline std::string to_text(const PadResponses& r, const std::string& key) {
   std::string t(pad_file_head);
   t += "key " + key + "\nmaterial " + r.material + '\n';
@@ -133,10 +135,10 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
   return r;
 }
 
-/// Nothing when there is no such file. Throws InputError for one that cannot be used.
+/// nullopt if there is no such file. Throws InputError for one that cannot be used.
 inline std::optional<PadResponses> read_pad_responses(const std::string& path,
                                                       const std::optional<std::string>& key = {}) {
-  if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
+  if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));
   return pad_responses_from_text(*text, key, path);

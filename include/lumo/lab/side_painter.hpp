@@ -14,7 +14,7 @@
 namespace lumo {
 
 /// Paints the side of a pad as a camera sees it: pinhole, lens blur, vignetting (cos⁴), shot, read, row and pixel
-/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses do not tell
+/// noise, gamma, 8 bits. The light of a bin fills the height of the visible side evenly (the responses hold no
 /// more). LEDs are spots behind the side: in the pad's middle, as deep as refraction lets them seem, so that their
 /// pitch looks smaller than the side's.
 class SidePainter {

@@ -204,18 +204,9 @@ inline void VirtualRig::lay_out_time() {
       t += s.ramp_s;
       load = contacts_[i].load_N[k];
       phases_.push_back({t, t + s.hold_s, load, load, int(i)});
-      sense::Segment g;
-      g.from_ns = lab_stamp(t + settling_share * s.hold_s);
-      g.to_ns = lab_stamp(t + s.hold_s);
-      g.kind = s.kind;
-      g.place = c.place;
-      g.y_mm = 1e3 * c.y_m;
-      g.repetition = c.repetition;
-      g.cycle = s.cycle;
-      g.load_N = s.load_N;
-      g.angle_deg = c.angle_rad * 180.0 / pi;
-      g.diameter_mm = 1e3 * light_->responses().diameter_m;
-      session_.segments.push_back(g);
+      session_.segments.push_back({lab_stamp(t + settling_share * s.hold_s), lab_stamp(t + s.hold_s), s.kind, c.place,
+                                   1e3 * c.y_m, c.repetition, s.cycle, s.load_N, c.angle_rad * 180.0 / pi,
+                                   1e3 * light_->responses().diameter_m});
       t += s.hold_s;
     }
     phases_.push_back({t, t + release_s, load, 0.0, int(i)});
@@ -358,11 +349,13 @@ inline void VirtualRig::record_frames() {
     TruthSample truth{lab_stamp(t + noise_ * c.stamp_sigma_s * jitter.normal()), s.contact};
     if (s.contact >= 0) {
       const Contact& now = contacts_[std::size_t(s.contact)];
-      truth.y_m = now.y_m;
-      truth.force_N = s.load_N;
-      truth.tilt_rad = now.tilt_rad;
-      truth.equivalent_N = s.equivalent_N;
-      truth.depth_m = light_->depth_m(now.y_m, s.equivalent_N);
+      truth = {truth.stamp_ns,
+               s.contact,
+               now.y_m,
+               s.load_N,
+               now.tilt_rad,
+               s.equivalent_N,
+               light_->depth_m(now.y_m, s.equivalent_N)};
     }
     frames_.push_back({truth.stamp_ns, sense::frame_file(frames_.size()), c.exposure_s, c.gain});
     truth_.push_back(truth);

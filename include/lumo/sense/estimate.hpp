@@ -15,7 +15,7 @@
 
 namespace lumo::sense {
 
-/// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch says of its finger.
+/// Picture → profile → unloaded reference; torques → joints: what a recording's unloaded stretch gives.
 /// `make_camera()` gives the pictures from their start. Throws InputError where no unloaded finger is seen.
 template <class MakeCamera>
 FingerModel<> known_finger(const Recording& recording, MakeCamera make_camera, const FingerOptics& assumed = {}) {
@@ -60,8 +60,10 @@ std::vector<FrameEstimate> estimate(const Recording& recording, MakeCamera make_
   const StreamRates rates = stream_rates(recording.frames, samples);
   Replay camera(make_camera());
   Replay motors{RecordedActuator(samples)};
-  ForceEstimator estimator(camera, motors, finger.optics.readout(), make_localizer(finger.optics), finger.jacobian,
-                           finger.optics.unloaded, force_config(finger, rates));
+  auto localizer = make_localizer(finger.optics);
+  using Estimator = ForceEstimator<decltype(camera), decltype(motors), decltype(localizer), GreenProfile, J>;
+  Estimator estimator(camera, motors, {finger.optics.readout(), finger.optics.unloaded}, std::move(localizer),
+                      finger.jacobian, force_config(finger, rates));
   const ContactTorques torques(samples, finger.joints.torque);
   const StreamAssumptions& assumed = finger.assumptions;
   const double gap_s = std::max(assumed.joint_gap_s, assumed.joint_gap_periods * rates.joint_period_s);

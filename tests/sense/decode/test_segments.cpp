@@ -22,7 +22,8 @@ struct Made {
       for (const int k : {-1, 0, 10, 11})
         profiles.push_back({t + k, Eigen::VectorXd(response.array() + lamps + (k < 0 || k > 10 ? 1e3 : 0.0)), 0.0});
       segments.push_back(s);
-      segments.back().from_ns = t, segments.back().to_ns = t + 10;
+      segments.back().from_ns = t;
+      segments.back().to_ns = t + 10;
       t += 100;
     };
     const Eigen::Vector3d channels(1, 2, 3);
@@ -32,11 +33,19 @@ struct Made {
         Segment s;
         s.kind = SegmentKind::unloaded;
         add(s, Eigen::Vector3d::Zero());
-        s.kind = SegmentKind::hold, s.place = place, s.y_mm = 10.0 * place - 10.0, s.repetition = r;
-        for (const double load : {2.0, 5.0, 10.0})
-          s.load_N = load, add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
+        s.kind = SegmentKind::hold;
+        s.place = place;
+        s.y_mm = 10.0 * place - 10.0;
+        s.repetition = r;
+        for (const double load : {2.0, 5.0, 10.0}) {
+          s.load_N = load;
+          add(s, channels * (place + 1) * (1.0 + 0.1 * r) * load);
+        }
         s.kind = SegmentKind::cycle;
-        for (int cycle = 0; cycle < 2; ++cycle) s.cycle = cycle, add(s, channels * (10.0 + cycle));
+        for (int cycle = 0; cycle < 2; ++cycle) {
+          s.cycle = cycle;
+          add(s, channels * (10.0 + cycle));
+        }
       }
   }
 };
@@ -97,7 +106,10 @@ TEST_CASE("indenters and angles are kept apart, and no load of a re-contact coun
   Made made;
   std::vector<HoldResponse> first = hold_responses(made.profiles, made.segments), second = first;
   for (HoldResponse& h : first) h.segment.diameter_mm = 10.0;
-  for (HoldResponse& h : second) h.segment.diameter_mm = 30.0, h.response *= 3.0;
+  for (HoldResponse& h : second) {
+    h.segment.diameter_mm = 30.0;
+    h.response *= 3.0;
+  }
   std::vector<HoldResponse> both = first;
   both.insert(both.end(), second.begin(), second.end());
   CHECK_THROWS_AS(slope_profiles(both), InvalidArgument);
@@ -106,7 +118,10 @@ TEST_CASE("indenters and angles are kept apart, and no load of a re-contact coun
     CHECK((slope_profiles(responses_of(both, 30.0, 0.0))[i] - 3.0 * slope_profiles(first)[i]).norm() < 1e-9);
   CHECK(decoding_task(responses_of(both, 10.0, 0.0), {2.0, 5.0}).data.response.cols() == 6);
   CHECK(cycle_runs(both).size() == 12);
-  for (HoldResponse& h : second) h.segment.diameter_mm = 10.0, h.segment.angle_deg = 15.0;
+  for (HoldResponse& h : second) {
+    h.segment.diameter_mm = 10.0;
+    h.segment.angle_deg = 15.0;
+  }
   std::vector<HoldResponse> tilted = first;
   tilted.insert(tilted.end(), second.begin(), second.end());
   CHECK_THROWS_AS(slope_profiles(tilted), InvalidArgument);

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>

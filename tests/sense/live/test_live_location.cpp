@@ -46,18 +46,17 @@ class LiveScene {
 
 static_assert(Camera<LiveScene>);
 
-
 const FingerModel<> finger = finger_model({});
 
 }  // namespace
 
 TEST_CASE("a finger before a live camera is located picture by picture, until the camera goes", "[localizer]") {
   LiveScene camera(100);
-  int told = 0;
+  int reported = 0;
   locate_live(camera, finger, peak_localizer,
               [&](std::int64_t stamp_ns, const std::optional<LocationEstimate>& e, Faults faults) {
                 const int k = int(std::lround(double(stamp_ns - LiveScene::stamp(0)) / 33'333'333.0));
-                ++told;
+                ++reported;
                 INFO("picture " << k << " " << to_string(faults));
                 CHECK(e.has_value() == (k != 60 && k != 70));
                 if (k == 60) CHECK(faults.has(Fault::frame_corrupt));
@@ -66,10 +65,10 @@ TEST_CASE("a finger before a live camera is located picture by picture, until th
                 if (e && k > 48) CHECK(e->contact[0].y_m == Approx(LiveScene::place(k)).margin(1.5e-3));
                 return true;
               });
-  CHECK(told == 100 - 31);  // the first second is rest
+  CHECK(reported == 100 - 31);  // the first second is rest
 }
 
-TEST_CASE("whoever is told may end it, and a camera that shows no finger is refused", "[localizer]") {
+TEST_CASE("a report may end the run, and a camera that shows no finger is refused", "[localizer]") {
   LiveScene camera(100), nothing(100, false), none(0), one(1);
   int count = 0;
   locate_live(camera, finger, peak_localizer,

@@ -1,7 +1,6 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/sense/decode/cycle_metrics.hpp"
 #include "lumo/sense/decode/decoder.hpp"
 #include "lumo/sense/decode/recontact_metrics.hpp"
 #include "lumo/sense/devices/readout.hpp"
@@ -125,7 +124,10 @@ inline std::vector<Eigen::MatrixXd> slope_profiles(const std::vector<HoldRespons
       Eigen::MatrixXd response(m.rows(), Eigen::Index(recontact.second.size()));
       Eigen::VectorXd load(response.cols());
       Eigen::Index k = 0;
-      for (const auto& hold : recontact.second) response.col(k) = hold.second->response, load[k++] = hold.first;
+      for (const auto& hold : recontact.second) {
+        response.col(k) = hold.second->response;
+        load[k++] = hold.first;
+      }
       m.col(column++) = intensity_force_slope(response, load);
     }
     slopes.push_back(std::move(m));

@@ -34,12 +34,11 @@ struct ForceErrors {
   Error optical;         ///< sample by sample, at the localiser's place
   Error fixed_arm;       ///< at the middle of the tested range
   Error known_location;  ///< at the true place
-  Error torque_only;     ///< from the ratio of torques; none where one joint does not tell
+  Error torque_only;     ///< from the ratio of torques; none for a single joint
   struct Common {
     Error optical, fixed_arm, known_location;
   };
-  Common
-      common;  ///< over those samples for which all three gave one: what is hard to see must not count for one way only
+  Common common;  ///< over the samples for which all three gave one
   /// Share of the gap between fixed arm and known location that the optical location recovers (paper: 89.5 %), over the
   /// common samples; empty where there is no gap.
   std::optional<double> recovery() const {
@@ -49,7 +48,7 @@ struct ForceErrors {
   }
 };
 
-/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nothing in
+/// Contact torques of the joints at a time, interpolated in the joint log and moved to the frames' clock; nullopt in
 /// gaps of more than `max_gap_s`.
 class ContactTorques {
  public:

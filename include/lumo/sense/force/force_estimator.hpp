@@ -6,7 +6,7 @@
 #include "lumo/sense/force/force_estimate.hpp"
 #include "lumo/sense/force/force_solution.hpp"
 #include "lumo/sense/joints/joint_monitor.hpp"
-#include "lumo/sense/joints/moment_arm.hpp"
+#include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/torque_model.hpp"
 #include "lumo/sense/localize/location_estimator.hpp"
 #include "lumo/sense/profile/frame_monitor.hpp"
@@ -47,9 +47,8 @@ struct ForceEstimatorConfig {
 };
 
 /// Place and force of a contact from a camera and motors, as both deliver. Each `step` takes what has arrived and
-/// checks it; it waits no longer than the camera's `next` does. Whatever the streams do, the answer is finite and says
-/// what it rests on; a faulty frame or sample is left out, and `fault_hold_s` after the last fault the state is ok
-/// again.
+/// checks it; it waits no longer than the camera's `next` does. The estimate is always finite and states which streams
+/// it rests on. Faulty frames and samples are left out; `fault_hold_s` after the last fault the state is ok again.
 template <Camera Camera_, Actuator Actuator_, LocationEstimator Localizer, Readout Readout_ = GreenProfile,
           ContactJacobian Jacobian = MomentArm>
 requires std::same_as<typename Readout_::Sample, Frame>
@@ -125,7 +124,9 @@ class ForceEstimator {
     if (!joints && since_s > config_.joint_timeout_s) note(Fault::joint_missing);
 
     ForceEstimate e;
-    e.stamp_ns = now_ns_, e.frame_stamp_ns = frame_ns_, e.joint_stamp_ns = joint_ns_;
+    e.stamp_ns = now_ns_;
+    e.frame_stamp_ns = frame_ns_;
+    e.joint_stamp_ns = joint_ns_;
     for (unsigned i = 0; i < unsigned(Fault::count); ++i)
       if (faulty_[i] && 1e-9 * double(now_ns_ - fault_ns_[i]) <= config_.fault_hold_s) e.faults.add(Fault(i));
     using enum EstimatorState;
@@ -195,7 +196,10 @@ class ForceEstimator {
   }
   void note(Faults faults) {
     for (unsigned i = 0; i < unsigned(Fault::count); ++i)
-      if (faults.has(Fault(i))) fault_ns_[i] = now_ns_, faulty_[i] = true;
+      if (faults.has(Fault(i))) {
+        fault_ns_[i] = now_ns_;
+        faulty_[i] = true;
+      }
   }
   void note(Fault f) {
     Faults one;
@@ -214,7 +218,8 @@ class ForceEstimator {
         1.0, -b.force_N * slope.dot(arm) / std::max(arm.squaredNorm(), 1e-8));  // a shift of y moves F along the torque
     b.covariance += config_.map_sigma_m * config_.map_sigma_m * shift * shift.transpose();
     ContactForce& c = e.contact[0];
-    c.y_variance_m2 = b.covariance(0, 0), c.force_variance_N2 = b.covariance(1, 1),
+    c.y_variance_m2 = b.covariance(0, 0);
+    c.force_variance_N2 = b.covariance(1, 1);
     c.covariance_m_N = b.covariance(0, 1);
     const double force = std::max(0.0, b.force_N);  // pads are pushed, not pulled
     if (e.state == EstimatorState::torque_only || e.state == EstimatorState::invalid)
@@ -270,7 +275,7 @@ class ForceEstimator {
       if (forces.complete() && std::sqrt(c.force_variance_N2) <= config_.known_force_N)
         c.force_N = std::max(0.0, forces.value[i]);
     }
-    // As for one contact: forces that are told apart in principle, but worse than what counts as known, are open.
+    // As for one contact: forces that are separated in principle, but worse than what counts as known, are open.
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes;
     axes.computeDirect(Eigen::Matrix2d(covariance / (config_.known_force_N * config_.known_force_N)));  // ascending
     e.rank = int((axes.eigenvalues().array() <= 1.0).count());

@@ -10,7 +10,7 @@
 namespace lumo::sense {
 
 /// Normal forces [N] at known places from the torques that contacts put on the motors. Forces that the torques do not
-/// tell apart come back as null directions: three contacts on two joints, two on one link of one joint, any at a
+/// separate come back as null directions: three contacts on two joints, two on one link of one joint, any at a
 /// joint's axis.
 template <ContactJacobian J>
 Identification solve_forces(const J& jacobian, const JointVector& q, const JointVector& contact_torque_Nm,
@@ -24,7 +24,7 @@ Identification solve_forces(const J& jacobian, const JointVector& q, const Joint
   return identify(a, contact_torque_Nm, Eigen::VectorXd::Ones(m), torque_sigma_Nm, 1e-3);
 }
 
-/// One contact from torques alone: place and force together, as far as the joints tell.
+/// One contact from torques alone: place and force together, as far as the joints determine them.
 struct TorqueOnlySolution {
   double y_m = 0.0;
   double force_N = 0.0;

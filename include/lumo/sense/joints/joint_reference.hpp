@@ -14,7 +14,7 @@
 
 namespace lumo::sense {
 
-/// What a run without contact says of each joint.
+/// What a run without contact gives for each joint.
 struct JointReference {
   std::vector<TorqueModel> torque;    ///< friction, weight, offset and noise; empty without joint samples
   std::vector<double> standstill_Nm;  ///< what may stick unseen

@@ -5,8 +5,8 @@
 #include "lumo/sense/devices/actuator.hpp"
 #include "lumo/sense/devices/camera.hpp"
 #include "lumo/sense/force/finger_model.hpp"
-#include "lumo/sense/profile/frame_monitor.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/profile/frame_monitor.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -26,7 +26,7 @@ struct LiveWait {
   double rest_s = 1.0;                   ///< how long the finger rests unloaded at the start
   double patience_s = 2.0;               ///< without any picture
   double max_gap_s = 0.1;                ///< of joint samples about a picture of a hand
-  std::int64_t (*now_ns)() = steady_ns;  ///< on the clock of the stamps
+  std::int64_t (*now_ns)() = steady_ns;  ///< now, on the clock of the stamps
 };
 
 /// Throws InvalidArgument.
@@ -124,8 +124,8 @@ LiveRest look_at_rest(C& camera, const Session& session, const FingerOptics& fin
 
 /// Where a finger is touched, as its camera's pictures come. The pictures of the first `wait.rest_s` seconds must show
 /// it unloaded. `make(optics)` gives the localiser. `report(stamp_ns, estimate, faults)` is called for each later
-/// picture, without an estimate where FrameMonitor does not trust it, and says whether to go on. Ends with the camera.
-/// Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
+/// picture, without an estimate where FrameMonitor does not trust it, and returns whether to go on. Ends with the
+/// camera. Throws as look_at_rest, and where no picture comes for `wait.patience_s`.
 template <Camera C, ContactJacobian J, class MakeLocalizer, class Report>
 void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Report report,
                  const LiveWait& wait = {}) {
@@ -156,8 +156,8 @@ void locate_live(C& camera, const FingerModel<J>& finger, MakeLocalizer make, Re
 /// Where a finger is touched and how hard, as its camera's pictures and its motors' samples come. Both are stamped on
 /// the clock of `wait.now_ns`. The first `wait.rest_s` seconds must be without contact, as for locate_live;
 /// `finger.joints` is from an earlier run without contact (identify_joints). `report(estimate)` is called for each
-/// usable picture, and every tenth of `wait.patience_s` where none comes, and says whether to go on: lost pictures and
-/// samples are states of the estimate, not the end. Ends when camera and motors have. Throws as look_at_rest, and
+/// usable picture, and every tenth of `wait.patience_s` where none comes, and returns whether to go on: lost pictures
+/// and samples are states of the estimate, not the end. Ends when camera and motors have. Throws as look_at_rest, and
 /// InputError where the motors are silent during the rest.
 template <Camera C, Actuator A, ContactJacobian J, class MakeLocalizer, class Report>
 void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer make, Report report,
@@ -205,8 +205,8 @@ void estimate_live(C& camera, A& actuator, FingerModel<J> finger, MakeLocalizer 
 }
 
 /// Contacts on a hand as pictures and joint samples come, both stamped on one clock; `hand` has its references
-/// (add_references). `report(estimate, image)` is called for each picture and says whether to go on; no link is seen in
-/// pictures for which the joints are not known. Ends with the camera. Throws InputError where no picture comes for
+/// (add_references). `report(estimate, image)` is called for each picture and returns whether to go on; no link is seen
+/// in pictures for which the joints are not known. Ends with the camera. Throws InputError where no picture comes for
 /// `wait.patience_s`.
 template <Camera C, Actuator A, class Report>
 void observe_hand_live(C& camera, A& actuator, HandObserver& hand, const Session& session, Report report,
