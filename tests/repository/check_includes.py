@@ -35,7 +35,7 @@ ROOMS = {
     "fabrication": "core drawing geometry morphology",
     "sense/devices": "core",
     "sense/hand": "core sense/devices sense/recording",
-    "sense/recording": "core sense/devices sense/hand sense/recording/mcap",
+    "sense/recording": "core sense/devices",
     "sense/recording/mcap": "core sense/devices sense/recording",
     "sense/profile": "core sense/devices sense/recording",
     "sense/localize": "core sense/devices",
