@@ -28,8 +28,9 @@ int main(int argc, char** argv) {
   pipeline.focus = {1.2e-3, 0.4, 1.0};
   pipeline.rays.rounds = 0;
 
-  SqliteJournal log(file,
-                "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
+  SqliteJournal log(
+      file,
+      "example 05: DS, 20 mm at y = 0 and 11 mm, coarse");  // refuses a file that was made for something else
   const auto evaluate_design = [&](const Design& x) {
     return trial_result(evaluate({FingerDesign::from(x), card, coarse}, contacts, pipeline, TbbExecutor{2}));
   };
@@ -47,6 +48,7 @@ int main(int argc, char** argv) {
 
   CampaignState state(Optimizer<>(finger_problem(6)));
   state.read(log.entries());
-  std::printf("%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file, state.optimizer().hypervolume());
+  std::printf("%d designs in %s, hypervolume %.3e\n", state.optimizer().observed(), file,
+              state.optimizer().hypervolume());
   return state.optimizer().observed() == 6 ? 0 : 1;
 }

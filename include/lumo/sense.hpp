@@ -21,10 +21,10 @@
 #include "lumo/sense/joints/planar_finger.hpp"
 #include "lumo/sense/joints/serial_chain.hpp"
 
+#include "lumo/sense/estimate.hpp"
 #include "lumo/sense/force/calibration.hpp"
 #include "lumo/sense/force/force_baselines.hpp"
 #include "lumo/sense/force/force_estimator.hpp"
-#include "lumo/sense/estimate.hpp"
 
 #include "lumo/sense/decode/bayes_decoder.hpp"
 #include "lumo/sense/decode/constraint_gain.hpp"

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lumo/morphology/design.hpp"
+#include "lumo/morphology/section.hpp"
 
 #include <random>
 #include <vector>
@@ -24,4 +24,11 @@ inline std::vector<lumo::FingerDesign> random_designs(int count, unsigned seed) 
     if (space.contains(x)) designs.push_back(lumo::FingerDesign::from(x));
   }
   return designs;
+}
+
+/// Area of the silicone in a section whose curve is cut into chords [mm²].
+inline double section_area_mm2(const lumo::HalfSection& s) {
+  double twice = 0.0;
+  for (std::size_t i = 0, n = s.x.size(); i < n; ++i) twice += s.x[i] * s.z[(i + 1) % n] - s.x[(i + 1) % n] * s.z[i];
+  return 1e6 * twice;
 }

@@ -96,7 +96,7 @@ TEST_CASE("holes in a row along an axis, and corners at the same heights, are no
 }
 
 TEST_CASE("faces meet edge to edge where their neighbours have more corners", "[fabrication]") {
-  // A box whose top is told in four pieces and whose sides in one.
+  // A box whose top is given in four pieces and whose sides in one.
   FacetedSolid solid;
   const Loop low = square(1.0), high = raised(low, 1.0);
   solid.face(reversed(low));

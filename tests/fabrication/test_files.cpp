@@ -1,5 +1,6 @@
 #include "catch.hpp"
 
+#include "fabrication/designs.hpp"
 #include "lumo/fabrication/casting_drawings.hpp"
 #include "lumo/fabrication/casting_kit.hpp"
 #include "lumo/fabrication/dxf.hpp"
@@ -34,7 +35,10 @@ std::multimap<std::string, std::vector<std::array<double, 2>>> loops(const std::
   bool closed = false;
   while (std::getline(in, code) && std::getline(in, value)) {
     if (code == "0") {
-      if (value == "POLYLINE") points.clear(), closed = false;
+      if (value == "POLYLINE") {
+        points.clear();
+        closed = false;
+      }
       if (value == "SEQEND" && closed) found.emplace(layer, points);
       if (value == "VERTEX") points.emplace_back();
       entity = value;
@@ -68,7 +72,7 @@ struct Broken : std::stringbuf {
 
 TEST_CASE("a binary .stl is read back as the same solid", "[fabrication]") {
   TemporaryFolder folder;
-  for (const CastingPart& part : casting_kit(cast_section({5, 10, 10, 6, 3}))) {
+  for (const CastingPart& part : casting_kit(casting_section({5, 10, 10, 6, 3}))) {
     const std::string path = folder / (part.name + ".stl");
     std::ofstream out(path, std::ios::binary);
     write_stl(out, part.printed);
@@ -88,7 +92,7 @@ TEST_CASE("lengths are written in mm, in every locale, without noise", "[fabrica
 }
 
 TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabrication]") {
-  const auto kit = casting_kit(cast_section({5, 10, 10, 6, 3}));
+  const auto kit = casting_kit(casting_section({5, 10, 10, 6, 3}));
   std::vector<PrintItem> items;
   for (const CastingPart& p : kit) items.push_back({p.name, p.printed, p.copies});
   const auto files = three_mf_files(items);
@@ -103,7 +107,10 @@ TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabricatio
   CHECK(count("<object ") == 4);
   CHECK(count("<item ") == 5);
   std::size_t vertices = 0, triangles = 0;
-  for (const CastingPart& p : kit) vertices += p.printed.vertices.size(), triangles += p.printed.triangles.size();
+  for (const CastingPart& p : kit) {
+    vertices += p.printed.vertices.size();
+    triangles += p.printed.triangles.size();
+  }
   CHECK(count("<vertex ") == vertices);
   CHECK(count("<triangle ") == triangles);
   const std::vector<PrintItem> bad{{"<&>", kit[0].printed}};
@@ -118,10 +125,10 @@ TEST_CASE("a 3MF package names its parts, their copies and the mm", "[fabricatio
 
 TEST_CASE("drawings are the design at 1:1", "[fabrication]") {
   for (const FingerDesign& d : {FingerDesign{5, 10, 10, 6, 3}, {6, 6, 8, 5, 0}}) {
-    const CastSection s = cast_section(d);
+    const HalfSection s = casting_section(d);
     const auto section = loops(dxf(section_drawing(s)));
     CHECK(section.count("SILICONE") == 1);
-    CHECK(area(section.find("SILICONE")->second) == Approx(1e6 * s.area_m2()).epsilon(1e-5));
+    CHECK(area(section.find("SILICONE")->second) == Approx(section_area_mm2(s)).epsilon(1e-5));
     CHECK(area(section.find("CARRIER")->second) == Approx(35.5 * 4.0 + d.w_s * d.h_s - 2.4 * 0.9).epsilon(1e-9));
     CHECK(section.count("MOULD") == 2);
     CHECK(section.count("CORES") == (d.w_v > 0.0 ? 2u : 0u));
@@ -131,14 +138,14 @@ TEST_CASE("drawings are the design at 1:1", "[fabrication]") {
       CHECK(area(led->second) == Approx(1.6 * 0.8).epsilon(1e-9));
     CHECK(area(strip.find("OUTLINE")->second) == Approx(52.0 * 2.0).epsilon(1e-9));
   }
-  const auto core = loops(dxf(core_drawing(cast_section({5, 10, 10, 6, 3}))));
+  const auto core = loops(dxf(core_drawing(casting_section({5, 10, 10, 6, 3}))));
   CHECK(area(core.find("OUTLINE")->second) == Approx(82.0 * 6.0 + 3.0 * 10.0).epsilon(1e-9));
-  CHECK_THROWS_AS(core_drawing(cast_section({6, 6, 8, 5, 0})), InvalidArgument);
+  CHECK_THROWS_AS(core_drawing(casting_section({6, 6, 8, 5, 0})), InvalidArgument);
 }
 
 TEST_CASE("an .svg at scale is as many mm wide as its user units", "[fabrication]") {
   std::ostringstream out;
-  write_svg(out, strip_drawing(cast_section({6, 6, 8, 5, 0})));
+  write_svg(out, strip_drawing(casting_section({6, 6, 8, 5, 0})));
   const std::string s = out.str();
   const auto value = [&s](const std::string& key) {
     const auto at = s.find(key) + key.size();
@@ -149,10 +156,10 @@ TEST_CASE("an .svg at scale is as many mm wide as its user units", "[fabrication
   CHECK(value("viewBox=\"") == "0 0 " + width.substr(0, width.size() - 2) + " " + height.substr(0, height.size() - 2));
 }
 
-TEST_CASE("a stream that fails is told of", "[fabrication]") {
+TEST_CASE("a stream that fails is an error", "[fabrication]") {
   Broken broken;
   std::ostream out(&broken);
-  const CastSection s = cast_section({6, 6, 8, 5, 0});
+  const HalfSection s = casting_section({6, 6, 8, 5, 0});
   CHECK_THROWS_AS(write_stl(out, carrier_solid(s)), InputError);
   out.clear();
   CHECK_THROWS_AS(write_dxf(out, strip_drawing(s)), InputError);

@@ -176,96 +176,138 @@ inline constexpr std::array<std::pair<Fault, const char*>, 13> all_faults{
      {Fault::inverted, "inverted"},
      {Fault::empty, "empty"}}};
 
-/// A bad surface of one kind; the same seed gives the same surface.
-inline MeshInput faulty(Fault fault, std::uint64_t seed) {
-  std::mt19937_64 random(1000 * static_cast<std::uint64_t>(fault) + seed);
-  std::uniform_real_distribution<double> unit(0.0, 1.0);
-  const auto pick = [&](std::size_t count) { return static_cast<std::size_t>(random() % count); };
-  MeshInput input = block(2 + static_cast<int>(seed % 4), random);
-  const auto any_vertex = [&]() -> Vec3d& { return input.vertices[pick(input.vertices.size())]; };
-  const auto any_facet = [&]() -> Facet& { return input.facets[pick(input.facets.size())]; };
+/// Spoils a good block in one way; the same seed gives the same surface.
+class Spoiler {
+ public:
+  Spoiler(Fault fault, std::uint64_t seed)
+      : seed_(seed),
+        random_(1000 * static_cast<std::uint64_t>(fault) + seed),
+        input_(block(2 + int(seed % 4), random_)) {
+    spoil(fault);
+  }
+  MeshInput input() { return std::move(input_); }
+
+ private:
+  std::size_t pick(std::size_t count) { return static_cast<std::size_t>(random_() % count); }
+  double unit() { return unit_(random_); }
+  Vec3d& any_vertex() { return input_.vertices[pick(input_.vertices.size())]; }
+  Facet& any_facet() { return input_.facets[pick(input_.facets.size())]; }
+  Vec3d& corner(const Facet& facet, std::size_t k) { return input_.vertices[static_cast<std::size_t>(facet.loop[k])]; }
+
+  void spoil(Fault fault);
+  void make_hole();
+  void cross();
+  void make_degenerate();
+  void duplicate();
+  void touch();
+  void mix();
+  void flatten();
+
+  std::uint64_t seed_;
+  std::mt19937_64 random_;
+  std::uniform_real_distribution<double> unit_{0.0, 1.0};
+  MeshInput input_;
+};
+
+inline void Spoiler::spoil(Fault fault) {
   switch (fault) {
     case Fault::hole:
-      for (std::size_t i = 0; i <= seed % 3; ++i)
-        input.facets.erase(input.facets.begin() + static_cast<std::ptrdiff_t>(pick(input.facets.size())));
-      break;
+      return make_hole();
     case Fault::crossing:
-      if (seed % 3 == 0) {  // a top vertex pulled through the bottom
-        for (Vec3d& v : input.vertices)
-          if (v.z() > 0.8 && v.x() > 0.1 && v.x() < 0.9 && v.y() > 0.1 && v.y() < 0.9) {
-            v.z() = -0.5 - unit(random);
-            break;
-          }
-      } else {  // another body that overlaps
-        MeshInput other = seed % 3 == 1 ? block(2, random) : sphere(1, 0.6);
-        turn(other, random);
-        for (Vec3d& v : other.vertices) v += Vec3d(0.6, 0.5 * unit(random), 0.5 * unit(random));
-        append(input, other);
-      }
-      break;
-    case Fault::degenerate_facet: {
-      Facet& facet = any_facet();
-      if (seed % 3 == 0)
-        facet.loop[2] = facet.loop[1];
-      else if (seed % 3 == 1)
-        facet.loop.pop_back();
-      else
-        input.vertices[static_cast<std::size_t>(facet.loop[2])] =
-            0.5 * (input.vertices[static_cast<std::size_t>(facet.loop[0])] +
-                   input.vertices[static_cast<std::size_t>(facet.loop[1])]);
-      break;
-    }
+      return cross();
+    case Fault::degenerate_facet:
+      return make_degenerate();
     case Fault::bad_index:
-      any_facet().loop[pick(3)] = seed % 3 == 0   ? -1
-                                  : seed % 3 == 1 ? static_cast<int>(input.vertices.size())
-                                                  : std::numeric_limits<int>::max() - static_cast<int>(pick(100));
-      break;
+      any_facet().loop[pick(3)] = seed_ % 3 == 0   ? -1
+                                  : seed_ % 3 == 1 ? static_cast<int>(input_.vertices.size())
+                                                   : std::numeric_limits<int>::max() - static_cast<int>(pick(100));
+      return;
     case Fault::nan_vertex:
       any_vertex()[static_cast<int>(pick(3))] = std::numeric_limits<double>::quiet_NaN();
-      break;
+      return;
     case Fault::infinite_vertex:
-      any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? HUGE_VAL : -HUGE_VAL;
-      break;
+      any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? HUGE_VAL : -HUGE_VAL;
+      return;
     case Fault::huge_vertex:
-      any_vertex()[static_cast<int>(pick(3))] = seed % 2 ? 1e308 : -1e308;
-      break;
-    case Fault::duplicate_vertices: {  // a facet gets a corner of its own at the same place
-      Facet& facet = any_facet();
-      input.vertices.push_back(input.vertices[static_cast<std::size_t>(facet.loop[0])] +
-                               (seed % 2 ? 0.0 : 1e-12) * Vec3d::Ones());
-      facet.loop[0] = static_cast<int>(input.vertices.size()) - 1;
-      break;
-    }
-    case Fault::touching_sheets: {  // two bodies that touch with a face, an edge or a corner
-      MeshInput other = box(Vec3d(1, 0, 0), Vec3d(2, 1, 1));
-      const double shift = 0.3 + 0.4 * unit(random);
-      for (Vec3d& v : other.vertices)
-        v += seed % 3 == 0   ? Vec3d(0, shift, 0.2)
-             : seed % 3 == 1 ? Vec3d(0, 1, -shift)
-                             : Vec3d(0, -shift, -1 + 0.11 * shift);
-      append(input, other);
-      if (seed % 2) turn(input, random);  // now they touch but for rounding
-      break;
-    }
+      any_vertex()[static_cast<int>(pick(3))] = seed_ % 2 ? 1e308 : -1e308;
+      return;
+    case Fault::duplicate_vertices:
+      return duplicate();
+    case Fault::touching_sheets:
+      return touch();
     case Fault::soup:
-      for (Facet& facet : input.facets)
-        for (int& vertex : facet.loop) vertex = static_cast<int>(pick(input.vertices.size()));
-      for (Vec3d& v : input.vertices) v = Vec3d(unit(random), unit(random), unit(random));
-      break;
+      return mix();
     case Fault::coplanar:
-      for (Vec3d& v : input.vertices) v.z() = 0.3 * v.x() - 0.2 * v.y();
-      if (seed % 2)  // no two vertices at one place
-        for (Vec3d& v : input.vertices) v = Vec3d(unit(random), unit(random), 0.0);
-      break;
+      return flatten();
     case Fault::inverted:
-      invert(input);
-      break;
+      return invert(input_);
     case Fault::empty:
-      if (seed % 3 != 1) input.facets.clear();
-      if (seed % 3 != 0) input.vertices.clear();
-      break;
+      if (seed_ % 3 != 1) input_.facets.clear();
+      if (seed_ % 3 != 0) input_.vertices.clear();
   }
-  return input;
 }
+
+inline void Spoiler::make_hole() {
+  for (std::size_t i = 0; i <= seed_ % 3; ++i)
+    input_.facets.erase(input_.facets.begin() + static_cast<std::ptrdiff_t>(pick(input_.facets.size())));
+}
+
+inline void Spoiler::cross() {
+  if (seed_ % 3 == 0) {  // a top vertex pulled through the bottom
+    for (Vec3d& v : input_.vertices)
+      if (v.z() > 0.8 && v.x() > 0.1 && v.x() < 0.9 && v.y() > 0.1 && v.y() < 0.9) {
+        v.z() = -0.5 - unit();
+        return;
+      }
+    return;
+  }
+  MeshInput other = seed_ % 3 == 1 ? block(2, random_) : sphere(1, 0.6);  // another body that overlaps
+  turn(other, random_);
+  for (Vec3d& v : other.vertices) v += Vec3d(0.6, 0.5 * unit(), 0.5 * unit());
+  append(input_, other);
+}
+
+inline void Spoiler::make_degenerate() {
+  Facet& facet = any_facet();
+  if (seed_ % 3 == 0)
+    facet.loop[2] = facet.loop[1];
+  else if (seed_ % 3 == 1)
+    facet.loop.pop_back();
+  else
+    corner(facet, 2) = 0.5 * (corner(facet, 0) + corner(facet, 1));
+}
+
+/// A facet gets a corner of its own at the same place.
+inline void Spoiler::duplicate() {
+  Facet& facet = any_facet();
+  input_.vertices.push_back(corner(facet, 0) + (seed_ % 2 ? 0.0 : 1e-12) * Vec3d::Ones());
+  facet.loop[0] = static_cast<int>(input_.vertices.size()) - 1;
+}
+
+/// Two bodies that touch with a face, an edge or a corner.
+inline void Spoiler::touch() {
+  MeshInput other = box(Vec3d(1, 0, 0), Vec3d(2, 1, 1));
+  const double shift = 0.3 + 0.4 * unit();
+  for (Vec3d& v : other.vertices)
+    v += seed_ % 3 == 0   ? Vec3d(0, shift, 0.2)
+         : seed_ % 3 == 1 ? Vec3d(0, 1, -shift)
+                          : Vec3d(0, -shift, -1 + 0.11 * shift);
+  append(input_, other);
+  if (seed_ % 2) turn(input_, random_);  // now they touch but for rounding
+}
+
+inline void Spoiler::mix() {
+  for (Facet& facet : input_.facets)
+    for (int& vertex : facet.loop) vertex = static_cast<int>(pick(input_.vertices.size()));
+  for (Vec3d& v : input_.vertices) v = Vec3d(unit(), unit(), unit());
+}
+
+inline void Spoiler::flatten() {
+  for (Vec3d& v : input_.vertices) v.z() = 0.3 * v.x() - 0.2 * v.y();
+  if (seed_ % 2)  // no two vertices at one place
+    for (Vec3d& v : input_.vertices) v = Vec3d(unit(), unit(), 0.0);
+}
+
+inline MeshInput faulty(Fault fault, std::uint64_t seed) { return Spoiler(fault, seed).input(); }
 
 }  // namespace surfaces

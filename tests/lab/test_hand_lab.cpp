@@ -16,8 +16,7 @@ TEST_CASE("a virtual hand is seen where its joints put it, and is the same twice
   const Image image = lab.image(0);
   for (int l = 0; l < 4; ++l) {
     const SessionLink& s = lab.session().links[std::size_t(l)];
-    const auto found = register_link(image.view(), s.link,
-                                     LinkMap::fit<Eigen::Matrix2Xd>(s.link.hole_m, s.hole_px, s.link.z_clockwise));
+    const auto found = register_link(image.view(), s.link, LinkMap::fit(s.link.hole_m, s.hole_px, s.link.z_clockwise));
     REQUIRE(found);
     CHECK((found->origin_px - lab.map(l, lab.truth()[0].joints_rad).origin_px).norm() < 0.3);
   }

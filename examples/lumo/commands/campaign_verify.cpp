@@ -10,7 +10,8 @@ struct CampaignVerify : StoreCommand {
     const SqliteJournal log(store);
     log.verify();
     const StoredCampaign c = read_campaign(log, store);
-    if (json) return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
+    if (json)
+      return Json{{"store", store}, {"ok", true}, {"trials", c.trials.size()}, {"digest", c.digest}}.dump(2) + "\n";
     return lumo::message(store, ": ok, ", c.trials.size(), " trials, digest ", c.digest, "\n");
   }
 };

@@ -17,7 +17,9 @@ using namespace sense;
 struct EstimatingCommand : CameraCommand {
   std::string localizer = "bayes";
 
-  void add_localizer(CLI::App& app) { add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)"); }
+  void add_localizer(CLI::App& app) {
+    add_word(app, "--localizer", localizer, {"bayes", "peak"}, "bayes (default) or peak (the paper's)");
+  }
 };
 
 inline constexpr const char* seconds_help = "How long to look through the camera [s], default: until interrupted";

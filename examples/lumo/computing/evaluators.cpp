@@ -32,10 +32,9 @@ Json run_notes(int threads) {
   return {{"lumo", version}, {"threads", threads}, {"machine", machine}};
 }
 
-/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What lumo does not know as a failure of
-/// the design is taken for one of the machine.
-template <class Work>
-TrialResult recorded(Json record, Json notes, Progress& progress, const Work& work) {
+/// What a store keeps; whatever goes wrong in `work(record, notes, report)` is in the verdict, with the stage. What
+/// lumo does not know as a failure of the design is taken for one of the machine.
+template <class Work> TrialResult recorded(Json record, Json notes, Progress& progress, const Work& work) {
   const Stopwatch watch;
   std::string stage = "start";
   const ProgressReport shown = progress.watched() ? shown_in(progress) : ProgressReport{};
@@ -79,10 +78,7 @@ TrialResult put_readings(Json& record, const std::vector<AssumptionVariant>& row
 }
 
 /// For functions, which are copied.
-template <class P>
-auto shared(P pipeline) {
-  return std::make_shared<P>(std::move(pipeline));
-}
+template <class P> auto shared(P pipeline) { return std::make_shared<P>(std::move(pipeline)); }
 
 }  // namespace
 
@@ -90,21 +86,24 @@ Evaluator campaign_evaluator(const EvaluationRequest& o, int threads, Progress& 
   const auto pipeline = shared(pipeline_for(o.material, o.mechanics, o.ray_error_percent));
   return [o, threads, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const Evaluation e =
-          evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)}, contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
+      const Evaluation e = evaluate({FingerDesign::from(x), silicone(o.material), finger_options(o.mechanics)},
+                                    contacts(o.ensemble), *pipeline, TbbExecutor{threads}, report_stage);
       append(record, json(e));
       notes["seconds"] = json(e.observations.seconds);
       return trial_result(e, o.mechanics.holds());
     };
-    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}}, run_notes(threads), progress, work);
+    return recorded({{"theta_mm", numbers(x)}, {"material", o.material}, {"ensemble", name(o.ensemble)}},
+                    run_notes(threads), progress, work);
   };
 }
 
-Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble, Progress& progress) {
+Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const lumo::Ensemble& ensemble,
+                          Progress& progress) {
   const auto pipeline = shared(pipeline_for(o.material, {}));
   return [o, study, ensemble, &progress, pipeline](const Design& x) {
     const auto work = [&](Json& record, Json& notes, const ProgressReport& report_stage) {
-      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline, TbbExecutor{o.threads}, report_stage);
+      const auto variants = compare_variants({FingerDesign::from(x), silicone(o.material)}, ensemble, study, *pipeline,
+                                             TbbExecutor{o.threads}, report_stage);
       TrialResult verdict;
       notes["seconds"] = Json::object();
       for (const VariantResult& v : variants) {
@@ -113,8 +112,10 @@ Evaluator study_evaluator(const StudyTools& o, const MatchedStudy& study, const 
         verdict.retry = verdict.retry || is_machine_limit(v.observations.scenarios);
       }
       verdict.why = variants.front().why;
-      if (variants.front().J_contact) verdict.outputs = {variants.front().J_contact->value};
-      else if (verdict.why.empty()) verdict.why = "objective: the loads do not define the terms of J_contact";
+      if (variants.front().J_contact)
+        verdict.outputs = {variants.front().J_contact->value};
+      else if (verdict.why.empty())
+        verdict.why = "objective: the loads do not define the terms of J_contact";
       return verdict;
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);
@@ -142,7 +143,8 @@ Evaluator readings_evaluator(const StudyTools& o, const std::vector<Scenario<Sph
       const std::vector<AssumptionVariant> rows = assumption_variants();
       FingerAssumptions usual{silicone(o.material), {}};
       usual.finger.mesh = usual.finger.mesh.scaled(edges);
-      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for, TbbExecutor{o.threads}, report_stage);
+      const auto results = evaluate_assumptions(FingerDesign::from(x), {usual, rows, contacts}, tools_for,
+                                                TbbExecutor{o.threads}, report_stage);
       return put_readings(record, rows, results);
     };
     return recorded({{"theta_mm", numbers(x)}, {"material", o.material}}, run_notes(o.threads), progress, work);

@@ -5,7 +5,8 @@ namespace lumo::program {
 std::unique_ptr<AnyCamera> LogCamera::open(const OpenLog& log) {
   using FileCamera = McapCamera<Decoder, Lz4, Zstd>;
   if (!log.session.video.empty()) return pictures().video(log.path + '/' + log.session.video, log.frames);
-  if (log.frames.empty()) throw InputError(log.path + (log.file ? ": has no pictures" : ": has no frames.csv, or it is empty"));
+  if (log.frames.empty())
+    throw InputError(log.path + (log.file ? ": has no pictures" : ": has no frames.csv, or it is empty"));
   if (log.file) return std::make_unique<Held<FileCamera>>(FileCamera(log.file, log.pictures, log.frames));
   return pictures().folder(log.path + "/frames", log.frames);
 }
@@ -16,13 +17,18 @@ JointReference finger_joints(const OpenLog& log, std::int64_t until_ns) {
   if (log.joints.empty()) throw InputError(log.path + ": has no joint samples (joint.csv) to estimate a force from");
   const int joints = finger_of(log).joints();
   if (log.joints.front().effort.size() != joints)
-    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints, joints == 1 ? " joint" : " joints", ", the samples have ", log.joints.front().effort.size()));
-  JointReference reference = about(log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
+    throw InputError(lumo::message(log.session_place(), ": joint_to_joint_mm has ", joints,
+                                   joints == 1 ? " joint" : " joints", ", the samples have ",
+                                   log.joints.front().effort.size()));
+  JointReference reference = about(
+      log.path, [&] { return identify_joints(on_frames_clock(log), log.session.torque_constant_Nm_per_A, until_ns); });
   if (reference.torque.empty()) throw InputError(log.path + ": has no joint samples of the finger without contact");
   return reference;
 }
 
-UnloadedStretch unloaded_stretch(const OpenLog& log) { return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns); }
+UnloadedStretch unloaded_stretch(const OpenLog& log) {
+  return UnloadedStretch::of(log.session, log.frames.empty() ? 0 : log.frames.front().stamp_ns);
+}
 
 OpenLog open_log(const std::string& path, Progress& progress, const McapTopics& topics) {
   std::error_code error;
@@ -60,8 +66,11 @@ SensedLog read_sensed_log(const std::string& path, const LongitudinalBins& bins,
 
 OpenLog open_hand_log(const std::string& path, Progress& progress) {
   OpenLog log = open_log(path, progress);
-  if (log.session.links.empty()) throw InputError(log.session_place() + ": links is missing, which describes the links of a hand (docs/log_format.md)");
-  if (log.joints.empty()) throw InputError(path + ": has no joint samples (joint.csv), which distinguish the unloaded pictures");
+  if (log.session.links.empty())
+    throw InputError(log.session_place() +
+                     ": links is missing, which describes the links of a hand (docs/log_format.md)");
+  if (log.joints.empty())
+    throw InputError(path + ": has no joint samples (joint.csv), which distinguish the unloaded pictures");
   return log;
 }
 

@@ -2,7 +2,6 @@
 
 #include "lumo/objective/selection.hpp"
 #include "lumo/optimize/hypervolume.hpp"
-#include "lumo/optimize/pareto.hpp"
 
 #include <algorithm>
 #include <limits>
@@ -11,7 +10,7 @@ namespace lumo::program {
 
 namespace {
 
-constexpr int any_number = 100000;   // a store does not say how many evaluations are wanted
+constexpr int any_number = 100000;  // a store does not say how many evaluations are wanted
 
 void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std::pair<double, double>>>& rated) {
   Eigen::MatrixXd y(2, Eigen::Index(rated.size()));
@@ -32,7 +31,9 @@ void rate(StoredCampaign& campaign, const std::vector<std::pair<std::size_t, std
 
 }  // namespace
 
-double StoredTrial::seconds() const { return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined; }
+double StoredTrial::seconds() const {
+  return notes.is_object() && notes.contains("seconds") ? value_at(notes["seconds"], "total") : undefined;
+}
 
 int StoredCampaign::count(std::string_view state) const {
   return int(std::count_if(trials.begin(), trials.end(), [&](const StoredTrial& t) { return t.state == state; }));
@@ -53,7 +54,9 @@ StoredCampaign read_campaign(const SqliteJournal& log, const std::string& store)
       StoredTrial s;
       s.id = t.id;
       std::copy_n(t.x.begin(), 5, s.theta_mm.begin());
-      s.state = t.state == Trial::State::observed ? "evaluated" : t.state == Trial::State::failed ? "failed" : "under way";
+      s.state = t.state == Trial::State::observed ? "evaluated"
+                : t.state == Trial::State::failed ? "failed"
+                                                  : "under way";
       s.why = t.why;
       if (const auto number = state.answered(t.id)) {
         s.record = json_or_null(log.record(*number));

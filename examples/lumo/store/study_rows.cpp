@@ -1,10 +1,10 @@
 #include "store/study_rows.hpp"
 
+#include "console/text.hpp"
 #include "lumo/campaign/campaign.hpp"
 #include "lumo/support/sqlite.hpp"
 #include "store/campaign_problem.hpp"
 #include "store/emptied_store.hpp"
-#include "console/text.hpp"
 
 #include <algorithm>
 #include <utility>

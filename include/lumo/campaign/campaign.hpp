@@ -32,10 +32,10 @@ class CampaignError : public NumericalError {
 /// A campaign's journal, read by an optimiser: all trials that were asked, reported and failed so far.
 template <class O> class CampaignState {
  public:
-  /// `optimizer` knows the problem and nothing else.
+  /// `optimizer` knows the problem only.
   explicit CampaignState(O optimizer) : optimizer_(std::move(optimizer)) {}
 
-  /// Takes in what is new. Throws StoreError for entries that no campaign of this problem wrote.
+  /// Takes in the new entries. Throws StoreError for entries that no campaign of this problem wrote.
   void read(const std::vector<JournalEntry>& entries) {
     for (; known_ < entries.size(); ++known_) {
       const JournalEntry& e = entries[known_];

@@ -10,13 +10,15 @@
 namespace lumo {
 
 /// The cross-section through the middle of the closed mould, seen along y, at scale 1:1. Throws InvalidArgument.
-inline Drawing section_drawing(const CastSection& section, const CastingOptions& options = {});
+inline Drawing section_drawing(const HalfSection& section, const CastingOptions& options = {});
 /// The LED strip from above, y to the right: its outline and its LEDs. Throws InvalidArgument.
-inline Drawing strip_drawing(const CastSection& section, const CastingOptions& options = {});
-/// The side of a core, for cutting it from sheet. Throws InvalidArgument where there is no gap.
-inline Drawing core_drawing(const CastSection& section, const CastingOptions& options = {});
+inline Drawing strip_drawing(const HalfSection& section, const CastingOptions& options = {});
+/// The side of a core, for cutting it from sheet. Throws InvalidArgument for a design without voids.
+inline Drawing core_drawing(const HalfSection& section, const CastingOptions& options = {});
 
 namespace detail {
+
+inline constexpr double caption_height = 1.8e-3;  ///< of capitals [m], about 7 pt
 
 /// Words under a drawing, and a line of 10 mm by which a print can be measured.
 inline void add_caption(Drawing& d, const std::string& words) {
@@ -25,8 +27,8 @@ inline void add_caption(Drawing& d, const std::string& words) {
   const auto box = d.box();
   const double x = box[0][0], y = box[0][1] - 5.0e-3;
   d.lines.push_back({layer, {{x, y + 1.0e-3}, {x, y}, {x + 10.0e-3, y}, {x + 10.0e-3, y + 1.0e-3}}, false});
-  d.labels.push_back({layer, {x + 12.0e-3, y}, 1.8e-3, "10 mm"});
-  d.labels.push_back({layer, {x, y - 4.0e-3}, 1.8e-3, words});
+  d.labels.push_back({layer, {x + 12.0e-3, y}, caption_height, "10 mm"});
+  d.labels.push_back({layer, {x, y - 4.0e-3}, caption_height, words});
   d.title = words;
 }
 
@@ -43,71 +45,75 @@ inline std::vector<Drawing::Point> mirrored(std::vector<Drawing::Point> half) {
 
 }  // namespace detail
 
-inline Drawing section_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing section_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  const double ridge = 0.5 * s.ridge_width, led = 0.5 * s.leds.width_x;
+  const double led = 0.5 * o.leds.width_x;
+  const bool voids = at.void_width > 0.0;
+  const auto outline = pad_outline(s);
   Drawing d;
   d.layers = {
       {"SILICONE", 4, "#0072b2"}, {"CARRIER", 8, "#444444"}, {"LED_STRIP", 2, "#b07400"}, {"MOULD", 3, "#009e73"}};
-  if (s.gap_width > 0.0) d.layers.push_back({"CORES", 1, "#d55e00"});
-  std::vector<Drawing::Point> pad{{ridge, s.ridge_height}};
-  if (s.gap_width > 0.0)
-    pad.insert(pad.end(), {{ridge + s.gap_width, s.ridge_height}, {ridge + s.gap_width, 0.0}});
+  if (voids) d.layers.push_back({"CORES", 1, "#d55e00"});
+  std::vector<Drawing::Point> pad{{at.stem_x, at.stem_height}};
+  if (voids)
+    pad.insert(pad.end(), {{at.void_x, at.stem_height}, {at.void_x, 0.0}});
   else
-    pad.push_back({ridge, 0.0});
-  pad.insert(pad.end(), s.outline.begin(), s.outline.end());
+    pad.push_back({at.stem_x, 0.0});
+  pad.insert(pad.end(), outline.begin(), outline.end());
   d.lines.push_back({0, detail::mirrored(std::move(pad))});
   d.lines.push_back({1, detail::mirrored({{at.pocket_x, at.pocket_floor},
-                                          {at.pocket_x, s.ridge_height},
-                                          {ridge, s.ridge_height},
-                                          {ridge, 0.0},
+                                          {at.pocket_x, at.stem_height},
+                                          {at.stem_x, at.stem_height},
+                                          {at.stem_x, 0.0},
                                           {at.plate_x, 0.0},
                                           {at.plate_x, -o.plate}})});
-  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, s.ridge_height));
-  d.lines.push_back({2, {{-led, s.ridge_height}, {led, s.ridge_height}}, false});
+  d.lines.push_back(detail::box_line(2, -0.5 * o.strip_width, 0.5 * o.strip_width, at.pocket_floor, at.stem_height));
+  d.lines.push_back({2, {{-led, at.stem_height}, {led, at.stem_height}}, false});
   for (const double side : {1.0, -1.0}) {
     std::vector<Drawing::Point> half{{at.half_width, 0.0},       {at.rim_x, 0.0},
                                      {at.rim_x, -o.rim},         {at.mould_x, -o.rim},
                                      {at.mould_x, at.mould_top}, {0.0, at.mould_top}};
-    half.insert(half.end(), s.outline.rbegin(), s.outline.rend() - 1);
+    half.insert(half.end(), outline.rbegin(), outline.rend() - 1);
     for (auto& p : half) p[0] *= side;
     d.lines.push_back({3, std::move(half)});
-    if (s.gap_width > 0.0)
-      d.lines.push_back(detail::box_line(4, side * ridge, side * (ridge + s.gap_width), 0.0, s.ridge_height));
+    if (voids) d.lines.push_back(detail::box_line(4, side * at.stem_x, side * at.void_x, 0.0, at.stem_height));
   }
   std::vector<std::string> legend{"silicone", "carrier", "LED strip", "mould"};
-  if (s.gap_width > 0.0) legend.push_back("cores");
+  if (voids) legend.push_back("cores");
   for (int layer = 0; layer < int(legend.size()); ++layer)
-    d.labels.push_back(
-        {layer, {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3}, 1.8e-3, legend[std::size_t(layer)]});
+    d.labels.push_back({layer,
+                        {at.mould_x + 3.0e-3, at.mould_top - (2.0 + 4.0 * layer) * 1e-3},
+                        detail::caption_height,
+                        legend[std::size_t(layer)]});
   detail::add_caption(d, "Section at scale 1:1");
   return d;
 }
 
-inline Drawing strip_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing strip_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}, {"LEDS", 2, "#b07400"}};
   d.lines.push_back(detail::box_line(0, -at.strip_y, at.strip_y, -0.5 * o.strip_width, 0.5 * o.strip_width));
-  for (int k = 0; k < s.leds.count; ++k) {
-    const double y = (k - 0.5 * (s.leds.count - 1)) * s.leds.pitch;
-    d.lines.push_back(detail::box_line(1, y - 0.5 * s.leds.length_y, y + 0.5 * s.leds.length_y, -0.5 * s.leds.width_x,
-                                       0.5 * s.leds.width_x));
+  for (int k = 0; k < o.leds.count; ++k) {
+    const double y = (k - 0.5 * (o.leds.count - 1)) * o.leds.pitch;
+    d.lines.push_back(detail::box_line(1, y - 0.5 * o.leds.length_y, y + 0.5 * o.leds.length_y, -0.5 * o.leds.width_x,
+                                       0.5 * o.leds.width_x));
   }
   detail::add_caption(d, message("LED strip at scale 1:1, ", 2e3 * at.strip_y, " x ", 1e3 * o.strip_width,
-                                 " mm, LEDs every ", 1e3 * s.leds.pitch, " mm"));
+                                 " mm, LEDs every ", 1e3 * o.leds.pitch, " mm"));
   return d;
 }
 
-inline Drawing core_drawing(const CastSection& s, const CastingOptions& o) {
+inline Drawing core_drawing(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
-  require_positive("gap width", s.gap_width * 1e3, "mm");
+  const CastingLayout at(s, o);
+  require_positive("void width", at.void_width * 1e3, "mm");
   Drawing d;
   d.layers = {{"OUTLINE", 7, "#222222"}};
   d.lines.push_back({0, core_outline(s, o)});
-  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * s.gap_width, " mm thick, two of them"));
+  detail::add_caption(d, message("Core at scale 1:1, ", 1e3 * at.void_width, " mm thick, two of them"));
   return d;
 }
 

@@ -15,8 +15,7 @@ namespace lumo {
 struct CastingPart {
   std::string name;
   TriangleSurface assembled;  ///< where it is in the closed mould, the pad's frame [m]
-  TriangleSurface
-      printed;  ///< as it is printed best: it stands on z = 0, without supports, its corner at the origin [m]
+  TriangleSurface printed;    ///< as it prints best: on z = 0, without supports, its corner at the origin [m]
   int copies = 1;
   double volume_m3 = 0.0;    ///< of one
   Vec3d box{0.0, 0.0, 0.0};  ///< edges of the printed one's bounding box [m]
@@ -25,20 +24,20 @@ struct CastingPart {
 /// Silicone that a cast takes [m³].
 struct CastVolume {
   double pad = 0.0;       ///< the design's, exact
-  double fits = 0.0;      ///< clearance about the LED strip and at the ridge's ends, which fills up too
+  double fits = 0.0;      ///< clearance about the LED strip and at the stem's ends, which fills up too
   double openings = 0.0;  ///< gate and vents up to the mould's outer face: cut off
   double total() const { return pad + fits + openings; }
 };
 
-/// All that one pad is made with: carrier, mould halves a and b, and for a pad with gaps the cores. Throws
+/// All that one pad is made with: carrier, mould halves a and b, and for a pad with voids the cores. Throws
 /// InvalidArgument, MeshError.
-inline std::vector<CastingPart> casting_kit(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<CastingPart> casting_kit(const HalfSection& section, const CastingOptions& options = {});
 
-inline CastVolume cast_volume(const CastSection& section, const CastingOptions& options = {});
+inline CastVolume cast_volume(const HalfSection& section, const CastingOptions& options = {});
 
 /// Smallest angle [rad] between the opening direction and the faces of a mould half that touch the pad; negative: an
 /// undercut. Faces of the half that lie within the pad's box are such.
-inline double least_draft(const TriangleSurface& half, const CastSection& section, const Vec3d& direction);
+inline double least_draft(const TriangleSurface& half, const HalfSection& section, const Vec3d& direction);
 
 /// Along which mould half A comes off; half B goes the other way. Ten degrees out of the parting's normal are the draft
 /// of the pad's ends.
@@ -52,13 +51,14 @@ inline CastingPart print_part(std::string name, TriangleSurface surface, const M
   for (Vec3d& v : part.printed.vertices) v = turn * v;
   const SurfaceReport report = validate_surface(part.printed);
   for (Vec3d& v : part.printed.vertices) v -= report.low;
-  part.volume_m3 = report.volume, part.box = report.high - report.low;
+  part.volume_m3 = report.volume;
+  part.box = report.high - report.low;
   return part;
 }
 
 }  // namespace detail
 
-inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingOptions& o) {
+inline std::vector<CastingPart> casting_kit(const HalfSection& s, const CastingOptions& o) {
   // A mould half stands on its end wall: the dome's curve is then drawn by the printer's axes and not stepped by its
   // layers.
   const Mat3d flat = Mat3d::Identity(), on_far_end = (Mat3d() << 1, 0, 0, 0, 0, 1, 0, -1, 0).finished(),
@@ -68,23 +68,25 @@ inline std::vector<CastingPart> casting_kit(const CastSection& s, const CastingO
   kit.push_back(detail::print_part("carrier", carrier_solid(s, o), flat));
   kit.push_back(detail::print_part("mould_a", mould_half_a(s, o), on_far_end));
   kit.push_back(detail::print_part("mould_b", mould_half_b(s, o), on_near_end));
-  if (s.gap_width > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
+  if (s.design.w_v > 0.0) kit.push_back(detail::print_part("core", core_solid(s, o), on_side, 2));
   return kit;
 }
 
-inline CastVolume cast_volume(const CastSection& s, const CastingOptions& o) {
+inline CastVolume cast_volume(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   const CastingLayout at(s, o);
-  CastVolume v{s.exact_volume_m3,
+  CastVolume v{2.0 * s.exact_area_m2() * s.length_m(),
                4.0 * (at.pocket_x * at.pocket_y - 0.5 * o.strip_width * at.strip_y) * o.strip_height +
-                   s.ridge_width * s.ridge_height * o.clearance,
+                   2.0 * at.stem_x * at.stem_height * o.clearance,
                0.0};
   for (const Opening& opening : pour_openings(s, o)) v.openings += opening.volume_m3(at.mould_y - at.half_length);
   return v;
 }
 
-inline double least_draft(const TriangleSurface& half, const CastSection& s, const Vec3d& direction) {
-  const double width = s.half_width() + 1e-9, top = s.height() + 1e-9, length = 0.5 * s.length + 1e-9;
+inline double least_draft(const TriangleSurface& half, const HalfSection& s, const Vec3d& direction) {
+  constexpr double rounding = 1e-9;  // [m]
+  const double width = s.half_width_m() + rounding, top = s.height_m() + rounding,
+               length = 0.5 * s.length_m() + rounding;
   double least = 0.5 * pi;
   for (const auto& t : half.triangles) {
     const Vec3d &a = half.vertices[std::size_t(t[0])], &b = half.vertices[std::size_t(t[1])],

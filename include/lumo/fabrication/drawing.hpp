@@ -1,5 +1,7 @@
 #pragma once
 
+#include "lumo/drawing/short_number.hpp"
+
 #include <algorithm>
 #include <array>
 #include <limits>
@@ -7,6 +9,9 @@
 #include <vector>
 
 namespace lumo {
+
+/// A length in mm with at most six digits after the point: nanometres. The same in every locale.
+inline std::string in_mm(double length_m) { return short_number(1e3 * length_m, 6); }
 
 /// A flat drawing for cutting and checking; lengths in m, x to the right, y upwards.
 struct Drawing {
@@ -38,9 +43,10 @@ struct Drawing {
     constexpr double far = std::numeric_limits<double>::infinity();
     Point low{far, far}, high{-far, -far};
     for (const Line& line : lines)
-      for (const Point& p : line.points)
-        low = {std::min(low[0], p[0]), std::min(low[1], p[1])},
+      for (const Point& p : line.points) {
+        low = {std::min(low[0], p[0]), std::min(low[1], p[1])};
         high = {std::max(high[0], p[0]), std::max(high[1], p[1])};
+      }
     return {low, high};
   }
 };

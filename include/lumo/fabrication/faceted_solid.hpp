@@ -11,10 +11,10 @@
 
 namespace lumo {
 
-/// A solid that is told face by face: flat polygons with holes, and bands between loops. Corners at one place (in every
-/// bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that faces
-/// meet edge to edge however they are cut. No boolean operations: what is told is what is made, and surface() checks
-/// that it bounds a solid.
+/// A solid that is given face by face: flat polygons with holes, and bands between loops. Corners at one place (in
+/// every bit) are one vertex, and an edge along an axis takes up the corners of its neighbours that lie on it, so that
+/// faces meet edge to edge however they are cut. There are no boolean operations; surface() checks that the faces bound
+/// a solid.
 class FacetedSolid {
  public:
   using Loop = std::vector<Vec3d>;

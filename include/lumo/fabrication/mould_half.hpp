@@ -25,44 +25,46 @@ struct Opening {
 
 /// A gate near the dome's middle, and a vent in each lower corner, where air would stay: poured with this end up, the
 /// end face is the highest place of the cavity.
-inline std::vector<Opening> pour_openings(const CastSection& section, const CastingOptions& options = {});
+inline std::vector<Opening> pour_openings(const HalfSection& section, const CastingOptions& options = {});
 
 /// Mould half A: the pad's side at x > 0 and its whole end at y > 0, with gate, vents and openings for the cores. Half
 /// B is the other side and the other end. The parting runs along the crown (x = 0) and round the ends, so that no face
 /// of the pad needs draft of its own: opened along (cos β, sin β, 0) the ends draw at β and the crown at its own slope.
 /// A cone and a socket on the parting face centre the halves; the rim below takes in the carrier's plate. Throws
 /// InvalidArgument, MeshError.
-inline TriangleSurface mould_half_a(const CastSection& section, const CastingOptions& options = {});
-inline TriangleSurface mould_half_b(const CastSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_a(const HalfSection& section, const CastingOptions& options = {});
+inline TriangleSurface mould_half_b(const HalfSection& section, const CastingOptions& options = {});
 
-inline std::vector<Opening> pour_openings(const CastSection& s, const CastingOptions& o) {
+inline std::vector<Opening> pour_openings(const HalfSection& s, const CastingOptions& o) {
+  // Own choices: a funnel of 15° half angle that widens upwards only, as far as the mould allows, high up in a thick
+  // dome; vents in the corners that open outwards, at most to the mould's wall there.
+  constexpr double gate_depth = 4.5e-3, above_funnel = 2.0e-3, corner = 2.5e-3, widest_vent = 1.9e-3;
   const CastingLayout at(s, o);
   const double length = at.mould_y - at.half_length, gate = 0.5 * o.gate_diameter, vent = 0.5 * o.vent_diameter;
-  // A funnel of 15° half angle that widens upwards only, as far as the mould allows; high up in a thick dome.
-  const double z = std::max(0.5 * (s.ridge_height + s.height()), s.height() - 4.5e-3);
+  const double z = std::max(0.5 * (at.stem_height + at.top), at.top - gate_depth);
   const double funnel =
-      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - 2.0e-3 - (z - gate))));
-  const double corner_x = at.half_width - 2.5e-3, corner_z = 2.5e-3;
+      std::max(gate, std::min(gate + length * std::tan(15.0_deg), 0.5 * (at.mould_top - above_funnel - (z - gate))));
+  const double corner_x = at.half_width - corner;
   std::vector<Opening> list{{{0.0, z}, {0.0, z - gate + funnel}, gate, funnel}};
   for (const double side : {-1.0, 1.0})
-    list.push_back({{side * corner_x, corner_z},
-                    {side * corner_x, corner_z},
+    list.push_back({{side * corner_x, corner},
+                    {side * corner_x, corner},
                     vent,
-                    std::min(vent + length * std::tan(3.0_deg), 1.9e-3)});
+                    std::min(vent + length * std::tan(3.0_deg), widest_vent)});
   return list;
 }
 
 namespace detail {
 
-/// Tells the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
+/// Adds the faces of one half; `poured` is half A with its openings and the notches for the cores, else they are left
 /// out.
 class MouldHalf {
  public:
-  MouldHalf(const CastSection& s, const CastingOptions& o, bool poured)
-      : s_(s), o_(o), at_(s, o), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
+  MouldHalf(const HalfSection& s, const CastingOptions& o, bool poured)
+      : o_(o), at_(s, o), outline_(pad_outline(s)), near_(-at_.half_length), end_(at_.half_length), rim_(-o.rim) {
     if (!poured) return;
     openings_ = pour_openings(s, o);
-    if (s.gap_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
+    if (at_.void_width > 0.0) notches_ = {{-at_.notch_outer, -at_.notch_inner}, {at_.notch_inner, at_.notch_outer}};
   }
 
   TriangleSurface surface() {
@@ -77,7 +79,7 @@ class MouldHalf {
 
  private:
   using Loop = typename FacetedSolid::Loop;
-  using Corners = decltype(CastSection::outline);
+  using Corners = std::vector<std::array<double, 2>>;
 
   struct Notch {
     double from, to;  ///< along x
@@ -116,9 +118,9 @@ class MouldHalf {
   void notches();
   void openings();
 
-  const CastSection& s_;
   const CastingOptions& o_;
   CastingLayout at_;
+  Corners outline_;
   std::vector<Opening> openings_;
   std::vector<Notch> notches_;
   double near_, end_, rim_;  ///< y of the cavity's ends, z of the rim's foot
@@ -127,15 +129,15 @@ class MouldHalf {
 
 /// The pad's side, the end that closes it, and the flat face at which the other half's end closes it.
 inline void MouldHalf::cavity() {
-  solid_.band(upright(s_.outline, near_), upright(s_.outline, end_), false);
-  const Corners crown(s_.outline.rbegin(), s_.outline.rend());
+  solid_.band(upright(outline_, near_), upright(outline_, end_), false);
+  const Corners crown(outline_.rbegin(), outline_.rend());
   Corners face{{at_.half_width, 0.0},        {at_.rim_x, 0.0},    {at_.rim_x, rim_}, {at_.mould_x, rim_},
                {at_.mould_x, at_.mould_top}, {0.0, at_.mould_top}};
   face.insert(face.end(), crown.begin(), crown.end() - 1);
   solid_.face(upright(face, near_));
 
   Corners wall = stepped(0.0, at_.notch_roof);
-  wall.insert(wall.end(), s_.outline.begin(), s_.outline.end());
+  wall.insert(wall.end(), outline_.begin(), outline_.end());
   wall.insert(wall.end(), {{0.0, at_.mould_top}, {-at_.mould_x, at_.mould_top}});
   std::vector<Loop> holes;
   for (const Opening& opening : openings_)
@@ -226,12 +228,12 @@ inline void MouldHalf::openings() {
 
 }  // namespace detail
 
-inline TriangleSurface mould_half_a(const CastSection& s, const CastingOptions& o) {
+inline TriangleSurface mould_half_a(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   return detail::MouldHalf(s, o, true).surface();
 }
 
-inline TriangleSurface mould_half_b(const CastSection& s, const CastingOptions& o) {
+inline TriangleSurface mould_half_b(const HalfSection& s, const CastingOptions& o) {
   validate(o, s);
   TriangleSurface half = detail::MouldHalf(s, o, false).surface();
   for (Vec3d& v : half.vertices) v = Vec3d(-v.x(), -v.y(), v.z());

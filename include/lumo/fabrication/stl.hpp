@@ -15,7 +15,7 @@ namespace lumo {
 /// Source: 3D Systems, StereoLithography Interface Specification, 1989: 80 bytes, the number of triangles, then 50
 /// bytes each, little-endian.
 inline void write_stl(std::ostream& out, const TriangleSurface& surface) {
-  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are told
+  std::string bytes = "binary STL, mm, by lumo";  // not "solid", by which texts are known
   bytes.resize(80, ' ');
   const auto word = [&bytes](std::uint32_t value) {
     for (int shift = 0; shift < 32; shift += 8) bytes += char(value >> shift & 0xFFu);

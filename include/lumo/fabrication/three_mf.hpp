@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lumo/core/error.hpp"
-#include "lumo/fabrication/millimetres.hpp"
+#include "lumo/fabrication/drawing.hpp"
 #include "lumo/geometry/triangle_surface.hpp"
 
 #include <algorithm>

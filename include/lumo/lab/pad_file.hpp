@@ -7,9 +7,11 @@
 #include <charconv>
 #include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
 
 namespace lumo {
 
@@ -136,7 +138,7 @@ inline PadResponses pad_responses_from_text(std::string_view text, const std::op
 /// nullopt if there is no such file. Throws InputError for one that cannot be used.
 inline std::optional<PadResponses> read_pad_responses(const std::string& path,
                                                       const std::optional<std::string>& key = {}) {
-  if (struct stat found; ::stat(path.c_str(), &found) != 0) return std::nullopt;
+  if (std::error_code unseen; !std::filesystem::exists(path, unseen)) return std::nullopt;
   const auto text = read_whole(path);
   if (!text) throw InputError(message(path, ": cannot be read"));
   return pad_responses_from_text(*text, key, path);

@@ -23,7 +23,7 @@ struct TrainingData {
   Eigen::VectorXd lower, upper;
 };
 
-/// Lower Cholesky factor of a covariance, and what was added to its diagonal to get it.
+/// Lower Cholesky factor of a covariance, and the addition to its diagonal that it took.
 struct JitteredFactor {
   Eigen::MatrixXd lower;
   double jitter = 0.0;

@@ -36,8 +36,8 @@ constexpr std::string_view to_string(Twin twin) {
 /// What a boundary edge of the section is.
 enum class SectionTag { mirror, stem_top, stem_side, void_inner, void_roof, void_wall, base, side, dome };
 
-/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to i
-/// + 1.
+/// Half cross-section x ≥ 0 as a closed polygon in (x, z), counter-clockwise, in metres; edge i runs from point i to
+/// i + 1, the last point is the dome's apex.
 struct HalfSection {
   FingerDesign design;
   PadDimensions pad;
@@ -45,6 +45,9 @@ struct HalfSection {
   std::vector<double> x, z;
   std::vector<SectionTag> tag;
 
+  double half_width_m() const { return 0.5e-3 * pad.width; }
+  double height_m() const { return z.back(); }  ///< of the dome's apex over the base
+  double length_m() const { return 1e-3 * pad.length; }
   /// Exact area of the half section [m²].
   double exact_area_m2() const;
 };
@@ -102,7 +105,9 @@ inline HalfSection half_section(const FingerDesign& given, Twin twin, const Chor
   const double stem = 0.5e-3 * d.w_s, hs = 1e-3 * d.h_s, outer = stem + 1e-3 * d.w_v;
   const bool soft_stem = twin == Twin::bonded_base || twin == Twin::unsupported_base, has_void = d.w_v > 0.0;
   const auto add = [&](double px, double pz, SectionTag tag) {
-    s.x.push_back(px), s.z.push_back(pz), s.tag.push_back(tag);
+    s.x.push_back(px);
+    s.z.push_back(pz);
+    s.tag.push_back(tag);
   };
   if (soft_stem) {
     if (has_void) {

@@ -68,7 +68,7 @@ inline double progressive_constraint_gain(double depth, double baseline_depth) {
 
 namespace detail {
 
-/// A term in [0, 1]; where it is cut off, what of its error reaches back over the edge.
+/// A term in [0, 1]. The error of a term that is cut off is the part of it that reaches back over the edge.
 inline Estimate clipped(const Estimate& e) {
   const double value = std::clamp(e.value, 0.0, 1.0);
   return {value, std::max(0.0, e.error - std::abs(e.value - value))};

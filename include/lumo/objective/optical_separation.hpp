@@ -12,7 +12,7 @@
 
 namespace lumo {
 
-/// Response of one state with what it is compared by (paper Eq. 6–7).
+/// Response of one state with the quantities that it is compared by (paper Eq. 6–7).
 struct ObservedState {
   std::size_t scenario;  ///< the caller's number of the scenario
   double diameter_m, angle_rad, y_m, load_N;
@@ -28,7 +28,7 @@ struct Separation {
 };
 
 /// Relative error of J_obs by the mesh. Measured on the baseline in DS, 15 mm, 1 N at y = 22 mm, where direct light and
-/// what the dent reflects nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
+/// reflections from the dent nearly cancel: the change's norm is 3.05 to 3.75 (1e-6) on the default mesh and three like
 /// it, and 3.38, 3.15 with edges 0.75, 0.6 times the default, noise 0.15.
 struct OpticalError {
   double mesh = 0.12;
@@ -79,7 +79,7 @@ inline std::vector<Separation> separations(const std::vector<ObservedState>& sta
 
 /// States whose noise must fall before J_obs is known to `tolerance` (a fraction of it, one standard error): those of
 /// all pairs that come within two errors (of the difference) of the least distance and are noisier than that.
-/// Ascending; empty if done, or if nothing can be compared. A pure function: a campaign that retraces these states
+/// Ascending; empty if done, or if no states can be compared. A pure function: a campaign that retraces these states
 /// (Tracer::refined) stays deterministic. Retraced states need the unloaded body retraced with the same rays.
 inline std::vector<std::size_t> undecided_states(const std::vector<ObservedState>& states, double tolerance = 0.02) {
   const std::vector<Separation> pairs = detail::separations(states);

@@ -146,7 +146,6 @@ class OpticalScene {
     point = upper ? Vec3d((1.0 - v) * a + (u + v - 1.0) * b + (1.0 - u) * c) : Vec3d((1.0 - u - v) * a + u * b + v * c);
     return t;
   }
-  const Patch& patch(int face) const { return body_->patches[std::size_t(faces_[std::size_t(face)].patch)]; }
   /// Corners of a face, or of one of its sub-facets (sub ≥ 0), in the undeformed body [m].
   std::array<Vec3d, 3> reference_corners(int face, int sub) const {
     const std::array<Vec3d, 6>& x = faces_[std::size_t(face)].reference;
@@ -184,11 +183,13 @@ class OpticalScene {
     const std::array<Vec3d, 3>& corners = triangles_[std::size_t(t)].corners;
     const auto& [a, b, c] = corners;
     const double size = std::sqrt((b - a).cross(c - a).norm());
-    return p + 1e-4 * ((a + b + c) / 3.0 - p) - 1e-5 * size * flat_normal(t);
+    return p + pull_sideways * ((a + b + c) / 3.0 - p) - pull_down * size * flat_normal(t);
   }
 
  private:
   static constexpr int mixed = -2;
+  static constexpr double largest_coordinate_m = 1e6;
+  static constexpr double pull_sideways = 1e-4, pull_down = 1e-5;  ///< in sizes of a triangle
   void add_faces(const TetMesh& mesh, const std::vector<Vec3d>& displacement,
                  const std::vector<double>& contact_field) {
     const std::size_t nodes = mesh.nodes.size();
@@ -214,7 +215,7 @@ class OpticalScene {
         f.reference[k] = mesh.nodes[node];
         f.deformed[k] = displacement.empty() ? mesh.nodes[node] : Vec3d(mesh.nodes[node] + displacement[node]);
         f.contact[k] = contact_field.empty() ? none : contact_field[node];
-        if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < 1e6))
+        if (!f.deformed[k].allFinite() || !(f.deformed[k].cwiseAbs().maxCoeff() < largest_coordinate_m))
           throw InvalidArgument(message("optical scene: node ", node, " is not at a finite place below 1e6 m"));
         if (!(f.contact[k] < std::numeric_limits<double>::infinity()))
           throw InvalidArgument(message("optical scene: contact field of node ", node, " is ", f.contact[k]));

@@ -12,13 +12,13 @@ namespace lumo {
 /// A camera with one small round opening. Channel row·columns + column holds the power [W] that passes the opening into
 /// that pixel; pixels are numbered from the upper left corner of the upright image. The opening holds an ideal thin
 /// lens focused at `focus_m`: what lies at another distance z is blurred to a disc of about 2 aperture_m |z/focus_m −
-/// 1| there, and nothing else is approximate.
+/// 1| there. There is no other approximation.
 class PinholeCamera {
  public:
   struct Config {
     Vec3d position{0.0, 0.0, 0.0};                 ///< of the opening [m]
     Vec3d view{0.0, 0.0, 1.0};                     ///< the way that the camera looks
-    Vec3d up{0.0, 1.0, 0.0};                       ///< what is up in the image; not along `view`
+    Vec3d up{0.0, 1.0, 0.0};                       ///< upwards in the image; not along `view`
     double field_of_view_rad = 60.0 * pi / 180.0;  ///< across all columns
     int columns = 32;
     int rows = 32;

@@ -218,7 +218,7 @@ class DesignSampler {
     return true;
   }
   /// Projects on the linear constraints in turn until all hold; nullopt if that does not end. For spaces that random
-  /// points hardly hit.
+  /// points rarely hit.
   std::optional<Design> repaired(Design x, std::uint64_t key) const {
     for (int sweep = 0; sweep < 100; ++sweep) {
       if (space_.contains(x)) return x;

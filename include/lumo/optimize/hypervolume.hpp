@@ -2,15 +2,41 @@
 
 #include "lumo/core/error.hpp"
 #include "lumo/core/types.hpp"
-#include "lumo/optimize/pareto.hpp"
 
 #include <Eigen/Core>
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 namespace lumo {
+
+/// Does `a` dominate `b`: at least as good everywhere, better somewhere? All objectives are maximised.
+template <class A, class B> bool dominates(const Eigen::DenseBase<A>& a, const Eigen::DenseBase<B>& b) {
+  return (a.derived().array() >= b.derived().array()).all() && (a.derived().array() > b.derived().array()).any();
+}
+
+/// Columns of `y` (objectives × points, maximised) that no other dominates, by falling first objective, equal ones by
+/// index.
+inline std::vector<Eigen::Index> pareto_front(const Eigen::MatrixXd& y) {
+  std::vector<Eigen::Index> order(std::size_t(y.cols()));
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](Eigen::Index i, Eigen::Index k) {
+    for (Eigen::Index j = 0; j < y.rows(); ++j)
+      if (y(j, i) != y(j, k)) return y(j, i) > y(j, k);
+    return false;
+  });
+  // No point dominates one before it in this order.
+  std::vector<Eigen::Index> front;
+  for (const Eigen::Index i : order) {
+    const bool beaten = y.rows() == 2 ? !front.empty() && dominates(y.col(front.back()), y.col(i))
+                                      : std::any_of(front.begin(), front.end(),
+                                                    [&](Eigen::Index k) { return dominates(y.col(k), y.col(i)); });
+    if (!beaten) front.push_back(i);
+  }
+  return front;
+}
 
 /// Boxes that overlap at their faces only: objectives × boxes; upper corners may be infinite.
 struct BoxDecomposition {
@@ -27,7 +53,7 @@ struct BoxSlicer {
 
   explicit BoxSlicer(const Eigen::VectorXd& r) : reference(r), low(r.size()), high(r.size()) {}
 
-  /// Slices what no column of `y` dominates along objective `along`, and each slice along those after it.
+  /// Slices the space that no column of `y` dominates along objective `along`, and each slice along those after it.
   void slice(const Eigen::MatrixXd& y, Eigen::Index along) {
     const double infinite = std::numeric_limits<double>::infinity();
     if (along + 1 == reference.size()) {
@@ -77,7 +103,7 @@ inline BoxDecomposition nondominated_boxes(const Eigen::MatrixXd& y, const Eigen
   return boxes;
 }
 
-/// Volume between `reference` and what the columns of `y` (objectives × points, maximised) dominate; points not above
+/// Volume above `reference` that the columns of `y` (objectives × points, maximised) dominate; points not above
 /// it add nothing. Exact for any number of objectives, by slicing along the last. Source: Zitzler, 2001; While,
 /// Hingston, Barone & Huband, 2006.
 inline double hypervolume(const Eigen::MatrixXd& y, const Eigen::VectorXd& reference) {

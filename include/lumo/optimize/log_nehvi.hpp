@@ -58,7 +58,7 @@ struct LogNehvi {
     std::vector<ExpectedHypervolume> improvements_;
   };
 
-  /// Models are looked at, not copied: they must outlive what is returned. Throws InvalidArgument for a reduction other
+  /// Models are referred to, not copied: they must outlive the result. Throws InvalidArgument for a reduction other
   /// than the identity.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,

@@ -14,7 +14,7 @@ namespace lumo {
 using Design = std::vector<double>;
 using DesignSet = std::set<Design>;
 
-/// One figure of merit. Only what is better than `reference` adds to the hypervolume.
+/// One figure of merit. Only values better than `reference` add to the hypervolume.
 struct Objective {
   std::string name;
   bool maximize = true;
@@ -69,7 +69,7 @@ struct Outcome {
 
 enum class OptimizerStatus {
   running,   ///< there is more to ask
-  waiting,   ///< nothing to ask until a pending trial is answered
+  waiting,   ///< no design to ask until a pending trial is answered
   finished,  ///< as many trials are observed as the problem wants
   exhausted  ///< every feasible design that can be found has been asked
 };

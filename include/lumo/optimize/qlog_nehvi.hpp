@@ -94,7 +94,7 @@ struct QLogNehvi {
     std::vector<BoxDecomposition> boxes_;
   };
 
-  /// Models are looked at, not copied: they must outlive what is returned.
+  /// Models are referred to, not copied: they must outlive the result.
   template <CovarianceKernel Kernel, Reduction R>
   Prepared<Kernel, R> prepare(const std::vector<GaussianProcess<Kernel>>& models, const R& reduction,
                               const Evidence& evidence, std::uint64_t seed) const {

@@ -10,7 +10,7 @@
 
 namespace lumo {
 
-/// A finger to evaluate: θ, what it is cast of, and how it is built.
+/// A finger to evaluate: θ, the silicone that it is cast of, and how it is built.
 struct Finger {
   FingerDesign design;
   Silicone silicone;

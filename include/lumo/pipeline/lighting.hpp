@@ -49,7 +49,7 @@ constexpr int rays_up_to(int round) {
 
 /// How the states that decide J_obs become known better than the others. Each round traces the states that
 /// undecided_states() names with new rays, at first half as many as they have had (and the unloaded bodies on their
-/// meshes, too), until there are none. The error states what is still undecided then.
+/// meshes, too), until there are none. The error covers those still undecided then.
 struct RayRefinement {
   double tolerance = 0.015;  ///< wanted standard error of J_obs, and of all that might be less, as a fraction
   int rounds = 17;           ///< at most this many: rays_up_to(17) = 62; 0: everything is traced once

@@ -28,7 +28,7 @@ struct Scores {
   Observations observations;
 };
 
-/// Objectives from what was observed. A numerical failure is a status, never a score.
+/// Objectives from the observations. A numerical failure is a status, never a score.
 template <class P, ObservedObjective... Objectives>
 Scores score(Observations observations, const P& pipeline, const std::tuple<Objectives...>& objectives) {
   Scores result;
@@ -51,7 +51,7 @@ struct Evaluation {
   Observations observations;
 };
 
-/// The paper's two objectives from what was observed.
+/// The paper's two objectives from the observations.
 template <class P> Evaluation score(Observations observations, const P& pipeline) {
   Evaluation result;
   result.observations = std::move(observations);

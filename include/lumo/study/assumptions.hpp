@@ -134,8 +134,8 @@ inline std::vector<AssumptionVariant> assumption_variants() {
 }
 
 /// A design under the usual assumptions, then under each variant; a failure in one leaves the others whole. Equilibria
-/// that a variant does not move are found once. If the usual assumptions fail, nothing can be compared with them: their
-/// result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws
+/// that a variant does not move are found once. If the usual assumptions fail, no variant can be compared with them:
+/// their result is the only one. `pipeline_for(assumptions)` gives the tools with their silicone and friction. Throws
 /// InfeasibleDesign for the usual assumptions, and MeshError if the machine's limits ended a mesh: another try may have
 /// them all.
 template <class PipelineFor, Executor E>

@@ -1,7 +1,7 @@
 #include "catch.hpp"
 
-#include "lumo/sense/live/live.hpp"
 #include "lumo/sense/hand/hand_log.hpp"
+#include "lumo/sense/live/live.hpp"
 #include "sense/hand/hand_scene.hpp"
 
 #include <algorithm>
@@ -149,12 +149,16 @@ class SceneCamera {
 
 static_assert(Camera<SceneCamera>);
 
-}  // namespace
-
-TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
-          "[hand]") {
+/// Pictures of a hand that opens and closes, free at first and then touched once, with joints on a clock of their own.
+struct RecordedHand {
   std::vector<HandScene> scenes;
   Session session;
+  std::vector<JointSample> joints;
+};
+
+RecordedHand recorded_hand() {
+  RecordedHand log;
+  auto& [scenes, session, joints] = log;
   for (int l = 0; l < 4; ++l) {
     SessionLink link{HandScene::link(l), Eigen::Matrix2Xd(2, 2)};
     for (int k = 0; k < 2; ++k)
@@ -177,12 +181,19 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   session.joint_clock = {0, -5.0, 0.0, 0.0};  // the joints' clock is 5 s ahead
   session.frame_delay_s = 0.010;
   session.joint_delay_s = 0.004;
-  std::vector<JointSample> joints;
   for (std::size_t i = 0; i < scenes.size(); ++i) {
     JointVector zero = JointVector::Zero(4);
     joints.push_back({SceneCamera::stamp(i) + 5'000'000'000 - 10'000'000 + 4'000'000, scenes[i].sample(), zero, zero,
                       Effort::torque_Nm});
   }
+  return log;
+}
+
+}  // namespace
+
+TEST_CASE("a hand's log: free pictures are references, joints are taken at the pictures' times on their own clock",
+          "[hand]") {
+  auto [scenes, session, joints] = recorded_hand();
   const TimeSeries positions = joint_positions(joints, session);
   CHECK((*positions.at(SceneCamera::stamp(7) - 10'000'000, 0.1) - Eigen::VectorXd(scenes[7].sample())).norm() < 1e-12);
 
@@ -218,7 +229,7 @@ TEST_CASE("a hand's log: free pictures are references, joints are taken at the p
   wrong.add(estimates[4], {{2, -9.0e-3, 8.0}});  // another link is touched
   CHECK((wrong.touches == 1 && wrong.found == 0 && wrong.contacts == 2 && wrong.unfounded == 2));
 
-  // Without joints near a picture nothing is said of it.
+  // Without joints near a picture no link is seen in it.
   HandObserver blind = hand_observer(session);
   SceneCamera again(scenes);
   joints.erase(joints.begin() + 17, joints.end());
@@ -257,8 +268,7 @@ TEST_CASE("a live hand is reported picture by picture, with the joints at the ti
     }
     StreamState state() const { return stage->picture == 9 ? StreamState::ended : StreamState::open; }
   } camera{&stage};
-  struct HandMotors {  // every 20 ms, with the newest a little older than the picture; nothing comes with pictures 6
-                       // and 7
+  struct HandMotors {  // every 20 ms, the newest a little older than the picture; none with pictures 6 and 7
     Stage* stage;
     int count = 0;
     std::optional<JointSample> next() {

@@ -13,11 +13,12 @@
 namespace lumo {
 
 /// Corners of a carrier face, moved away from the lit side by `gap_m`, or by twice as much as the points `soft` of the
-/// body lie behind it if that is more: where a body rests on its carrier the two may cross a little, and light in the
-/// gap must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
+/// body lie behind it if that is more: a body and the carrier that it rests on may cross a little, and light in the gap
+/// must still meet the carrier. Throws InvalidArgument for a face that is not a polygon of finite corners with an
 /// area.
 inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3d>& soft, double gap_m) {
-  const double reach = 1e-3;  // [m]; what lies deeper behind the face does not rest on it
+  constexpr double reach = 1e-3;     // [m]; points deeper behind the face do not rest on it
+  constexpr double widening = 10.0;  // of the face, in distances that it stands back
   const std::vector<Vec3d>& c = face.corners;
   const std::size_t m = c.size();
   if (m < 3) throw InvalidArgument(message("carrier face '", face.name, "' has ", m, " corners, needs 3"));
@@ -37,11 +38,12 @@ inline std::vector<Vec3d> set_back(const RigidFace& face, const std::vector<Vec3
     for (std::size_t k = 0; k < m && over; ++k) over = out[k].dot(x - c[k]) < 0.0;
     if (over) back = 2.0 * depth;
   }
-  // Standing back opens slits along the rim: the face is made larger in its plane, so that light cannot slip through.
+  // Slits open along the rim of a face that stands back: it is made larger in its plane, so that no light slips
+  // through.
   std::vector<Vec3d> corner(m);
   for (std::size_t k = 0; k < m; ++k) {
     const Vec3d& a = out[(k + m - 1) % m];
-    corner[k] = c[k] - back * n + 10.0 * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
+    corner[k] = c[k] - back * n + widening * back * (a + out[k]) / (1.0 + std::max(-0.9, a.dot(out[k])));
   }
   return corner;
 }

@@ -50,7 +50,7 @@ inline Vec3d lattice_point(const std::array<Vec3d, 6>& x, const std::array<int, 
   return on_quadratic(x, k1 * h, k2 * h);
 }
 
-/// Unit normal at (b1, b2); not finite if the triangle is crushed to nothing.
+/// Unit normal at (b1, b2); not finite if the triangle is crushed.
 inline Vec3d quadratic_normal(const std::array<Vec3d, 6>& x, double b1, double b2) {
   const double b0 = 1.0 - b1 - b2;
   const Vec3d d1 =
@@ -133,7 +133,7 @@ inline void recover_normals(std::vector<QuadraticFace>& faces, const std::vector
       const Vector6d shape(quadratic_shape(p.b1, p.b2).data());
       mass += area * p.weight * shape * shape.transpose();
       const Vec3d turn = quadratic_normal(faces[f].deformed, p.b1, p.b2) - quadratic_normal(x, p.b1, p.b2);
-      if (!turn.allFinite()) continue;  // a face that is crushed to nothing has no normal
+      if (!turn.allFinite()) continue;  // a crushed face has no normal
       for (std::size_t k = 0; k < 6; ++k) turned.row(nodes[f][k]) += area * p.weight * shape[int(k)] * turn.transpose();
     }
     for (std::size_t k = 0; k < 6; ++k)

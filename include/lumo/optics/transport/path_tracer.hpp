@@ -26,7 +26,7 @@
 
 namespace lumo {
 
-/// A body in one state as its light meets it, and the readout: what all steps of a trace share.
+/// A body in one state as its light meets it, and the readout: the input of all steps of a trace.
 template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> struct LitBody {
   const OpticalScene& surface;
   const Scene& scene;
@@ -117,7 +117,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     Vec3d back, on;  ///< directions of the reflected and of the refracted ray
   };
 
-  // Russian roulette; what it ends or adds has its own account, so that the ledger closes. False: ended.
+  // Russian roulette. Its losses and gains have their own account, so that the ledger closes. False: ended.
   bool survives(Branch& b) {
     b.direct = false;
     if (!(b.power > 0.0)) return false;
@@ -186,6 +186,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       if (!meet(b, hit.triangle)) return;
     }
   }
+
   // Light that is scattered on a straight piece goes on from one place on it. The rest runs straight through as in a
   // clear medium, so that direct light and what is gathered backwards stay free of scattering's noise: there too, each
   // piece sends on both.
@@ -209,6 +210,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
       stack_.push_back(c);
     }
   }
+
   // The event at a surface. True: `b` goes on.
   bool meet(Branch& b, int triangle) {
     const ScenePoint at = body_.surface.locate(triangle, b.origin);
@@ -231,6 +233,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
                        b.inside ? Vec3d(-body_.surface.flat_normal(triangle)) : body_.surface.flat_normal(triangle),
                        accounts_.ledger.absorbed_at_surfaces);
   }
+
   // Reflection off an opaque surface whose unit normal points back to where the light comes from.
   bool reflect_off(Branch& b, const SurfaceOptics& optics, const Vec3d& normal, double& absorbed) {
     b.key = combine(b.key, 1);
@@ -247,6 +250,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
         optics);
     return survives(b);
   }
+
   bool meet_dielectric(Branch& b, int triangle, const ScenePoint& at) {
     const bool touched = body_.surface.in_contact(at);
     if (!b.inside && touched) {  // from air: the opaque indenter is in the way
@@ -263,6 +267,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     b.route = route(b, triangle);
     return survives(b);
   }
+
   // A tool that wets the body: no air is left between.
   bool meet_wetting_tool(Branch& b, int triangle, const ScenePoint& at) {
     const Vec3d flat = -body_.surface.flat_normal(triangle), curved = -body_.surface.smooth_normal(at);
@@ -271,6 +276,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     const bool smooth = specular && b.direction.dot(curved) < 0.0 && reflect(b.direction, curved).dot(flat) > 0.0;
     return reflect_off(b, body_.surface.touched(), smooth ? curved : flat, accounts_.ledger.to_indenter);
   }
+
   Split split(const Branch& b, int triangle, const ScenePoint& at) const {
     const double side = b.inside ? -1.0 : 1.0;  // normals point back to where the light comes from
     const double ratio = b.inside ? body_.medium.refractive_index() / body_.outer_index
@@ -291,6 +297,7 @@ template <RayScene Scene, TransparentMedium Medium, ExitReadout Readout> class P
     }
     return met;
   }
+
   // The refracted branch.
   void send_on(const Branch& b, int triangle, const ScenePoint& at, const Split& met, bool touched) {
     const double refracted_power = b.power - b.power * met.share.reflectance;

@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// How densely rays are sent along y: most where the body is pressed, since rays far from there find nothing changed.
+/// How densely rays are sent along y: most where the body is pressed, since rays far from there find no change.
 /// Default: evenly. A focus changes the error of a response, not its expected value. Compare responses of one focus
 /// only: they share the rays.
 struct RayFocus {
@@ -77,7 +77,7 @@ inline const Vec3d flip_x{-1.0, 1.0, 1.0}, flip_y{1.0, -1.0, 1.0};
 /// The one deterministic set of primary rays for all designs, states and emitters. Closed under x → −x and y → −y: a
 /// point of the sequence makes a ray of the emitter moved to the quadrant x ≥ 0, y ≥ 0, and the rays of the real
 /// emitters are its mirror images. An emitter that is its own mirror image shoots into a half or a quarter of the
-/// hemisphere only, so that nothing is traced twice.
+/// hemisphere only, so that no ray is traced twice.
 class RayPattern {
  public:
   /// The rays of one emitter that belong to one mirror image.

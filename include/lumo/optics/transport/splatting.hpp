@@ -27,7 +27,8 @@ template <class Path> class Splatting {
   /// come in pairs opposite each other about the middle; places and shifts are a net. More rays make more
   /// places and finer grids.
   void run(const RayPattern::Beam& beam, const OwenSobol& sequence) {
-    const std::uint32_t pairs = std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / 16.0)));
+    const std::uint32_t pairs =
+        std::bit_floor(std::max(1u, std::uint32_t(std::sqrt(double(beam.rays)) / rays_per_pair)));
     const std::uint32_t places = std::min(beam.rays, 2u * pairs), directions = beam.rays / places;
     std::uint32_t rows = 1, columns = 1;  // in sin², in azimuth; cells of a full circle are made squarer
     while (rows * columns < directions) (columns < rows * (beam.azimuth_range > 2.0 ? 2u : 1u) ? columns : rows) *= 2u;
@@ -48,7 +49,7 @@ template <class Path> class Splatting {
                      .exits = &exits_});
           first_.push_back(exits_.size());
         }
-      left_.assign(exits_.size(), 6);
+      left_.assign(exits_.size(), triangles_about);
       const auto at = [&](std::uint32_t i, std::uint32_t j) { return i * columns + j % columns; };
       for (std::uint32_t i = 0; i + 1 < rows; ++i)
         for (std::uint32_t j = 0; j + (around ? 0 : 1) < columns; ++j) {
@@ -58,11 +59,18 @@ template <class Path> class Splatting {
       for (std::size_t e = 0; e < exits_.size(); ++e)
         for (unsigned image : path_.accounts().images())
           if (left_[e] > 0)
-            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image), exits_[e].power * left_[e] / 6.0);
+            path_.accounts().book_exit(path_.accounts().channel(exits_[e], image),
+                                       exits_[e].power * left_[e] / double(triangles_about));
     }
   }
 
  private:
+  static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
+  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int deepest = 4;              ///< times that a triangle is quartered
+  static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
+  static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
+
   using Weights = std::array<double, 3>;  ///< of the three exits
   struct Corner {
     Weights at;
@@ -73,7 +81,7 @@ template <class Path> class Splatting {
   void spread(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     const auto alike = [&](std::uint32_t ray, const Exit& e) -> std::size_t {
       for (std::size_t k = first_[ray]; k < first_[ray + 1]; ++k)
-        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > 0.5) return k;
+        if (exits_[k].route == e.route && exits_[k].normal.dot(e.normal) > alike_cosine) return k;
       return exits_.size();
     };
     for (std::size_t k = first_[a]; k < first_[a + 1]; ++k) {
@@ -124,7 +132,7 @@ template <class Path> class Splatting {
       bool two = true;
       const auto border = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
-        for (int step = 0; step < 12 && two; ++step) {
+        for (int step = 0; step < bisections && two; ++step) {
           const double t = 0.5 * (low + high);
           const int here = channel(mix(odd->at, other.at, t));
           two = here == odd->channel || here == other.channel;
@@ -141,7 +149,7 @@ template <class Path> class Splatting {
         return;
       }
     }
-    if (depth == 4) {
+    if (depth == deepest) {
       for (const Corner* k : {&a, &b, &c}) book(k->at, k->at, k->at, area / 3.0, k->channel);
       return;
     }

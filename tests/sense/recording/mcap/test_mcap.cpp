@@ -214,63 +214,60 @@ TEST_CASE("files without chunks, checksums, summary, with records and fields of 
 }
 
 TEST_CASE("what a file must not say is refused with its byte", "[mcap]") {
+  const auto refusal = [](auto fill) { return mcap_refusal(mcap_by_hand(fill)); };
   CHECK(mcap_refusal("") == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
   CHECK(mcap_refusal(std::string(100, 'a')) == "a.mcap: byte 0: is no MCAP file, which begins with its magic");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_message(b, 1); })) ==
+  CHECK(refusal([](auto& b) { put_message(b, 1); }) ==
         "a.mcap: byte 38: a message is of channel 1, which was not there before it");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
-          put_channel(b);
-        })).find("is of schema 1, which was not there before it") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_schema(b, 0); })).find("a schema has the number 0") !=
+  CHECK(refusal([](auto& b) { put_channel(b); }).find("is of schema 1, which was not there before it") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) { put_schema(b, 0); }).find("a schema has the number 0") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           put_schema(b);
           put_channel(b);
           b.record(McapOpcode::channel, [&] {
             b.fields(std::uint16_t(1), std::uint16_t(1), "/other", "cdr");
             b.map({});
           });
-        })).find("there is another channel 1") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { b.record(McapOpcode(0), [&] {}); })).find("opcode 0") !=
-        std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("there is another channel 1") != std::string::npos);
+  CHECK(refusal([](auto& b) { b.record(McapOpcode(0), [&] {}); }).find("opcode 0") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::header, [&] { b.fields("", ""); });
-        })).find("there is a second header") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("there is a second header") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::footer, [&] { b.bytes(std::vector<std::uint8_t>(20)); });
-        })).find("footer before the end of the data") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("footer before the end of the data") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(0)); });
-        })).find("stands behind their end") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("stands behind their end") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::data_end, [&] { b.number(std::uint32_t(1)); });
-        })).find("the data are damaged") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("the data are damaged") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::schema, [&] { b.fields(std::uint16_t(1), std::uint32_t(0xFFFFFFFF)); });
-        })) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }) == "a.mcap: byte 42: a field of 4294967295 bytes goes beyond the end of its record");
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "lzma", 1, span_of("x"));
-        })).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
+        }).find("compressed by 'lzma', which cannot be read here") != std::string::npos);
   CHECK(mcap_refusal<McapReader<>>(mcap_example<Zstd>()).find("compressed by 'zstd', which cannot be read here") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "lz4", std::uint64_t(1) << 60, span_of("x"));
-        })).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
+        }).find("a chunk says that it holds 1152921504606846976 bytes, read are at most 268435456") !=
         std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) { put_chunk(b, "", 3, span_of("ab")); })).find("has 2 bytes, says 3") !=
-        std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+  CHECK(refusal([](auto& b) { put_chunk(b, "", 3, span_of("ab")); }).find("has 2 bytes, says 3") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           put_chunk(b, "zstd", 3, span_of("no frame"));
-        })).find("cannot be unpacked: Zstandard: ") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("cannot be unpacked: Zstandard: ") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           McapBytes inner;
           put_chunk(inner, "", 0, {});
           put_chunk(b, "", inner.size(), inner.since(0));
-        })).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
-  CHECK(mcap_refusal(mcap_by_hand([](auto& b) {
+        }).find("chunk at byte 27, byte 9: a chunk holds a record of opcode 6") != std::string::npos);
+  CHECK(refusal([](auto& b) {
           b.record(McapOpcode::attachment,
                    [&] { b.fields(std::uint64_t(0), std::uint64_t(0), "a", "b", ~std::uint64_t(0)); });
-        })).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
+        }).find("an attachment of 18446744073709551615 bytes goes beyond the end of its record") != std::string::npos);
   const std::string large = mcap_example<Uncompressed>(1u << 20, 40);
   CHECK(mcap_refusal(large, {.record_bytes = 1000}).find("read are at most 1000") != std::string::npos);
 }
