@@ -34,8 +34,8 @@ ROOMS = {
     "study": "campaign core objective optimize pipeline",
     "fabrication": "core drawing geometry morphology",
     "sense/devices": "core",
-    "sense/hand": "core sense/devices sense/recording",
-    "sense/recording": "core sense/devices",
+    "sense/hand": "core sense/devices",
+    "sense/recording": "core sense/devices sense/hand sense/recording/mcap",
     "sense/recording/mcap": "core sense/devices sense/recording",
     "sense/profile": "core sense/devices sense/recording",
     "sense/localize": "core sense/devices",
@@ -43,6 +43,7 @@ ROOMS = {
     "sense/force": "core sense/devices sense/joints sense/localize sense/profile sense/recording",
     "sense/decode": "core model sense/devices sense/recording",
     "sense/live": "core sense/devices sense/force sense/hand sense/localize sense/profile sense/recording",
+    "sense": "core sense/devices sense/force sense/recording",
     "lab": "core morphology optics pipeline sense/devices sense/hand sense/recording",
     "support/process": "core mesh sense/devices",
     "support": "campaign core fabrication geometry mechanics/elements mesh optics sense/devices sense/recording "

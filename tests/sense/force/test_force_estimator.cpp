@@ -220,9 +220,8 @@ const Image& odd_picture(int which) {
   return list[std::size_t(which)];
 }
 
-const std::vector<FaultKind>& fault_kinds() {
-  const double nan = std::numeric_limits<double>::quiet_NaN();
-  static const std::vector<FaultKind> kinds{
+std::vector<FaultKind> camera_faults() {
+  return {
       {"frames dropped", Fault::frame_dropped,
        [](Scene& s, std::uint64_t seed) {
          synthetic::Normal normal(seed);
@@ -249,8 +248,6 @@ const std::vector<FaultKind>& fault_kinds() {
       {"frames from the past", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp -= 1000 * ms; })},
       {"frames from the beginning of time", Fault::frame_time,
        frames_do([](auto& i, auto&) { i.stamp = std::numeric_limits<std::int64_t>::min(); })},
-      {"joint samples from the end of time", Fault::joint_time,
-       joints_do([](auto& i, auto&) { i.sample.stamp_ns = std::numeric_limits<std::int64_t>::max(); })},
       {"frames from the future", Fault::frame_time, frames_do([](auto& i, auto&) { i.stamp += 5'000 * ms; })},
       {"another size", Fault::frame_corrupt, frames_do([](auto& i, auto&) { i.image = &odd_picture(4); })},
       {"garbage", Fault::exposure_changed, frames_do([](auto& i, auto& n) {
@@ -278,6 +275,14 @@ const std::vector<FaultKind>& fault_kinds() {
          s.camera.unplugged_from = fault_from;
          s.camera.unplugged_to = fault_to;
        }},
+  };
+}
+
+std::vector<FaultKind> joint_faults() {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  return {
+      {"joint samples from the end of time", Fault::joint_time,
+       joints_do([](auto& i, auto&) { i.sample.stamp_ns = std::numeric_limits<std::int64_t>::max(); })},
       {"joint samples dropped", Fault::joint_dropped,
        [](Scene& s, std::uint64_t seed) {
          synthetic::Normal normal(seed);
@@ -311,6 +316,14 @@ const std::vector<FaultKind>& fault_kinds() {
          s.actuator.unplugged_to = fault_to;
        }},
   };
+}
+
+const std::vector<FaultKind>& fault_kinds() {
+  static const std::vector<FaultKind> kinds = [] {
+    std::vector<FaultKind> all = camera_faults();
+    for (const FaultKind& kind : joint_faults()) all.push_back(kind);
+    return all;
+  }();
   return kinds;
 }
 
