@@ -49,7 +49,7 @@ int main(int argc, char** argv) {
   rig.camera.frames_per_s = 10.0;
   const VirtualRig lab(light, plan, 1, 1.0, rig, side_geometry(pad));
 
-  // And a hand of two fingers that carries the same pad on each of its four links, fifteen pictures a second; touched
+  // A hand of two fingers carries the same pad on each of its four links; fifteen pictures a second. It is touched
   // where light was computed, 13 mm apart.
   rig.camera.frames_per_s = 15.0;
   const HandLab hand(light, hand_plan(1, 4, 13.0_mm), 1, 1.0, {.rig = rig, .side = side_geometry(pad)});

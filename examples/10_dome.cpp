@@ -15,8 +15,9 @@
 using namespace lumo;
 using namespace lumo::sense;
 
-Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and how far they lean to the axis; the
-                                              // camera looks through a thick window
+// `ring_mm`: radius of the ring of LEDs. `tilt_deg`: how far they lean to the axis. The camera looks through a thick
+// window.
+Body dome(double ring_mm, double tilt_deg) {
   const double R = 12.0_mm, tilt = tilt_deg * pi / 180.0, q = 0.5 * pi / 8;  // eight facets along each quarter
   Body b;
   b.symmetry = {true, true};
@@ -49,8 +50,8 @@ Body dome(double ring_mm, double tilt_deg) {  // radius of the ring of LEDs, and
   return b;
 }
 
-std::optional<Estimate> contrast(const Observations& all) {  // how far the fainter press stands out at 1 N: the norm of
-                                                             // its change of the image, per watt
+// How far the fainter press stands out at 1 N: the norm of its change of the image, per watt.
+std::optional<Estimate> contrast(const Observations& all) {
   const auto change = [&](std::size_t k) {
     return response_distance(all.scenarios[k].states[0].change, 0.0 * all.scenarios[k].states[0].change);
   };
@@ -71,8 +72,8 @@ int main() {
   const std::vector<Scenario<Oriented<Box>>> presses{
       {{box}, 0.0, 0.0, {1.0, 4.0}},
       {{box, Mat3d(Eigen::AngleAxisd(25.0_deg, Vec3d::UnitY()))}, 25.0_deg, 0.0, {1.0, 1.6}}};
-  Image picture = Image::black(3 * n * zoom,
-                               2 * n * zoom);  // a row for each design: at rest, under 4 N, and under 1.6 N from aside
+  // A row for each design: at rest, under 4 N, and under 1.6 N from aside.
+  Image picture = Image::black(3 * n * zoom, 2 * n * zoom);
   for (int row = 0; const auto& [ring_mm, tilt_deg, mu_Pa] : std::vector<std::array<double, 3>>{
                         {6.0, 0.0, 100.0_kPa}, {10.0, 40.0, 120.0_kPa}}) {  // mu: of the gel
     const Pipeline<TetgenMesher, Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<Cholmod>>, decltype(light)>

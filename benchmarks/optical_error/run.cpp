@@ -1,8 +1,8 @@
 // Error of J_obs by rays: the default setting against an independent pattern that is traced on to 0.5 %, on the same
 // equilibria. One line per reference design and silicone: J, the rays' part of its printed error, J of the finer light,
 // what J is off by, core-seconds of light.
-//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N] [--tolerance T
-//   --rounds N]
+//   lumo_optical_error [--first N] [--designs N] [--material DS|Sol] [--loads N,N,...] [--threads N]
+//       [--tolerance T --rounds N]
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"

@@ -1,8 +1,9 @@
 // lumo's half of newton_time.py: the finger pressed to 5 N by a sphere of 10 mm, in equilibrium. Prints one line of
 // JSON; seconds are of the processor, of one thread.
-//   lumo_peer_press quadratic FINEST_MM CONTACT_MM    quadratic tetrahedra with the locking cure and full-surface
-//   contact, as `lumo press` has them lumo_peer_press linear EDGE_MM STIFFNESS_N_PER_M  Newton's mesh, energy and
-//   contact, on all of it: what vertex block descent descends to
+//   lumo_peer_press quadratic FINEST_MM CONTACT_MM
+//       quadratic tetrahedra with the locking cure and full-surface contact, as `lumo press` has them
+//   lumo_peer_press linear EDGE_MM STIFFNESS_N_PER_M
+//       Newton's mesh, energy and contact, on all of it: what vertex block descent descends to
 
 #include "half.hpp"
 #include "lumo/mechanics/contact/vertex_contact.hpp"

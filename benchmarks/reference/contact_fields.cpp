@@ -1,6 +1,7 @@
 // Areas of contact by two fields on the same equilibria: the fitted distance to the edge (lumo::contact_field), and φ =
-// p/k − g with pressure and gap of the nodes. usage: lumo_contact_fields [SIZE]    (a Markdown table; SIZE, default 1:
-// edge length at the contact over the default's)
+// p/k − g with pressure and gap of the nodes. Prints a Markdown table.
+//   lumo_contact_fields [SIZE]
+//       SIZE: edge length at the contact over the default's, 1 if it is left out
 
 #include "lumo/mechanics/contact_mesh.hpp"
 #include "lumo/mechanics/materials/neo_hookean.hpp"

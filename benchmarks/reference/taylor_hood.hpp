@@ -29,8 +29,8 @@ struct Constants {
 /// Equilibrium at one load, on the sector's nodes.
 struct Equilibrium {
   bool converged = false;
-  bool stable = false;  ///< as many negative pivots as pressures: the stiffness with the pressures eliminated is
-                        ///< positive definite
+  /// As many negative pivots as pressures: the stiffness with the pressures eliminated is positive definite.
+  bool stable = false;
   double load_N = 0.0, depth_m = 0.0, residual_N = 0.0, overlap_m = 0.0;
   int factors = 0;
   std::vector<Vec3d> displacement;
@@ -136,7 +136,7 @@ class TaylorHood {
   void join_overlapping(const Place& at);
   /// Advances rigidly until the overlap pushes back with the load: the start of the first load.
   void advance_to_load(Place& at, double load);
-  /// Calls visit(face, point, position) where the gap may be small; the others get `far`.
+  /// Calls visit(face, point, position) at all points of the faces that may touch.
   template <class Visit> void near(std::size_t side, const Place& at, Visit&& visit) const;
   DistanceSample sample(std::size_t side, const Vec3d& x, double advance) const {
     return side == 0 ? sphere_.sample(x - origin_ - advance * direction_) : carrier_.sample(x);

@@ -1,8 +1,8 @@
 // Refinement study: both objectives and all their terms under finer meshes and more rays, for seeded feasible designs.
 // Setting `fine`: four times as many elements and rays. One line of JSON per (design, setting) is appended to the file;
 // lines that are there are not computed again.
-//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine [--diameters
-//   10,30] [--places -22,0,22]
+//   lumo_refinement FILE --designs 20 --material DS --settings default,mesh0.7,mesh0.5,rays4,rays64,fine
+//       [--diameters 10,30] [--places -22,0,22]
 #include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/optics/tracer.hpp"
 #include "lumo/pipeline/evaluate.hpp"

@@ -13,7 +13,8 @@ import sys
 
 def command_of(compiler, entry):
     """The entry's command for clang: parsed and checked, nothing written."""
-    words, out = shlex.split(entry["command"])[1:], [compiler, "-fsyntax-only", "-Werror", "-Wno-unknown-warning-option"]
+    words = shlex.split(entry["command"])[1:]
+    out = [compiler, "-fsyntax-only", "-Werror", "-Wno-unknown-warning-option"]
     skip = False
     for word in words:
         if skip:

@@ -1,8 +1,8 @@
 """Compiles every header of the library alone and twice over: it must include what it uses and guard itself.
 
 usage: check_headers.py --compiler c++ --include DIR… [--cache FILE] [--skip support/x.hpp]…
-The first include folder is lumo's own; the others are taken as system folders. Results are kept in the cache file by the
-content of a header and of all that it includes, so that only what has changed is compiled again.
+The first include folder is lumo's own; the others are taken as system folders. Results are kept in the cache file by
+the content of a header and of all that it includes, so that only what has changed is compiled again.
 """
 import argparse
 import concurrent.futures
@@ -47,7 +47,8 @@ def check(compiler, folders, cache_file=None, skip=()):
     for header in headers:
         texts = {}
         closure(own, header, texts)
-        keys[header] = hashlib.sha256(json.dumps([command, version, header, sorted(texts.items())]).encode()).hexdigest()
+        state = json.dumps([command, version, header, sorted(texts.items())])
+        keys[header] = hashlib.sha256(state.encode()).hexdigest()
         if keys[header] not in passed:
             todo.append(header)
 

@@ -22,7 +22,8 @@ def check(tool, config, folders, skip=()):
     with tempfile.TemporaryDirectory() as scratch:
         source = pathlib.Path(scratch) / "every_header.cpp"
         source.write_text("".join(f'#include "{h}"\n' for h in headers), encoding="utf-8")
-        command = [tool, f"--config-file={config}", "--checks=-*,readability-identifier-naming", f"--header-filter=^{re.escape(str(own))}/lumo/", "--quiet", str(source),
+        command = [tool, f"--config-file={config}", "--checks=-*,readability-identifier-naming", 
+                   f"--header-filter=^{re.escape(str(own))}/lumo/", "--quiet", str(source),
                    "--", "-std=c++20", "-I", str(own)]
         for folder in folders[1:]:
             command += ["-isystem", folder]

@@ -1,5 +1,6 @@
-"""Makes a project outside the tree, as a user would: the policies of docs/pages/own.md as its own files, lumo as an installed package. Builds it, runs its small campaign twice
-(the second run has nothing left to do), and again in two steps with a kill between them: the same designs and numbers.
+"""Makes a project outside the tree, as a user would: the policies of docs/pages/own.md as its own files, lumo
+as an installed package. Builds it, runs its small campaign twice (the second run has nothing left to do), and again in
+two steps with a kill between them: the same designs and numbers.
 
 usage: check_outside.py --cmake cmake --compiler c++ --prefix DIR --scratch DIR
 """
@@ -14,7 +15,8 @@ EVALUATIONS = 4
 
 
 def run(*command, **options):
-    done = subprocess.run([str(c) for c in command], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options)
+    done = subprocess.run([str(c) for c in command], text=True, stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, **options)
     if done.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))}: exit code {done.returncode}\n{done.stdout}")
     return done.stdout.splitlines()
@@ -24,9 +26,11 @@ def main(a):
     project = pathlib.Path(a.scratch)
     shutil.rmtree(project, ignore_errors=True)
     project.mkdir(parents=True)
-    for source in [*(ROOT / "tests/repository/outside").iterdir(), *(ROOT / "examples/own" / f"{name}.hpp" for name in ("material", "contact", "emitter", "objective"))]:
+    policies = [ROOT / "examples/own" / f"{name}.hpp" for name in ("material", "contact", "emitter", "objective")]
+    for source in [*(ROOT / "tests/repository/outside").iterdir(), *policies]:
         shutil.copy(source, project)
-    run(a.cmake, "-S", project, "-B", project / "build", f"-DCMAKE_PREFIX_PATH={a.prefix}", f"-DCMAKE_CXX_COMPILER={a.compiler}")
+    run(a.cmake, "-S", project, "-B", project / "build", f"-DCMAKE_PREFIX_PATH={a.prefix}",
+        f"-DCMAKE_CXX_COMPILER={a.compiler}")
     cache = (project / "build/CMakeCache.txt").read_text(encoding="utf-8")
     if f"lumo_DIR:PATH={a.prefix}" not in cache:
         sys.exit("another lumo was found than the installed one")
@@ -35,12 +39,13 @@ def main(a):
 
     whole = run(program, project / "whole.db")
     designs, end = whole[:-1], whole[-1]
-    if len(designs) != EVALUATIONS or not end.startswith(f"observed {EVALUATIONS}, hypervolume ") or float(end.split()[-1]) <= 0.0:
+    begins = end.startswith(f"observed {EVALUATIONS}, hypervolume ")
+    if len(designs) != EVALUATIONS or not begins or float(end.split()[-1]) <= 0.0:
         sys.exit("\n".join(["not the campaign that was asked for:", *whole]))
     for line in designs:   # number, five lengths, two objectives
         even, firm = map(float, line.split()[6:])
         if not (0.0 < even <= 1.0 and firm > 0.0):
-            sys.exit(f"no sensible objectives: {line}")
+            sys.exit(f"objectives are out of range: {line}")
     if run(program, project / "whole.db") != [end]:
         sys.exit("the finished campaign evaluates again")
 

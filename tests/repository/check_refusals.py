@@ -1,7 +1,9 @@
-"""Tries to compile what must not compile: each line must be an error, and the compiler must name the concept that it breaks.
+"""Tries to compile what must not compile: each line must be an error, and the compiler must name the concept that it
+breaks.
 
 usage: check_refusals.py --compiler c++ --include DIR…
-The first include folder is lumo's own; the others are taken as system folders. The same lines with sound types must compile.
+The first include folder is lumo's own; the others are taken as system folders. The same lines with sound
+types must compile.
 """
 import argparse
 import pathlib
@@ -11,7 +13,8 @@ import sys
 import tempfile
 
 FLAGS = ["-std=c++20", "-fsyntax-only"]
-# Groups of cases, each with what it includes and declares. A case: what is wrong, the same in sound types, and the concept.
+# Groups of cases, each with what it includes and declares. A case: what is wrong, the same in sound types, and the
+# concept.
 MECHANICS = """#include "lumo/mechanics/materials/neo_hookean.hpp"
 #include "lumo/mechanics/indenters/oriented.hpp"
 #include "lumo/mechanics/simulator.hpp"
@@ -20,13 +23,13 @@ using namespace lumo;
 struct Soft {};                                  // nothing of a material
 struct Inward {                                  // a contact law without validate
   double stiffness_N_per_m3 = 1e9;
-  ContactResponse<double> respond(double) const { return {}; }
+  ContactResponse respond(double) const { return {}; }
 };
 struct FivePoints : LinearTet {                  // an element of no order
   static constexpr int order = 3;
 };
 struct Blunt {                                   // a tool without derivatives
-  double distance(const Vec3d&) const { return 1.0; }
+  double distance(const Vec3&) const { return 1.0; }
   double radius_m() const { return 1.0; }
 };
 struct Still {                                   // a solver that finds nothing
@@ -70,7 +73,7 @@ struct Stubborn {                                // a source that takes no reque
 """
 SENSE = """#include "lumo/sense/force/force_estimator.hpp"
 #include "lumo/sense/localize/peak_localizer.hpp"
-#include "lumo/sense/devices/replay.hpp"
+#include "lumo/sense/devices/recorded_actuator.hpp"
 #include "lumo/sense/decode/cross_validation.hpp"
 #include "lumo/sense/recording/mcap/mcap_writer.hpp"
 using namespace lumo;
@@ -95,14 +98,17 @@ GROUPS = [
         ("Simulator<Soft, SDFContact> s;", "Simulator<NeoHookean, SDFContact, LinearTet> s;", "HyperelasticMaterial"),
         ("Simulator<NeoHookean, NeoHookean> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
         ("Simulator<NeoHookean, Inward> s;", "Simulator<NeoHookean, SDFContact> s;", "ContactHandler"),
-        ("Simulator<NeoHookean, SDFContact, FivePoints> s;", "Simulator<NeoHookean, SDFContact, LinearTet> s;", "TetElement"),
-        ("Simulator<NeoHookean, SDFContact, QuadraticTet, double> s;", "Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<EigenCholesky>> s;", "PressSolver"),
-        ("Simulator<NeoHookean, SDFContact, LinearTet, Still> s;", "Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent> s;", "PressSolver"),
+        ("Simulator<NeoHookean, SDFContact, FivePoints> s;",
+         "Simulator<NeoHookean, SDFContact, LinearTet> s;", "TetElement"),
+        ("Simulator<NeoHookean, SDFContact, QuadraticTet, double> s;",
+         "Simulator<NeoHookean, SDFContact, QuadraticTet, QuasiStatic<EigenCholesky>> s;", "PressSolver"),
+        ("Simulator<NeoHookean, SDFContact, LinearTet, Still> s;",
+         "Simulator<NeoHookean, SDFContact, LinearTet, VertexBlockDescent> s;", "PressSolver"),
         ("QuasiStatic<int> s;", "QuasiStatic<EigenCholesky> s;", "LinearSolver"),
         ("BlockDescent<int> s;", "BlockDescent<Serial> s;", "Executor"),
         ("Scenario<Blunt> s;", "Scenario<Sphere> s;", "Indenter"),
         ("Oriented<Blunt> s;", "Oriented<Sphere> s;", "Indenter"),
-        ("VertexPacks<Soft>* s;", "VertexPacks<NeoHookean>* s;", "DilatationalMaterial"),
+        ("VertexLanes<Soft>* s;", "VertexLanes<NeoHookean>* s;", "DilatationalMaterial"),
     ]),
     (LIGHT, [
         ("Tracer<int> t;", "Tracer<BeerLambert> t;", "TransparentMedium"),
@@ -114,15 +120,21 @@ GROUPS = [
     ]),
     (SEARCH, [
         ("Optimizer<Straight>* o;", "Optimizer<RbfKernel>* o;", "CovarianceKernel"),
-        ("Optimizer<RbfKernel, LogNehvi, Stubborn>* o;", "Optimizer<RbfKernel, LogNehvi, FreshCandidates>* o;", "CandidateSource"),
-        ("Optimizer<RbfKernel, LogNehvi, FreshCandidates, int>* o;", "Optimizer<RbfKernel, LogNehvi, FreshCandidates, EachOutput>* o;", "Reduction"),
+        ("Optimizer<RbfKernel, LogNehvi, Stubborn>* o;",
+         "Optimizer<RbfKernel, LogNehvi, FreshCandidates>* o;", "CandidateSource"),
+        ("Optimizer<RbfKernel, LogNehvi, FreshCandidates, int>* o;",
+         "Optimizer<RbfKernel, LogNehvi, FreshCandidates, EachOutput>* o;", "Reduction"),
         ("GaussianProcess<Straight>* g;", "GaussianProcess<Matern52Kernel>* g;", "CovarianceKernel"),
     ]),
     (SENSE, [
-        ("ForceEstimator<int, RecordedActuator, PeakLocalizer>* e;", "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Camera"),
-        ("ForceEstimator<Watch, Stalled, PeakLocalizer>* e;", "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Actuator"),
-        ("ForceEstimator<Watch, RecordedActuator, Lost>* e;", "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "LocationEstimator"),
-        ("ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, Lost>* e;", "ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, MomentArm>* e;", "ContactJacobian"),
+        ("ForceEstimator<int, RecordedActuator, PeakLocalizer>* e;",
+         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Camera"),
+        ("ForceEstimator<Watch, Stalled, PeakLocalizer>* e;",
+         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "Actuator"),
+        ("ForceEstimator<Watch, RecordedActuator, Lost>* e;",
+         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer>* e;", "LocationEstimator"),
+        ("ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, Lost>* e;",
+         "ForceEstimator<Watch, RecordedActuator, PeakLocalizer, GreenProfile, MomentArm>* e;", "ContactJacobian"),
         ("ContactFilter<Lost>* f;", "ContactFilter<MomentArm>* f;", "ContactJacobian"),
         ("McapWriter<Squeeze>* w;", "McapWriter<Uncompressed>* w;", "ChunkCodec"),
     ]),
@@ -134,7 +146,8 @@ ERROR = re.compile(r"^[^ ]*bad\.cpp:(\d+):\d+: error:")
 
 def compile_lines(command, scratch, name, preamble, lines):
     source = pathlib.Path(scratch) / name
-    source.write_text(preamble + "\n".join(f"namespace n{k} {{ {line} }}" for k, line in enumerate(lines)) + "\n", encoding="utf-8")
+    spaces = "\n".join(f"namespace n{k} {{ {line} }}" for k, line in enumerate(lines))
+    source.write_text(preamble + spaces + "\n", encoding="utf-8")
     done = subprocess.run([*command, str(source)], capture_output=True, text=True)
     return done.returncode, done.stderr
 

@@ -13,7 +13,8 @@ WORDS = re.compile(
     r"""\b(?:h_fp|h_ep|w_s|h_s|w_v)(?:_\w+)?\b            # design variables
       | \b[Ss]tems?\b | \bstem_\w+ | \w+_stem\b | \bStem[A-Z]\w*
       | \b[Vv]oids\b | \bvoid_(?!t\b|pointer)\w* | \b\w+_voids?\b | \bVoid[A-Z]\w*
-      | \b(?:an?|the|each|every|this|that|no|lateral|air|side|open|closed|through|into|behind)\s+void\b(?!\s*[*(&])  # the noun, not the type
+      | \b(?:an?|the|each|every|this|that|no|lateral|air|side|open|closed|through|into|behind)
+        \s+void\b(?!\s*[*(&])                           # the noun, not the type
     """,
     re.VERBOSE,
 )

@@ -323,7 +323,7 @@ class House(unittest.TestCase):
 
     def test_paths(self):
         self.plant("tests/core/b_laws.hpp", "\n")
-        self.plant("docs/manual.md", "`lumo/core/a.hpp`, `core/a.hpp`, include/lumo/core/a.hpp, `a.hpp`, `b_laws.hpp`\n")
+        self.plant("docs/manual.md", "`lumo/core/a.hpp`, core/a.hpp, include/lumo/core/a.hpp, `a.hpp`, `b_laws.hpp`\n")
         self.plant("README.md", "[a](docs/manual.md), `tests/core/`, tests/<room>/, cmake/copyright.*.in, out/a.csv\n")
         self.passes("\n")
         for page in ["docs/pages/a.md", "README.md", "benchmarks/a.md"]:
