@@ -110,7 +110,10 @@ TEST_CASE("Integrating sphere: the port takes f/(1 − a(1 − f))", "[light]") 
     const auto p = [&](std::size_t k) { return m.mesh.nodes[std::size_t(f.nodes[k])]; };
     const double a = (p(1) - p(0)).cross(p(2) - p(0)).norm();
     const Vec3d mean = (p(0) + p(1) + p(2)) / 3.0;
-    if (mean.z() > 0.75 * radius) f.patch = 1, open += a;
+    if (mean.z() > 0.75 * radius) {
+      f.patch = 1;
+      open += a;
+    }
     all += a;
   }
   m.body.emitters = {RectangleEmitter{{0, 0, -0.9999 * radius}, {1e-6, 0, 0}, {0, 1e-6, 0}, 1.0, 0}};

@@ -350,7 +350,8 @@ TEST_CASE("Light that a white tool throws back is found forwards and backwards a
   const std::vector<double> touch = Dent{0, 0, 0, 1e-3, 6e-3}.contact(s, m.mesh);
   Config forwards = quick();
   forwards.exit_rays = 0;
-  forwards.rays_per_emitter = 1 << 14, forwards.carrier_rays = 1 << 16;
+  forwards.rays_per_emitter = 1 << 14;
+  forwards.carrier_rays = 1 << 16;
   const Response a = Tracer<BeerLambert>(quick()).trace(m.body, m.mesh, {}, touch),
                  b = Tracer<BeerLambert>(forwards).trace(m.body, m.mesh, {}, touch);
   for (std::size_t k = 0; k < 11; ++k)

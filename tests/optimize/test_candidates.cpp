@@ -140,7 +140,10 @@ TEST_CASE("local search finds the best design of a lattice where fresh candidate
   double best = -infinite;
   Design where;
   for (const Design& x : sampler.fresh(100000, 0, {}))
-    if (const double v = score(Eigen::Map<const Eigen::VectorXd>(x.data(), 3))[0]; v > best) best = v, where = x;
+    if (const double v = score(Eigen::Map<const Eigen::VectorXd>(x.data(), 3))[0]; v > best) {
+      best = v;
+      where = x;
+    }
   const DesignSet none;
   const std::vector<Design> front;
   CHECK(LocalSearchCandidates{}.best({sampler, none, front, 1}, score) == where);

@@ -411,7 +411,7 @@ def content(path):
 
 
 def files_of(folder):
-    """Files that are compared. Standard error tells of progress; the rest of SQLite's files come and go."""
+    """Files that are compared. Standard error reports progress; the rest of SQLite's files come and go."""
     skipped = re.compile(r"\.stderr$|\.db-(wal|shm|journal)$|^(store\.db|record\.json)$")
     return sorted(
         p.relative_to(folder).as_posix()

@@ -70,7 +70,7 @@ TEST_CASE(
 }
 
 TEST_CASE(
-    "Readings that move no equilibrium share the presses, to the bit, the others press anew, and what fails leaves the "
+    "Assumptions that move no equilibrium share the presses, to the bit, the others press anew, and what fails leaves the "
     "rest whole") {
   const FingerDesign design{8, 4, 6, 4, 2};
   const std::vector<Scenario<Sphere>> contacts = [] {

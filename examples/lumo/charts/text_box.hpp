@@ -62,7 +62,8 @@ inline bool overlap(const Box& box, Point a, Point b) {
       continue;
     }
     const auto [enters, leaves] = std::minmax({(low - start) / step, (high - start) / step});
-    from = std::max(from, enters), to = std::min(to, leaves);
+    from = std::max(from, enters);
+    to = std::min(to, leaves);
   }
   return from < to;
 }

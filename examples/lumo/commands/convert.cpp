@@ -150,13 +150,20 @@ void write_file(const OpenLog& log, const Convert& o, Progress& progress) {
     const bool as_it_is = !o.raw && !ending.empty();
     if (!as_it_is || width == 0) {
       p.pixels = taken.pixels();
-      if (!p.pixels.empty()) width = p.pixels.width, height = p.pixels.height;
+      if (!p.pixels.empty()) {
+        width = p.pixels.width;
+        height = p.pixels.height;
+      }
     }
-    p.width = width, p.height = height;
-    if (as_it_is)
-      p.format = ending == ".jpg" ? "jpeg" : "png", p.file = taken.file();
-    else if (!o.raw)
-      p.format = "png", p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
+    p.width = width;
+    p.height = height;
+    if (as_it_is) {
+      p.format = ending == ".jpg" ? "jpeg" : "png";
+      p.file = taken.file();
+    } else if (!o.raw) {
+      p.format = "png";
+      p.file = p.pixels.empty() ? std::vector<std::uint8_t>() : pictures().encode(".png", p.pixels);
+    }
     progress.step();
     return p;
   };

@@ -1,6 +1,6 @@
+#include "charts/chart.hpp"
 #include "commands/estimating.hpp"
 #include "console/text.hpp"
-#include "charts/chart.hpp"
 #include "report/json.hpp"
 #include "sensing/live.hpp"
 #include "sensing/log.hpp"
@@ -74,16 +74,19 @@ std::string draw_places(const HandObserver& hand, const Seen& seen, const std::o
   Svg svg(900, f.bottom + 58);
   const auto seconds = [&](std::int64_t stamp) { return 1e-9 * double(stamp - seen.stamp_ns.front()); };
   f.x_ticks = plot::ticks(0.0, std::max(seconds(seen.stamp_ns.back()), 1e-3), 8);
-  f.x0 = f.x_ticks.front(), f.x1 = f.x_ticks.back();
+  f.x0 = f.x_ticks.front();
+  f.x1 = f.x_ticks.back();
   plot::headline(svg, f.left, "Contacts on the hand's links",
                  truth ? "place along each link, against what really pressed" : "place along each link");
   plot::x_axis(svg, f, "time since the references ended [s]");
   for (std::size_t l = 0; l < links; ++l) {
     plot::Frame part = f;
-    part.top = f.top + double(l) * (strip + gap), part.bottom = part.top + strip;
+    part.top = f.top + double(l) * (strip + gap);
+    part.bottom = part.top + strip;
     const HandLink& link = hand.links()[l];
     part.y_ticks = {1e3 * link.y_low_m, 0.5e3 * (link.y_low_m + link.y_high_m), 1e3 * link.y_high_m};
-    part.y0 = part.y_ticks.front(), part.y1 = part.y_ticks.back();
+    part.y0 = part.y_ticks.front();
+    part.y1 = part.y_ticks.back();
     plot::y_axis(svg, part, "y [mm]");
     svg.polyline({{part.left, part.top}, {part.left, part.bottom}, {part.right, part.bottom}},
                  {.stroke = plot::ink, .width = 1.2});
@@ -111,8 +114,10 @@ class Spells {
     for (const HandContact& c : e.contacts) strength += c.mean_DN * c.area_m2;
     if (e.contacts.empty())
       close();
-    else if (strength > best_ && kept_ < most)
-      best_ = strength, picture_ = pictures().hand_overlay(image, hand, e);
+    else if (strength > best_ && kept_ < most) {
+      best_ = strength;
+      picture_ = pictures().hand_overlay(image, hand, e);
+    }
   }
   void close() {
     if (best_ > 0.0) files_.add("contact_" + frame_file(kept_++).substr(3), std::move(picture_));

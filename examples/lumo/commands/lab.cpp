@@ -31,7 +31,9 @@ template <class Lab> void leave(const Lab& rig, Recording log, NewFolder& folder
     progress.step();
   }
   log.path = folder.path().string();
-  log.session = rig.session(), log.frames = rig.frames(), log.joints = rig.joints();
+  log.session = rig.session();
+  log.frames = rig.frames();
+  log.joints = rig.joints();
   write_log_folder(log);
   write_whole((folder.path() / "truth.csv").string(), truth_text(rig.truth()));
   folder.keep();

@@ -23,12 +23,19 @@ struct PadSettings {
     // N), in less than half of the time.
     focus = {0.4e-3, 0.2, 0.8};
     grid.tilt_place_m = {0.0, 22.0_mm};
-    rays.rays_per_emitter = 1 << 17, rays.carrier_rays = 1 << 17, rays.exit_rays = 1 << 19;
+    rays.rays_per_emitter = 1 << 17;
+    rays.carrier_rays = 1 << 17;
+    rays.exit_rays = 1 << 19;
     if (!coarse) return;
-    grid.places = 3, grid.spacing_m = 13.0_mm, grid.load_N = {2.0, 5.0, 20.0}, grid.tilt_place_m = {13.0_mm};
+    grid.places = 3;
+    grid.spacing_m = 13.0_mm;
+    grid.load_N = {2.0, 5.0, 20.0};
+    grid.tilt_place_m = {13.0_mm};
     finger.mesh.contact_edge = finger.mesh.coarsest_edge = 6.0_mm;
     focus = {1.2e-3, 0.4, 1.0};
-    rays.rays_per_emitter = 1 << 12, rays.carrier_rays = 1 << 14, rays.exit_rays = 1 << 16;
+    rays.rays_per_emitter = 1 << 12;
+    rays.carrier_rays = 1 << 14;
+    rays.exit_rays = 1 << 16;
   }
 };
 

@@ -59,7 +59,9 @@ class Findings {
   explicit Findings(std::vector<Component> all) : all_(std::move(all)) {}
   void found(std::string_view name, const std::string& version, const std::string& detail = "") {
     Component& c = at(name);
-    c.on = true, c.version = version, c.detail = detail;
+    c.on = true;
+    c.version = version;
+    c.detail = detail;
   }
   void lacks(std::string_view name, const std::string& why) { at(name).detail = why; }
   std::vector<Component> all() { return std::move(all_); }

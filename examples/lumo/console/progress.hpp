@@ -25,7 +25,10 @@ class Progress {
   void stage(const std::string& title, int total = 1) {
     const std::lock_guard lock(mutex_);
     close();
-    title_ = title, total_ = std::max(1, total), done_ = 0, open_ = true;
+    title_ = title;
+    total_ = std::max(1, total);
+    done_ = 0;
+    open_ = true;
     start_ = shown_ = Clock::now();
     if (quiet_) return;
     if (terminal_)
@@ -117,7 +120,8 @@ class Pace {
     const auto now = Clock::now();
     const double seconds = std::chrono::duration<double>(now - last_).count();
     last_ = now;
-    spent_ += seconds, ended_ += counts;
+    spent_ += seconds;
+    ended_ += counts;
     return span(seconds) + (left > 0 ? ", " + span(spent_ / std::max(1, ended_) * left) + " left" : "");
   }
 

@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// Draws the pressed body as an SVG picture: a cut through it across y at the place of touch, coloured by how far the
+/// Writes an SVG picture of the pressed body: a cut through it across y at the place of touch, coloured by how far the
 /// material has moved, over its undeformed outline, with carrier and indenter; axes x and z in mm. Throws
 /// InvalidArgument for a state that has no displacement on this mesh, or when the indenter passes by; InputError when
 /// the stream fails.

@@ -91,7 +91,7 @@ template <CovarianceKernel Kernel> class ConditionalPosterior {
     jitter_ = factor->jitter;
   }
 
-  /// Draws at the base points: points × draws, in the units of the data.
+  /// Samples at the base points: points × draws, in the units of the data.
   Eigen::MatrixXd draws() const {
     if (base_.cols() == 0) return Eigen::MatrixXd(0, std::max<Eigen::Index>(1, normals_.cols()));
     const Eigen::MatrixXd standard = (factor_ * normals_).colwise() + standard_mean(whitened_);

@@ -8,7 +8,7 @@
 
 namespace lumo {
 
-/// What may be chosen about a finger besides θ. Defaults are our readings of what the paper leaves open.
+/// What may be chosen about a finger besides θ. Defaults are our assumptions where the paper leaves a choice open.
 struct FingerOptions {
   /// Mesh size [m]; the defaults come from the refinement study, benchmarks/refinement/results.md.
   struct Mesh {

@@ -16,7 +16,7 @@
 
 namespace lumo {
 
-/// Draws feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed,
+/// Samples feasible designs of a space: fresh ones spread over it, and moves from a given one. Small lattices are listed,
 /// so that their last free design is found and their end is known. Law: all that it returns is feasible, on the lattice
 /// to the bit, and a function of its key.
 class DesignSampler {

@@ -42,7 +42,9 @@ Errors errors(int cells, int order) {
     for (const auto& [b1, b2] :
          {std::pair(0.2, 0.2), std::pair(0.6, 0.2), std::pair(0.2, 0.6), std::pair(0.45, 0.45)}) {
       ScenePoint at;
-      at.face = int(f), at.b1 = b1, at.b2 = b2;
+      at.face = int(f);
+      at.b1 = b1;
+      at.b2 = b2;
       const Vec3d exact = dented_normal(radius * scene.reference(at).normalized());
       std::array<Vec3d, 6> deformed;
       for (std::size_t k = 0; k < 6; ++k) {
@@ -87,7 +89,9 @@ TEST_CASE("Each side of a crease keeps its own normal, and turns with it", "[sce
   for (std::size_t f = 0; f < scene.face_count(); ++f)
     for (const double b : {0.0, 0.3, 1.0}) {
       ScenePoint at;
-      at.face = int(f), at.b1 = b, at.b2 = 0.5 * (1.0 - b);
+      at.face = int(f);
+      at.b1 = b;
+      at.b2 = 0.5 * (1.0 - b);
       const Vec3d side = std::get<Plane>(m.body.patches[std::size_t(scene.patch_number(at))].shape).direction;
       CHECK((scene.smooth_normal(at) - turn * side).norm() < 1e-9);
     }

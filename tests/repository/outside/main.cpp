@@ -19,7 +19,7 @@
 #include <tuple>
 
 /// How little a pad yields: 1 mm over the depth at the largest load, where it yields most [–].
-std::optional<lumo::Estimate> firmness(const lumo::Observations& all) {
+std::optional<lumo::Estimate> rigidity(const lumo::Observations& all) {
   double deepest = 0.0;
   for (const lumo::ScenarioRecord& s : all.scenarios) deepest = std::max(deepest, s.states.back().depth_m);
   return deepest > 0.0 ? std::optional(lumo::Estimate{1e-3 / deepest, 0.0}) : std::nullopt;
@@ -45,16 +45,16 @@ int main(int argc, char** argv) {
 
   Problem problem;
   problem.space = finger_space();
-  problem.objectives = {{"even sight", true, 0.0}, {"firmness", true, 0.0}};
+  problem.objectives = {{"even sight", true, 0.0}, {"rigidity", true, 0.0}};
   problem.initial = {{6, 6, 8, 5, 0}};
   problem.sobol = 2;
   problem.evaluations = evaluations;
-  SqliteJournal log(argc > 1 ? argv[1] : "outside.db", "even sight and firmness of lensed pads");
+  SqliteJournal log(argc > 1 ? argv[1] : "outside.db", "even sight and rigidity of lensed pads");
   const auto evaluate_design = [&](const Design& x) {
     Body body = finger(FingerDesign::from(x), card, coarse);
     for (Emitter& e : body.emitters) e = own::LensedLed{.center = e.center(), .exponent = 4.0, .power_W = e.power_W()};
     const Scores scores = evaluate(body, contacts.scenarios(), pipeline, TbbExecutor{2},
-                                   std::tuple{own::EvenSight{.load_N = 2.0}, &firmness});
+                                   std::tuple{own::EvenSight{.load_N = 2.0}, &rigidity});
     TrialResult v;
     v.why = failed_press(scores.observations.scenarios);
     if (v.why.empty()) v.outputs = {scores.objectives[0]->value, scores.objectives[1]->value};

@@ -66,7 +66,7 @@ template <class Path> class Splatting {
 
  private:
   static constexpr int triangles_about = 6;      ///< an exit, in the grid of directions
-  static constexpr int bisections = 12;          ///< for a border: 2⁻¹² of an edge
+  static constexpr int bisections = 12;          ///< for a crossing: 2⁻¹² of an edge
   static constexpr int deepest = 4;              ///< times that a triangle is quartered
   static constexpr double alike_cosine = 0.5;    ///< between the normals of exits that are neighbours
   static constexpr double rays_per_pair = 16.0;  ///< of places, as the root of the rays
@@ -119,7 +119,7 @@ template <class Path> class Splatting {
     path_.accounts().book_exit(channel, 0.5 * area * power);  // three exits give a sixth each
   }
 
-  // `area`: share of the whole triangle. If one corner differs, the border is found on its two edges; else the triangle
+  // `area`: share of the whole triangle. If one corner differs, the crossing is found on its two edges; else the triangle
   // is quartered.
   void book(const Corner& a, const Corner& b, const Corner& c, double area, int depth) {
     if (a.channel == b.channel && b.channel == c.channel) return book(a.at, b.at, c.at, area, a.channel);
@@ -130,7 +130,7 @@ template <class Path> class Splatting {
     const Corner *next = odd == &a ? &b : odd == &b ? &c : &a, *last = odd == &a ? &c : odd == &b ? &a : &b;
     if (odd != nullptr) {
       bool two = true;
-      const auto border = [&](const Corner& other) {
+      const auto crossing = [&](const Corner& other) {
         double low = 0.0, high = 1.0;
         for (int step = 0; step < bisections && two; ++step) {
           const double t = 0.5 * (low + high);
@@ -140,7 +140,7 @@ template <class Path> class Splatting {
         }
         return 0.5 * (low + high);
       };
-      const double s = border(*next), t = two ? border(*last) : 0.0;
+      const double s = crossing(*next), t = two ? crossing(*last) : 0.0;
       if (two) {
         const Weights p = mix(odd->at, next->at, s), q = mix(odd->at, last->at, t);
         book(odd->at, p, q, area * s * t, odd->channel);
