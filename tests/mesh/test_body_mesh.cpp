@@ -32,7 +32,8 @@ TEST_CASE("edges along y are longer by the stretch that is asked for, and the me
     for (const auto& t : mesh.tets)
       for (std::size_t k = 1; k < 4; ++k) {
         const Vec3d edge = mesh.nodes[std::size_t(t[k])] - mesh.nodes[std::size_t(t[0])];
-        along += std::abs(edge.y()), across += std::abs(edge.x());
+        along += std::abs(edge.y());
+        across += std::abs(edge.x());
       }
     return std::pair(along / across, mesh.tets.size());
   };

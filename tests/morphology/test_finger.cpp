@@ -157,7 +157,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
   o.readout.one_side = o.readout.in_space = true;
   o.touched = Absorber{};
   Silicone cloudy = dragon_skin();
-  cloudy.scattering_albedo = 0.5, cloudy.anisotropy = 0.9;
+  cloudy.scattering_albedo = 0.5;
+  cloudy.anisotropy = 0.9;
   const Body b = finger(design, cloudy, o);
   for (const Patch& p : b.patches)
     if (p.name == "end") CHECK(p.bonded);
@@ -173,7 +174,8 @@ TEST_CASE("other readings of the finger: held ends, LEDs at the sides, one side 
   REQUIRE(b.emitters.size() == 10);
   double power = 0.0, sideways = 0.0;
   for (const Emitter& e : b.emitters) {
-    power += e.power_W(), sideways += e.axis().x();
+    power += e.power_W();
+    sideways += e.axis().x();
     CHECK(e.in_air());
     CHECK(e.center().z() == 2e-3);
     CHECK(e.center().x() * e.axis().x() ==

@@ -140,7 +140,10 @@ inline RectangleEmitter RectangleEmitter::mirrored(const Vec3d& m) const {
   image.half_v = m.cwiseProduct(half_v) * m.prod();
   Eigen::Index k = 0;
   image.half_u.cwiseAbs().maxCoeff(&k);
-  if (image.half_u[k] < 0.0) image.half_u = -image.half_u, image.half_v = -image.half_v;
+  if (image.half_u[k] < 0.0) {
+    image.half_u = -image.half_u;
+    image.half_v = -image.half_v;
+  }
   return image;
 }
 
